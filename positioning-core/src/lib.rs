@@ -1,0 +1,32 @@
+//! All the mathematics of Baliza: positions from ranges to anchors.
+//!
+//! No operating system, no heap, no I/O, no clock, no logger: numbers in, numbers out, so that a tag, a replay and a
+//! simulation run the same code. In flow [`RangeSample`]s, one a range; out flows a [`Fix`] with its covariance, or the
+//! reason why there is [`NoFix`]. Call [`solve`] with a [`Method`], or the method's own function.
+//!
+//! Equation numbers are those of P. M. de Rojas Malpartida, *Evaluación de un sistema UWB frente a medidas sin línea de
+//! visión directa* (Universidad de Sevilla, 2021), unless another source is named.
+#![no_std]
+#![deny(unsafe_code)]
+
+mod bounding_box;
+mod constraints;
+mod fix;
+mod geometry;
+mod linalg;
+mod linear;
+mod method;
+mod nonlinear;
+mod real;
+mod robust;
+mod sample;
+
+pub use bounding_box::bounding_box;
+pub use constraints::{Area, Constraints, Side};
+pub use fix::{AnchorSet, Fix, NoFix};
+pub use linear::{b_wls, b_wls_c, b_wls_r, lls};
+pub use method::{Method, UnknownMethod, solve};
+pub use nonlinear::{bb_nls, bb_nls_c, bb_nls_r, nls, nls_ccv};
+pub use real::Real;
+pub use robust::robust;
+pub use sample::{MAX_ANCHORS, RangeSample, flatten};

@@ -1,0 +1,75 @@
+//! What a solver takes: ranges to anchors at known places.
+
+use crate::{NoFix, Real};
+
+/// The most ranges of one fix.
+pub const MAX_ANCHORS: usize = 16;
+
+/// The largest coordinate or range that is believed, metres: beyond it a DW1000 cannot be heard, and squares of an `f32`
+/// keep no centimetres.
+const FARTHEST_M: f64 = 1.0e5;
+
+/// One range to one anchor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct RangeSample<T, const D: usize> {
+    /// Where the anchor is, metres.
+    pub anchor: [T; D],
+    /// The measured range, metres. Slightly negative values happen at arm's length and count as zero.
+    pub range: T,
+    /// Standard deviation of the range in line of sight, metres, as far as it is known from its diagnostics; only ratios
+    /// between the ranges of one fix and [`DEFAULT_SIGMA_M`](Self::DEFAULT_SIGMA_M) matter.
+    pub sigma: T,
+    /// Ground truth of the line of sight, known in simulations and surveys only, read by the oracle method alone.
+    pub los: Option<bool>,
+}
+
+impl<T: Real, const D: usize> RangeSample<T, D> {
+    /// Standard deviation of a DW1000 range in line of sight, metres.
+    pub const DEFAULT_SIGMA_M: f64 = 0.1;
+
+    /// A range of which nothing else is known.
+    pub fn new(anchor: [T; D], range: T) -> Self {
+        Self { anchor, range, sigma: T::of(Self::DEFAULT_SIGMA_M), los: None }
+    }
+
+    /// The range as the formulae take it: not below zero.
+    #[inline(always)]
+    pub(crate) fn distance(&self) -> T {
+        self.range.at_least(T::ZERO)
+    }
+
+    /// Whether every number is finite and within a hundred kilometres, and the deviation positive.
+    #[inline(always)]
+    fn is_sane(&self) -> bool {
+        let farthest = T::of(FARTHEST_M);
+        // Written so that NaN fails.
+        self.range.abs() <= farthest
+            && self.sigma > T::ZERO
+            && self.sigma <= farthest
+            && self.anchor.iter().all(|c| c.abs() <= farthest)
+    }
+}
+
+/// Refuses what no method can work on.
+#[inline(always)]
+pub(crate) fn check<T: Real, const D: usize>(samples: &[RangeSample<T, D>]) -> Result<(), NoFix> {
+    if samples.len() <= D {
+        return Err(NoFix::TooFewAnchors);
+    }
+    if samples.len() > MAX_ANCHORS {
+        return Err(NoFix::TooManyAnchors);
+    }
+    if !samples.iter().all(RangeSample::is_sane) {
+        return Err(NoFix::NotFinite);
+    }
+    Ok(())
+}
+
+/// The range in the plane at the tag's height: √(d² − Δz²), at least 0.1 m, where `dz` is the anchor's height above the tag,
+/// metres. NaN stays NaN.
+pub fn flatten<T: Real>(range: T, dz: T) -> T {
+    let least = T::of(0.1);
+    let square = range.squared() - dz.squared();
+    if square < least.squared() { least } else { square.sqrt() }
+}
