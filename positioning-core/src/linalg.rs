@@ -70,8 +70,8 @@ impl<T: Real, const D: usize> Ldl<T, D> {
                 // m[k][column] keeps L·D of the row in the unused upper triangle.
                 pivot -= m[column][k] * m[k][column];
             }
-            // Written so that NaN fails too.
-            if !(pivot > T::of(8.0) * T::EPSILON * diagonal) {
+            let regular = pivot > T::of(8.0) * T::EPSILON * diagonal;
+            if !regular {
                 return None;
             }
             let inverse = T::ONE / pivot;

@@ -19,23 +19,26 @@ use crate::sample::check;
 use crate::{Constraints, Fix, MAX_ANCHORS, NoFix, RangeSample, Real};
 
 /// Deviation of a direct range beside its own `sigma`: a surveyed anchor, its antenna and the air add to the radio's noise.
-const DIRECT_SCALE: f64 = 1.2;
+const DIRECT_SCALE: f64 = 1.1;
 /// Mean excess of a blocked range, metres.
-const BLOCKED_MEAN_M: f64 = 0.85;
+const BLOCKED_MEAN_M: f64 = 0.9;
 /// Deviation of a blocked range, metres.
-const BLOCKED_SIGMA_M: f64 = 0.6;
+const BLOCKED_SIGMA_M: f64 = 0.65;
 /// Prior probability that a range is blocked.
 const BLOCKED_PRIOR: f64 = 0.5;
 /// Density of a range that is neither, per metre.
 const WILD_DENSITY: f64 = 1.0e-4;
 /// Prior deviation of the common bias, metres.
-const BIAS_SIGMA_M: f64 = 0.1;
+const BIAS_SIGMA_M: f64 = 0.12;
 /// How much the narrow part is widened in the steps from a start, so that a start far away still feels its pull.
-const WIDENING: [f64; 4] = [2.0, 1.5, 1.2, 1.0];
+const WIDENING: [f64; 4] = [3.0, 2.0, 1.4, 1.0];
 /// Steps of the two modes that are kept.
 const REFINE_STEPS: usize = 2;
 /// The longest step, metres.
 const STEP_LIMIT_M: f64 = 1.0;
+/// The steps count a range's responsibility as certain and so overrate the information (Louis, J. R. Stat. Soc. B 44, 1982);
+/// this factor on the covariance brings 95 % ellipses to hold 90-99 % of the truth, simulated and recorded.
+const INFLATION: f64 = 1.5;
 /// Modes closer than this are one, metres.
 const SAME_MODE_M: f64 = 0.1;
 
@@ -295,7 +298,7 @@ pub fn robust<T: Real, const D: usize>(
     let state = State { position, bias: first.state.bias };
 
     let mut fix = conclude(samples, &layout, position, Weighing::Beta(&direct_probabilities(samples, &state)))?;
-    fix.covariance = first.expansion.information.inverse();
+    fix.covariance = first.expansion.information.inverse().map(|row| row.map(|element| T::of(INFLATION) * element));
     add_outer_full(&mut fix.covariance, share * (T::ONE - share), &apart);
     widen_to_mirror(&mut fix.covariance, samples, &layout, &position);
     Ok(fix)
