@@ -1,0 +1,13 @@
+//! Ranging over a DW1000, from its registers to a distance.
+//!
+//! Registers → driver → [`RxFrame`] → exchange state machine → time of flight → range. Exchanges do no I/O: they take events
+//! and the time, and answer with actions, so that a test, the simulation and the firmware drive the same machine; the node
+//! executes the actions on a [`Radio`], which is the DW1000 driver or a simulated radio straight on the air.
+#![no_std]
+#![forbid(unsafe_code)]
+
+pub mod radio;
+pub mod time;
+
+pub use radio::{Diagnostics, Radio, ReceiveError, RxFrame, Start, TransmitError};
+pub use time::{RadioDuration, RadioInstant};

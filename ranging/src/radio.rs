@@ -1,0 +1,118 @@
+//! What a node needs of a radio: send a frame at a time, hear a frame with its time, nothing of chips or buses.
+//!
+//! Frames pass without their two check bytes: the radio adds them and checks them. Instants are those of the RMARKER (the
+//! first pulse of the PHY header) at the antenna, in the radio's own clock, antenna delay included.
+
+use crate::{RadioDuration, RadioInstant};
+
+/// The longest frame of IEEE 802.15.4, without its check bytes.
+pub const MAX_FRAME: usize = 125;
+
+/// When a transmission or a reception starts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Start {
+    /// At once.
+    Now,
+    /// The RMARKER leaves (the receiver is on) at this instant; see [`Radio::departure`] for the instant a transmission gets.
+    At(RadioInstant),
+}
+
+/// A radio that stamps frames.
+#[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
+pub trait Radio {
+    /// What the bus or the chip may fail with.
+    type Error: core::fmt::Debug;
+
+    /// The radio's clock.
+    async fn now(&mut self) -> Result<RadioInstant, Self::Error>;
+
+    /// The instant at which a frame's RMARKER will be at the antenna when it is sent with `Start::At(at)`: snapped to the
+    /// chip's step, antenna delay added. Frames that carry their own departure are filled with this.
+    fn departure(&self, at: RadioInstant) -> RadioInstant;
+
+    /// Sends `frame` and returns once it has left, with its departure. With `listen`, the receiver is switched on by the chip
+    /// itself as soon as the frame has left; the next [`receive`](Self::receive) with [`Start::Now`] then hears what came in
+    /// between.
+    async fn transmit(
+        &mut self,
+        frame: &[u8],
+        start: Start,
+        listen: bool,
+    ) -> Result<RadioInstant, TransmitError<Self::Error>>;
+
+    /// Hears one frame that passes the filter; gives up when `window` has passed since `start` (for [`Start::Now`], since the
+    /// receiver is on). With `keep_listening` the receiver is on again before the frame is handed over, so that the next
+    /// response of a round is not missed; else it is off.
+    async fn receive<'b>(
+        &mut self,
+        buffer: &'b mut [u8; MAX_FRAME],
+        start: Start,
+        window: RadioDuration,
+        keep_listening: bool,
+    ) -> Result<RxFrame<'b>, ReceiveError<Self::Error>>;
+
+    /// Switches transmitter and receiver off.
+    async fn idle(&mut self) -> Result<(), Self::Error>;
+}
+
+/// A frame from the air.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RxFrame<'b> {
+    /// The bytes, without the check bytes.
+    pub bytes: &'b [u8],
+    /// When its RMARKER was at the antenna.
+    pub rx_time: RadioInstant,
+    /// What the receiver measured on it.
+    pub diagnostics: Diagnostics,
+}
+
+/// What the receiver measured on one frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Diagnostics {
+    /// Received power, dBm (DW1000 user manual, 4.7.2).
+    pub rx_power_dbm: f32,
+    /// Power of the first path, dBm (4.7.1).
+    pub first_path_power_dbm: f32,
+    /// Place of the first path in the accumulator, samples of 1.0016 ns.
+    pub first_path_index: f32,
+    /// Magnitudes of the accumulator one, two and three samples after the first path's.
+    pub first_path_amplitudes: [u16; 3],
+    /// Sum of the squared magnitudes of the accumulator, the chip's unit (2¹⁷).
+    pub cir_power: u16,
+    /// Preamble symbols accumulated.
+    pub preamble_count: u16,
+    /// Standard deviation of the accumulator's noise.
+    pub noise_deviation: u16,
+    /// The clock of the sender against ours, parts per million, positive where it is faster: from the carrier integrator.
+    pub clock_offset_ppm: f32,
+}
+
+/// Why a frame was not sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum TransmitError<E> {
+    /// The start lay in the past, or too near for the chip to be ready: nothing was sent.
+    Late,
+    /// The frame has more than [`MAX_FRAME`] bytes.
+    TooLong,
+    /// The chip did not report the end of the transmission in time; it was reset to idle.
+    NoConfirmation,
+    /// Bus or chip.
+    Radio(E),
+}
+
+/// Why no frame was received.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ReceiveError<E> {
+    /// The window passed.
+    Timeout,
+    /// The start lay in the past: the receiver was not switched on.
+    Late,
+    /// A frame came whose check bytes, Reed-Solomon code or header were wrong, or whose start was lost.
+    Corrupt,
+    /// Bus or chip.
+    Radio(E),
+}
