@@ -58,7 +58,7 @@ pub enum NoFix {
     TooFewAnchors,
     /// More than [`MAX_ANCHORS`](crate::MAX_ANCHORS) ranges.
     TooManyAnchors,
-    /// A number of the input is not finite, beyond a hundred kilometres, or a deviation is not positive.
+    /// A number of the input is not finite, beyond a hundred kilometres, or a deviation under 0.1 mm.
     NotFinite,
     /// All anchors at one place.
     CoincidentAnchors,
@@ -118,7 +118,7 @@ const LEAST_WEIGHT: f64 = 1.0e-4;
 
 /// Judges a position and gives it its covariance.
 ///
-/// The covariance is the sandwich H⁻¹ (Σ wᵢ² sᵢ² u uᵀ) H⁻¹ with H = Σ wᵢ u uᵀ (White, Econometrica 48, 1980), which is right
+/// The covariance is the sandwich H⁻¹ (Σ wᵢ² sᵢ² uᵢ uᵢᵀ) H⁻¹ with H = Σ wᵢ uᵢ uᵢᵀ (White, Econometrica 48, 1980), which is right
 /// for any weights; sᵢ² pools the squared residual, enlarged by N ⁄ (N − D), with the variance a range in line of sight has.
 #[inline(always)]
 pub(crate) fn conclude<T: Real, const D: usize>(
@@ -141,15 +141,11 @@ pub(crate) fn conclude<T: Real, const D: usize>(
     for i in 0..samples.len().min(MAX_ANCHORS) {
         least_weight = least_weight.at_least(T::of(LEAST_WEIGHT) * weight(i));
     }
-    let (mut hessian, mut scatter, mut geometry) = ([[T::ZERO; D]; D], [[T::ZERO; D]; D], [[T::ZERO; D]; D]);
+    let (mut hessian, mut geometry) = ([[T::ZERO; D]; D], [[T::ZERO; D]; D]);
     let (mut used, mut short, mut quality) = (0_u16, 0, T::ZERO);
     for (i, sample) in samples.iter().enumerate().take(MAX_ANCHORS) {
         let (unit, residual) = sight(sample, layout, &position);
-        let w = weight(i).at_least(least_weight);
-        let nominal = sample.sigma.squared();
-        let square = residual.squared();
-        add_outer(&mut hessian, w, &unit);
-        add_outer(&mut scatter, w.squared() * (freedom * square + nominal), &unit);
+        add_outer(&mut hessian, weight(i).at_least(least_weight), &unit);
         add_outer(&mut geometry, T::ONE, &unit);
         if matches!(weighing, Weighing::Equal) || residual.abs() <= T::of(USED_M) {
             used |= 1 << i;
@@ -157,15 +153,21 @@ pub(crate) fn conclude<T: Real, const D: usize>(
         if residual < -T::of(SHORT_M) {
             short += 1;
         }
-        let wide = T::of(9.0) * nominal;
-        quality += wide / (wide + square);
+        let wide = T::of(9.0) * sample.sigma.squared();
+        quality += wide / (wide + residual.squared());
     }
     if 2 * short > samples.len() {
         return Err(NoFix::RangesDisjoint);
     }
-    let inverse = Ldl::new(hessian).ok_or(NoFix::Diverged)?.inverse();
+    let hessian = Ldl::new(hessian).ok_or(NoFix::Diverged)?;
     let dilution = Ldl::new(geometry).ok_or(NoFix::Diverged)?.inverse();
-    let mut covariance = sandwich(&inverse, &scatter);
+    // A sum of outer products, and not a product of matrices, stays positive whatever `f32` loses.
+    let mut covariance = [[T::ZERO; D]; D];
+    for (i, sample) in samples.iter().enumerate().take(MAX_ANCHORS) {
+        let (unit, residual) = sight(sample, layout, &position);
+        let gain = hessian.solve(unit.map(|component| weight(i).at_least(least_weight) * component));
+        add_outer_full(&mut covariance, freedom * residual.squared() + sample.sigma.squared(), &gain);
+    }
     widen_to_mirror(&mut covariance, samples, layout, &position);
     Ok(Fix {
         position,
@@ -200,15 +202,6 @@ fn sight<T: Real, const D: usize>(
             (add_scaled(&unit, component.at_least(least) - component, normal), residual)
         }
     }
-}
-
-/// P M P, symmetric.
-fn sandwich<T: Real, const D: usize>(p: &Matrix<T, D>, m: &Matrix<T, D>) -> Matrix<T, D> {
-    let element = |m: &Matrix<T, D>, r: usize, c: usize| if c <= r { m[r][c] } else { m[c][r] };
-    let pm: Matrix<T, D> = core::array::from_fn(|r| {
-        core::array::from_fn(|c| (0..D).fold(T::ZERO, |sum, k| sum + p[r][k] * element(m, k, c)))
-    });
-    core::array::from_fn(|r| core::array::from_fn(|c| (0..D).fold(T::ZERO, |sum, k| sum + pm[r][k] * p[k][c])))
 }
 
 /// Where the side of the anchors' plane was not known, the mirror image is as likely: half of its squared distance (2h)²

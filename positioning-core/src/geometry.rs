@@ -76,19 +76,21 @@ impl<T: Real, const D: usize> Layout<T, D> {
         Ok(Self::Flat { normal, side_known })
     }
 
-    /// Moves a point that was found within the anchors' plane across it, as far as the ranges ask for: by h, where h² is the
-    /// mean of what Pythagoras leaves of each range. A point among anchors that span the space stays.
+    /// Moves a point to where the ranges want it across the anchors' plane: to the height h over their middle, where h² is
+    /// the mean of what Pythagoras leaves of each range. A point among anchors that span the space stays.
     pub(crate) fn lift(&self, point: Vector<T, D>, samples: &[RangeSample<T, D>]) -> Vector<T, D> {
         match self {
             Self::Full => point,
             Self::Flat { normal, .. } => {
+                let height = dot(normal, &sub(&point, &centroid(samples)));
+                let foot = add_scaled(&point, -height, normal);
                 let mut sum = T::ZERO;
                 for sample in samples {
-                    let across = sub(&point, &sample.anchor);
+                    let across = sub(&foot, &sample.anchor);
                     sum += sample.distance().squared() - dot(&across, &across);
                 }
                 let height = (sum.at_least(T::ZERO) / T::of(samples.len() as f64)).sqrt();
-                add_scaled(&point, height, normal)
+                add_scaled(&foot, height, normal)
             }
         }
     }

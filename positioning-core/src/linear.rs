@@ -6,7 +6,7 @@
 
 use crate::bounding_box;
 use crate::fix::{Weighing, conclude};
-use crate::geometry::Layout;
+use crate::geometry::{Layout, centroid};
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_scaled, dot, sub};
 use crate::sample::check;
 use crate::{Constraints, Fix, MAX_ANCHORS, NoFix, RangeSample, Real};
@@ -16,6 +16,9 @@ use crate::{Constraints, Fix, MAX_ANCHORS, NoFix, RangeSample, Real};
 const SIGMA_FLOOR_M: f64 = 0.01;
 /// A range is judged direct when it differs from the weighing position by less than this, metres (table 8-9 and annex P).
 pub(crate) const DIRECT_M: f64 = 0.45;
+
+/// Passes of a closed form over coplanar anchors: what they are off the plane shrinks twentyfold a pass.
+const FLAT_PASSES: usize = 4;
 
 /// One number a sample.
 pub(crate) type PerSample<T> = [T; MAX_ANCHORS];
@@ -94,13 +97,27 @@ pub(crate) fn solve_linear<T: Real, const D: usize>(
         add_outer(&mut normal, lambda[i], &a);
         rhs = add_scaled(&rhs, lambda[i] * (p[i] - p_mean), &a);
     }
-    if let Layout::Flat { normal: across, .. } = layout {
-        // Lines say nothing across the plane of the anchors: stay within it, then let the ranges lift the point.
-        let trace = (0..D).fold(T::ZERO, |sum, axis| sum + normal[axis][axis]);
-        add_outer(&mut normal, trace, across);
+    let half = T::of(0.5);
+    match layout {
+        Layout::Full => {
+            let solved = Ldl::new(normal).ok_or(NoFix::Diverged)?.solve(rhs);
+            Ok(add_scaled(&reference.anchor, half, &solved))
+        }
+        Layout::Flat { normal: across, .. } => {
+            // Lines say next to nothing across the plane of the anchors: hold the point at a height there, let the ranges lift
+            // it, and hold it at that height in the next pass, for anchors that are not quite on a plane.
+            let trace = (0..D).fold(T::ZERO, |sum, axis| sum + normal[axis][axis]);
+            add_outer(&mut normal, trace, across);
+            let factors = Ldl::new(normal).ok_or(NoFix::Diverged)?;
+            let mut point = centroid(samples);
+            for _ in 0..FLAT_PASSES {
+                let height = dot(across, &sub(&point, &reference.anchor));
+                let solved = factors.solve(add_scaled(&rhs, T::of(2.0) * trace * height, across));
+                point = layout.lift(add_scaled(&reference.anchor, half, &solved), samples);
+            }
+            Ok(point)
+        }
     }
-    let solved = Ldl::new(normal).ok_or(NoFix::Diverged)?.solve(rhs);
-    Ok(layout.lift(add_scaled(&reference.anchor, T::of(0.5), &solved), samples))
 }
 
 /// Linear least squares about the anchor of least range (6-8 to 6-10, 6-16).

@@ -88,7 +88,8 @@ pub(crate) fn minimise<T: Real, const D: usize>(
         let next = constraints.inside(add_scaled(&position, T::ONE, &step));
         let moved = sub(&next, &position);
         let there = model(samples, beta, &next);
-        if there.cost < here.cost {
+        // Near the minimum the cost no longer changes within the precision of the scalar, and the step is right all the same.
+        if there.cost <= here.cost * (T::ONE + T::of(8.0) * T::EPSILON) {
             position = next;
             here = there;
             step = gauss_newton_step(&mut here, &position, constraints)?;
@@ -110,9 +111,10 @@ fn gauss_newton_step<T: Real, const D: usize>(
     if let Some(area) = &constraints.area {
         hold_bounds(model, position, area);
     }
-    // A touch of damping (Marquardt) keeps the step finite where all anchors are seen in one direction.
+    // A touch of damping (Levenberg) keeps the step finite where an axis is not seen at all: a tag in the anchors' plane.
+    let trace = (0..D).fold(T::ZERO, |sum, axis| sum + model.hessian[axis][axis]);
     for axis in 0..D {
-        model.hessian[axis][axis] *= T::of(1.0 + 1.0e-4);
+        model.hessian[axis][axis] += T::of(1.0e-5) * trace;
     }
     Ok(Ldl::new(model.hessian).ok_or(NoFix::Diverged)?.solve(model.descent))
 }

@@ -8,6 +8,8 @@ pub const MAX_ANCHORS: usize = 16;
 /// The largest coordinate or range that is believed, metres: beyond it a DW1000 cannot be heard, and squares of an `f32`
 /// keep no centimetres.
 const FARTHEST_M: f64 = 1.0e5;
+/// The least standard deviation that is believed, metres; squares of less vanish in `f32`.
+const LEAST_SIGMA_M: f64 = 1.0e-4;
 
 /// One range to one anchor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,13 +41,13 @@ impl<T: Real, const D: usize> RangeSample<T, D> {
         self.range.at_least(T::ZERO)
     }
 
-    /// Whether every number is finite and within a hundred kilometres, and the deviation positive.
+    /// Whether every number is finite and within a hundred kilometres, and the deviation no less than 0.1 mm.
     #[inline(always)]
     fn is_sane(&self) -> bool {
         let farthest = T::of(FARTHEST_M);
         // Written so that NaN fails.
         self.range.abs() <= farthest
-            && self.sigma > T::ZERO
+            && self.sigma >= T::of(LEAST_SIGMA_M)
             && self.sigma <= farthest
             && self.anchor.iter().all(|c| c.abs() <= farthest)
     }

@@ -1,0 +1,6 @@
+//! The solvers as their callers see them.
+
+mod hostile;
+mod properties;
+mod reference;
+mod support;
