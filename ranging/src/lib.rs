@@ -6,8 +6,10 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod phy;
 pub mod radio;
 pub mod time;
 
+pub use phy::PhyConfig;
 pub use radio::{Diagnostics, Radio, ReceiveError, RxFrame, Start, TransmitError};
 pub use time::{RadioDuration, RadioInstant};
