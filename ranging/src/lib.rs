@@ -6,6 +6,8 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod exchange;
+pub mod native;
 pub mod phy;
 pub mod radio;
 pub mod time;

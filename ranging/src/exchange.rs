@@ -1,0 +1,182 @@
+//! What an exchange asks of its node, and what the node answers: sans-I/O.
+//!
+//! A [`Machine`] (the tag's or the anchor's side of an exchange) is stepped with the time and an [`Event`], and answers with an
+//! [`Action`]. All but one action map one to one onto calls of [`Radio`](crate::Radio) or a wait; [`execute`] does that, so that
+//! a node's whole loop is
+//!
+//! ```no_run
+//! # use ranging::{exchange::*, Radio, RadioInstant, radio::MAX_FRAME};
+//! # async fn node<R: Radio>(mut machine: impl Machine, mut radio: R, mut delay: impl embedded_hal_async::delay::DelayNs)
+//! # -> Result<(), R::Error> {
+//! let mut buffer = [0; MAX_FRAME];
+//! let (mut now, mut event) = (radio.now().await?, Event::Started);
+//! loop {
+//!     let action = machine.step(now, event);
+//!     if let Action::Report(report) = action {
+//!         // Ranges go to the positioning engine, changes of state to telemetry.
+//!         # let _ = report;
+//!     }
+//!     (now, event) = execute(&mut radio, &mut delay, &mut buffer, action).await?;
+//! }
+//! # }
+//! ```
+//!
+//! Every reception has a window and every wait an end: an exchange never stands still, whatever is lost.
+
+use embedded_hal_async::delay::DelayNs;
+
+use crate::radio::MAX_FRAME;
+use crate::{Diagnostics, Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
+
+/// What became of the last action.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Event<'b> {
+    /// The radio was started, or restarted after an error: what was known of its clock is void. The first event of a machine.
+    Started,
+    /// The frame left at this instant.
+    Sent(RadioInstant),
+    /// The frame did not leave, or nobody knows ([`TransmitError::TooLong`], [`TransmitError::NoConfirmation`]).
+    NotSent,
+    /// A frame came.
+    Received(RxFrame<'b>),
+    /// A frame came broken.
+    Corrupt,
+    /// The reception's window passed.
+    Timeout,
+    /// The start of a transmission or reception lay in the past: nothing was done.
+    Late,
+    /// The instant waited for is there.
+    Woken,
+    /// The report was taken.
+    Reported,
+}
+
+/// What the node is to do next.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Action<'m> {
+    /// [`Radio::transmit`](crate::Radio::transmit).
+    Transmit {
+        /// The frame, without its check bytes.
+        frame: &'m [u8],
+        /// When.
+        start: Start,
+        /// Whether the receiver is to be on as soon as the frame has left.
+        listen: bool,
+    },
+    /// [`Radio::receive`](crate::Radio::receive).
+    Receive {
+        /// From when.
+        start: Start,
+        /// For how long.
+        window: RadioDuration,
+        /// Whether the receiver is to stay on after a frame.
+        keep_listening: bool,
+    },
+    /// Radio off until this instant.
+    WaitUntil(RadioInstant),
+    /// Something for the node itself; nothing is done with the radio.
+    Report(Report<'m>),
+}
+
+/// What a machine tells its node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Report<'m> {
+    /// A round of ranging is over: the ranges had, at most one an anchor, perhaps none.
+    Round(Round<'m>),
+    /// A change of state.
+    Link(Link),
+}
+
+/// One round of ranging.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Round<'m> {
+    /// Counts the rounds of this machine, wrapping.
+    pub number: u16,
+    /// When the poll left (an anchor's machine: came), in this radio's clock.
+    pub poll: RadioInstant,
+    /// Peers that were asked.
+    pub asked: u8,
+    /// The ranges had.
+    pub ranges: &'m [Range],
+}
+
+/// The distance to a peer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Range {
+    /// Short address of the peer: to a tag the anchor, to an anchor the tag.
+    pub peer: u16,
+    /// Metres, bias by received power corrected; negative values happen at short range.
+    pub distance_m: f32,
+    /// Standard deviation expected of it with line of sight, metres.
+    pub deviation_m: f32,
+    /// Where the peer says it stands, metres: anchors that know it.
+    pub position_m: Option<[f32; 3]>,
+    /// What the receiver measured on the peer's last frame of the exchange.
+    pub diagnostics: Diagnostics,
+}
+
+/// A change of a link or of the network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Link {
+    /// DecaRanging: paired with this peer (its short address).
+    Paired(u16),
+    /// DecaRanging: the peer was not heard for too long; looking for one again.
+    Lost(u16),
+    /// Native: in step with the network that this anchor coordinates.
+    Synchronised(u16),
+    /// Native: no anchor was heard for too long; searching.
+    Unsynchronised,
+    /// Native: the tag is a member and owns this many slots a superframe (as an average, rounded up).
+    Joined(u8),
+    /// Native: this anchor has become the coordinator of its network.
+    Coordinating,
+    /// Native: this anchor follows another coordinator again.
+    Following(u16),
+}
+
+/// One side of an exchange.
+pub trait Machine {
+    /// Takes what became of the last action, answers with the next.
+    ///
+    /// `now` is in the radio's clock and may be up to a few milliseconds old: for a frame that came, its arrival serves; for one
+    /// that left, its departure. Steps must follow each other within 8 s, or begin with [`Event::Started`] again: the clock
+    /// wraps after 17.2 s.
+    fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_>;
+}
+
+/// Does an action with a radio; answers with the time and the event for the next step. A report is the caller's to read before.
+///
+/// An error is the radio's own; after it has been restarted, the machine continues with [`Event::Started`].
+pub async fn execute<'b, R: Radio>(
+    radio: &mut R,
+    delay: &mut impl DelayNs,
+    buffer: &'b mut [u8; MAX_FRAME],
+    action: Action<'_>,
+) -> Result<(RadioInstant, Event<'b>), R::Error> {
+    let event = match action {
+        Action::Transmit { frame, start, listen } => match radio.transmit(frame, start, listen).await {
+            Ok(departure) => return Ok((departure, Event::Sent(departure))),
+            Err(TransmitError::Late) => Event::Late,
+            Err(TransmitError::TooLong | TransmitError::NoConfirmation) => Event::NotSent,
+            Err(TransmitError::Radio(error)) => return Err(error),
+        },
+        Action::Receive { start, window, keep_listening } => {
+            match radio.receive(buffer, start, window, keep_listening).await {
+                Ok(frame) => return Ok((frame.rx_time, Event::Received(frame))),
+                Err(ReceiveError::Timeout) => Event::Timeout,
+                Err(ReceiveError::Late) => Event::Late,
+                Err(ReceiveError::Corrupt) => Event::Corrupt,
+                Err(ReceiveError::Radio(error)) => return Err(error),
+            }
+        }
+        Action::WaitUntil(instant) => {
+            radio.idle().await?;
+            let micros = instant.since(radio.now().await?).as_micros();
+            delay.delay_us(u32::try_from(micros).unwrap_or(0)).await;
+            Event::Woken
+        }
+        Action::Report(_) => Event::Reported,
+    };
+    Ok((radio.now().await?, event))
+}
