@@ -1,0 +1,49 @@
+//! Image: never run, only weighed. It holds the methods that `ONCHIP_METHODS` names at compile time, in as many dimensions as
+//! `ONCHIP_DIMS` says: "none", "all", or the place of one in [`Method::ALL`]. What it weighs more than the one with none is the
+//! code of its methods with all that they call.
+#![no_std]
+#![no_main]
+// The entry macros make a public function without documentation.
+#![allow(missing_docs)]
+
+use core::hint::black_box;
+
+use onchip_bench::cases::Epoch;
+use positioning_core::{Constraints, Method, solve};
+use semihosting::println;
+
+const METHODS: &str = env!("ONCHIP_METHODS");
+const IN_SPACE: bool = matches!(env!("ONCHIP_DIMS").as_bytes(), b"3");
+
+#[cfg_attr(target_arch = "arm", cortex_m_rt::entry)]
+#[cfg_attr(target_arch = "riscv32", riscv_rt::entry)]
+fn main() -> ! {
+    if IN_SPACE {
+        hold::<3>()
+    } else {
+        hold::<2>()
+    }
+    semihosting::process::exit(0)
+}
+
+fn hold<const D: usize>() {
+    let epoch = black_box(Epoch::<D>::new(8, 0));
+    let samples = epoch.samples();
+    let constraints = black_box(Constraints::default());
+    // The first of the answer's numbers is printed in every image, so that the formatting is not counted.
+    let bits = match METHODS.as_bytes() {
+        b"none" => samples[0].range.to_bits(),
+        b"all" => black_box(Method::ALL)
+            .iter()
+            .map(|&method| solve(method, samples, &constraints).map_or(0, |fix| black_box(fix).position[0].to_bits()))
+            .fold(0, u32::wrapping_add),
+        _ => solve(ONE, samples, &constraints).map_or(0, |fix| black_box(fix).position[0].to_bits()),
+    };
+    println!("{bits:08x}");
+}
+
+/// The one method of an image that holds one.
+const ONE: Method = match usize::from_str_radix(METHODS, 10) {
+    Ok(place) => Method::ALL[place],
+    Err(_) => Method::ALL[0],
+};

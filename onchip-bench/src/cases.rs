@@ -1,0 +1,86 @@
+//! The samples of every measurement: a room, a tag that jumps about in it, ranges with noise and with blocked paths.
+//!
+//! Made of additions, products and exact square roots only, so that chip and desktop hold the same bits.
+
+use oorandom::Rand32;
+use positioning_core::{MAX_ANCHORS, RangeSample, Real};
+
+/// The numbers of anchors that are measured.
+pub const ANCHORS: [usize; 3] = [4, 8, 12];
+/// The epochs of one measurement: iterated methods cost more on some than on others.
+pub const EPOCHS: u32 = 32;
+
+/// The room of the thesis' simulation (annex G), metres.
+const WIDTH_M: f32 = 9.5;
+const DEPTH_M: f32 = 7.5;
+/// Heights of anchors, metres: under the ceiling, and above the skirting board.
+const HIGH_M: f32 = 2.6;
+const LOW_M: f32 = 0.4;
+/// A direct range: what is left of the antenna delay, and the radio's noise, metres.
+const BIAS_M: f32 = 0.04;
+const NOISE_M: f32 = 0.07;
+/// A blocked range is longer by so much, metres.
+const LEAST_EXCESS_M: f32 = 0.3;
+const MOST_EXCESS_M: f32 = 2.0;
+/// Every so many anchors one is blocked, beginning with a random one.
+const BLOCKED_EVERY: usize = 4;
+
+/// The ranges of one epoch.
+#[derive(Clone, Copy, Debug)]
+pub struct Epoch<const D: usize> {
+    samples: [RangeSample<f32, D>; MAX_ANCHORS],
+    count: usize,
+}
+
+impl<const D: usize> Epoch<D> {
+    /// The ranges to `anchors` anchors at epoch number `number`, in the plane or in space.
+    ///
+    /// The anchors stand evenly on the room's perimeter. In space they are under the ceiling in every other epoch, where
+    /// a position has a mirror image, and alternately high and low in the rest.
+    pub fn new(anchors: usize, number: u32) -> Self {
+        let mut random = Rand32::new(u64::from(number) << 8 | (anchors * D) as u64);
+        let mut within = |low: f32, high: f32| low + (high - low) * random.rand_float();
+        let tag = [within(0.5, WIDTH_M - 0.5), within(0.5, DEPTH_M - 0.5), within(0.2, 2.0)];
+        let first_blocked = within(0.0, BLOCKED_EVERY as f32) as usize;
+        let under_ceiling = number % 2 == 1;
+
+        let count = anchors.min(MAX_ANCHORS);
+        let mut samples = [RangeSample::new([0.0; D], 0.0); MAX_ANCHORS];
+        for (i, sample) in samples.iter_mut().enumerate().take(count) {
+            let [x, y] = on_perimeter(i as f32 / count as f32);
+            let place = [x, y, if under_ceiling || i % 2 == 0 { HIGH_M } else { LOW_M }];
+            let anchor: [f32; D] = core::array::from_fn(|axis| place[axis]);
+            let mut square = 0.0;
+            for axis in 0..D {
+                square += (tag[axis] - anchor[axis]).squared();
+            }
+            let blocked = i % BLOCKED_EVERY == first_blocked;
+            // Four uniform numbers make a bell of variance 1/3.
+            let bell = within(-1.0, 1.0) + within(-1.0, 1.0) + within(-1.0, 1.0) + within(-1.0, 1.0);
+            let noise = BIAS_M + NOISE_M * 0.866 * bell;
+            let excess = within(LEAST_EXCESS_M, MOST_EXCESS_M);
+            *sample = RangeSample::new(anchor, square.sqrt() + noise + if blocked { excess } else { 0.0 });
+            sample.los = Some(!blocked);
+        }
+        Self { samples, count }
+    }
+
+    /// The ranges.
+    pub fn samples(&self) -> &[RangeSample<f32, D>] {
+        &self.samples[..self.count]
+    }
+}
+
+/// The place at a `part` of the way around the room, 0 to 1.
+fn on_perimeter(part: f32) -> [f32; 2] {
+    let way = part * 2.0 * (WIDTH_M + DEPTH_M);
+    if way < WIDTH_M {
+        [way, 0.0]
+    } else if way < WIDTH_M + DEPTH_M {
+        [WIDTH_M, way - WIDTH_M]
+    } else if way < 2.0 * WIDTH_M + DEPTH_M {
+        [2.0 * WIDTH_M + DEPTH_M - way, DEPTH_M]
+    } else {
+        [0.0, 2.0 * (WIDTH_M + DEPTH_M) - way]
+    }
+}

@@ -1,0 +1,31 @@
+//! RISC-V: the counter of retired instructions, which in QEMU is the virtual time in ns: `-icount shift=0`, one a nanosecond.
+
+use riscv::register::minstret;
+
+pub struct Counter {
+    start: usize,
+}
+
+impl Counter {
+    pub fn start() -> Self {
+        Self { start: 0 }
+    }
+
+    #[inline(always)]
+    pub fn reset(&mut self) {
+        self.start = minstret::read();
+    }
+
+    #[inline(always)]
+    pub fn instructions(&mut self) -> u32 {
+        minstret::read().wrapping_sub(self.start) as u32
+    }
+}
+
+#[inline(always)]
+pub fn stack_pointer() -> usize {
+    let pointer;
+    // SAFETY: reads a register.
+    unsafe { core::arch::asm!("mv {}, sp", out(reg) pointer, options(nomem, nostack, preserves_flags)) };
+    pointer
+}

@@ -1,0 +1,24 @@
+//! What the positioning methods cost on the chip.
+//!
+//! Three bare-metal images, `src/bin/`, run in QEMU and print what they measured through semihosting, or are only linked
+//! and weighed; `cargo xtask bench` builds them, runs them and writes `docs/performance.md`. This library holds what the
+//! images share with the desktop: [`cases`], the same samples bit for bit, so that results can be compared; and with the
+//! feature `image` what they share with each other: the `instrument` that counts instructions and stack.
+//!
+//! An image prints lines of words parted by blanks. Numbers that are compared are the bits of an `f32` in hexadecimal:
+//!
+//! ```text
+//! calibration NAME INSTRUCTIONS                                          a stretch of 1000 instructions: the counter's check
+//! solve METHOD DIMS ANCHORS EPOCH INSTRUCTIONS STACK fix X Y [Z]
+//! solve METHOD DIMS ANCHORS EPOCH INSTRUCTIONS STACK none REASON
+//! root LIBRARY ARGUMENT INSTRUCTIONS ROOT
+//! step VARIANT ROOT_OF INSTRUCTIONS STACK X Y
+//! done                                                                   nothing is missing
+//! ```
+#![no_std]
+#![deny(unsafe_code)]
+
+pub mod cases;
+#[cfg(feature = "image")]
+pub mod instrument;
+pub mod step;
