@@ -6,12 +6,20 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+#[cfg(test)]
+extern crate std;
+
+pub mod bias;
 pub mod exchange;
+pub mod frame;
 pub mod native;
 pub mod phy;
 pub mod radio;
 pub mod time;
+pub mod tof;
 
+pub use bias::RangeBias;
 pub use phy::PhyConfig;
 pub use radio::{Diagnostics, Radio, ReceiveError, RxFrame, Start, TransmitError};
 pub use time::{RadioDuration, RadioInstant};
+pub use tof::TimeOfFlight;

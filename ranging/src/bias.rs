@@ -1,0 +1,135 @@
+//! What the DW1000 adds to a distance by itself: by received power, temperature and supply.
+//!
+//! The first path of a strong signal is found too early, that of a weak one too late. The tables are those of Decawave's
+//! application note APS011 (Sources of error in DW1000 based two-way ranging schemes, table 2), in steps of 2 dB, between
+//! which is interpolated linearly; beyond their ends the end value holds. The power is that of APS011, too: the driver's
+//! estimate, whose compression at high power is the driver's to undo.
+//! True distance = measured − [`RangeBias::metres`].
+
+use crate::PhyConfig;
+use crate::phy::Prf;
+
+/// Power of the tables' first entry, dBm.
+const FIRST_DBM: f32 = -61.0;
+/// From one entry to the next, dB downwards.
+const STEP_DB: f32 = 2.0;
+
+/// 500 MHz channels, PRF 16 MHz: metres, from −61 to −95 dBm.
+const NARROW_16: [f32; 18] = [
+    -0.198, -0.187, -0.179, -0.163, -0.143, -0.127, -0.109, -0.084, -0.059, -0.031, 0.0, 0.036, 0.065, 0.084, 0.097,
+    0.106, 0.110, 0.112,
+];
+/// 500 MHz channels, PRF 64 MHz.
+const NARROW_64: [f32; 18] = [
+    -0.110, -0.105, -0.100, -0.093, -0.082, -0.069, -0.051, -0.027, 0.0, 0.021, 0.035, 0.042, 0.049, 0.062, 0.071,
+    0.076, 0.081, 0.086,
+];
+/// 900 MHz channels, PRF 16 MHz.
+const WIDE_16: [f32; 18] = [
+    -0.275, -0.244, -0.210, -0.176, -0.138, -0.095, -0.051, 0.0, 0.042, 0.097, 0.158, 0.210, 0.254, 0.294, 0.321,
+    0.339, 0.356, 0.394,
+];
+/// 900 MHz channels, PRF 64 MHz.
+const WIDE_64: [f32; 18] = [
+    -0.295, -0.266, -0.235, -0.199, -0.150, -0.100, -0.058, 0.0, 0.049, 0.091, 0.127, 0.153, 0.175, 0.197, 0.233,
+    0.245, 0.264, 0.284,
+];
+
+/// The bias of measured distances by received power, for one channel width and pulse rate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RangeBias(&'static [f32; 18]);
+
+impl RangeBias {
+    /// That of a configuration.
+    pub const fn of(phy: &PhyConfig) -> Self {
+        Self(match (phy.channel().is_wide(), phy.prf()) {
+            (false, Prf::Mhz16) => &NARROW_16,
+            (false, Prf::Mhz64) => &NARROW_64,
+            (true, Prf::Mhz16) => &WIDE_16,
+            (true, Prf::Mhz64) => &WIDE_64,
+        })
+    }
+
+    /// What a distance reads too long at this received power, metres; 0 where the power is not a number.
+    pub fn metres(&self, rx_power_dbm: f32) -> f32 {
+        if rx_power_dbm.is_nan() {
+            return 0.0;
+        }
+        let place = ((FIRST_DBM - rx_power_dbm) / STEP_DB).clamp(0.0, (self.0.len() - 1) as f32);
+        let below = place as usize;
+        let [left, right] = [below, below + 1].map(|i| self.0[i.min(self.0.len() - 1)]);
+        left + (right - left) * (place - below as f32)
+    }
+}
+
+/// What a distance reads too long when both chips are warmer than at calibration, metres a degree Celsius (APS011, 4).
+pub const METRES_PER_DEGREE: f32 = 2.15e-3;
+/// What a distance reads too long when both supplies are higher than at calibration, metres a volt (APS011, 4).
+pub const METRES_PER_VOLT: f32 = 53.5e-3;
+
+/// How far chip and supply are from what they were when the antenna delay was calibrated.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Conditions {
+    /// Warmer by, °C.
+    pub warmer_by_c: f32,
+    /// Supply higher by, V.
+    pub higher_by_v: f32,
+}
+
+impl Conditions {
+    /// What a distance reads too long with one end under these conditions and the other under those of calibration: half of
+    /// what both ends would add.
+    pub fn metres(&self) -> f32 {
+        0.5 * (self.warmer_by_c * METRES_PER_DEGREE + self.higher_by_v * METRES_PER_VOLT)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::phy::{Channel, DataRate, PreambleLength};
+
+    fn bias(channel: Channel, prf: Prf, dbm: f32) -> f32 {
+        let phy = PhyConfig::new(channel, prf, DataRate::Kbps6810, PreambleLength::Symbols128).unwrap();
+        RangeBias::of(&phy).metres(dbm)
+    }
+
+    #[test]
+    fn entries_are_those_of_the_application_note() {
+        // APS011, table 2: ends and zeros.
+        let cases = [
+            (Channel::Ch5, Prf::Mhz64, -93.0, 0.081),
+            (Channel::Ch5, Prf::Mhz64, -77.0, 0.0),
+            (Channel::Ch5, Prf::Mhz64, -61.0, -0.110),
+            (Channel::Ch2, Prf::Mhz16, -93.0, 0.110),
+            (Channel::Ch2, Prf::Mhz16, -81.0, 0.0),
+            (Channel::Ch2, Prf::Mhz16, -61.0, -0.198),
+            (Channel::Ch7, Prf::Mhz64, -95.0, 0.284),
+            (Channel::Ch7, Prf::Mhz64, -61.0, -0.295),
+            (Channel::Ch4, Prf::Mhz16, -95.0, 0.394),
+            (Channel::Ch4, Prf::Mhz16, -61.0, -0.275),
+        ];
+        for (channel, prf, dbm, metres) in cases {
+            assert!((bias(channel, prf, dbm) - metres).abs() < 1e-6, "{channel:?} {prf:?} {dbm} dBm");
+        }
+    }
+
+    #[test]
+    fn between_entries_it_is_linear_and_beyond_them_constant() {
+        // Half way from −77 (0) to −79 dBm (+2.1 cm); a quarter from −61 (−11.0) to −63 dBm (−10.5).
+        assert!((bias(Channel::Ch5, Prf::Mhz64, -78.0) - 0.0105).abs() < 1e-6);
+        assert!((bias(Channel::Ch5, Prf::Mhz64, -61.5) + 0.10875).abs() < 1e-6);
+        assert_eq!(bias(Channel::Ch5, Prf::Mhz64, -40.0), -0.110);
+        assert_eq!(bias(Channel::Ch5, Prf::Mhz64, f32::NEG_INFINITY), 0.086);
+        assert_eq!(bias(Channel::Ch5, Prf::Mhz64, f32::INFINITY), -0.110);
+        assert_eq!(bias(Channel::Ch5, Prf::Mhz64, f32::NAN), 0.0);
+    }
+
+    #[test]
+    fn warm_and_well_fed_chips_read_long() {
+        // ½·(20 °C × 2.15 mm + 0.1 V × 53.5 mm) = ½·(43 + 5.35) mm.
+        let metres = Conditions { warmer_by_c: 20.0, higher_by_v: 0.1 }.metres();
+        assert!((metres - 24.175e-3).abs() < 1e-6, "{metres}");
+    }
+}
