@@ -1,1 +1,93 @@
-fn main() {}
+//! The project's own chores: `cargo xtask --help`.
+
+mod chip;
+mod ci;
+mod document;
+mod onchip;
+mod qemu;
+mod toolchain;
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+
+use anyhow::{Context, Result, bail};
+use clap::{Parser, Subcommand};
+
+use chip::Chip;
+use toolchain::Toolchain;
+
+/// The crates of the node: they must build without an operating system, with and without their logging.
+const NO_STD_CRATES: [&str; 1] = ["positioning-core"];
+
+/// The project's own chores. `cargo xtask ci` runs exactly what continuous integration runs.
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask")]
+struct Arguments {
+    #[command(subcommand)]
+    chore: Chore,
+}
+
+#[derive(Subcommand)]
+enum Chore {
+    /// Run all checks of continuous integration, one after the other, and say which passed. `.ci/setup` installs what they need.
+    Ci,
+    /// Build the crates of the node for bare-metal Cortex-M4F and RISC-V.
+    NoStd,
+    /// Measure what every positioning method costs on the chip (instructions, stack, code, in QEMU) and remake the tables
+    /// of docs/performance.md.
+    Bench {
+        /// Only measure and compare: write nothing, and fail where a figure is over its budget.
+        #[arg(long)]
+        check: bool,
+    },
+}
+
+fn main() -> ExitCode {
+    match run(&Arguments::parse().chore) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(chore: &Chore) -> Result<()> {
+    match chore {
+        Chore::Ci => ci::run(),
+        Chore::NoStd => no_std(),
+        Chore::Bench { check } => onchip::bench(*check),
+    }
+}
+
+fn no_std() -> Result<()> {
+    for chip in Chip::ALL {
+        let toolchain = Toolchain::find(chip)?;
+        for name in NO_STD_CRATES {
+            for features in ["", "defmt"] {
+                let mut cargo = toolchain.cargo("build", chip);
+                succeed(cargo.args(["--package", name, "--features", features]))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The root of the repository.
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("xtask is in the repository")
+}
+
+/// Where builds go.
+fn target_directory() -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
+}
+
+/// Runs a command in the foreground; an error where it fails.
+fn succeed(command: &mut Command) -> Result<()> {
+    let status = command.status().with_context(|| format!("cannot run {command:?}"))?;
+    if !status.success() {
+        bail!("{command:?}: {status}");
+    }
+    Ok(())
+}

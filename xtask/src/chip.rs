@@ -1,0 +1,51 @@
+//! The chips that code is built for and that QEMU stands in for.
+
+use std::process::Command;
+
+/// A kind of chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Chip {
+    /// The DWM1001's: single-precision FPU.
+    CortexM4F,
+    /// The ESP32-C3's: no FPU.
+    RiscV32,
+}
+
+impl Chip {
+    /// All of them, in the order of the documents.
+    pub const ALL: [Self; 2] = [Self::CortexM4F, Self::RiscV32];
+
+    /// As the documents call it.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::CortexM4F => "Cortex-M4F (nRF52832)",
+            Self::RiscV32 => "RISC-V without FPU (ESP32-C3)",
+        }
+    }
+
+    /// The compiler's name.
+    pub fn triple(self) -> &'static str {
+        match self {
+            Self::CortexM4F => "thumbv7em-none-eabihf",
+            Self::RiscV32 => "riscv32imc-unknown-none-elf",
+        }
+    }
+
+    /// QEMU with a machine of this kind. Its clock advances by the same time each instruction (`-icount`), in the unit that
+    /// the images' `instrument` expects; nothing else makes its counts mean anything.
+    pub fn qemu(self) -> Command {
+        let (program, machine) = match self {
+            Self::CortexM4F => {
+                ("qemu-system-arm", ["-machine", "mps2-an386", "-icount", "shift=8,sleep=off"].as_slice())
+            }
+            Self::RiscV32 => (
+                "qemu-system-riscv32",
+                ["-machine", "virt", "-bios", "none", "-icount", "shift=0,sleep=off"].as_slice(),
+            ),
+        };
+        let mut command = Command::new(program);
+        command.args(machine).args(["-nographic", "-monitor", "none", "-serial", "none"]);
+        command.args(["-semihosting-config", "enable=on,target=native"]);
+        command
+    }
+}

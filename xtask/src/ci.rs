@@ -1,0 +1,58 @@
+//! Everything that continuous integration checks, as a list of commands.
+
+use std::env;
+use std::process::Command;
+use std::time::Instant;
+
+use anyhow::{Result, bail};
+
+use crate::root;
+
+/// What a step proves, its command, and what is added to its environment.
+type Step = (&'static str, &'static [&'static str], &'static [(&'static str, &'static str)]);
+
+const STEPS: [Step; 6] = [
+    ("tests", &["cargo", "test"], &[]),
+    ("formatting", &["cargo", "fmt", "--all", "--check"], &[]),
+    ("lints", &["cargo", "clippy", "--workspace", "--all-targets", "--", "-D", "warnings"], &[]),
+    ("documentation", &["cargo", "doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-D warnings")]),
+    ("bare-metal builds", &["cargo", "xtask", "no-std"], &[]),
+    ("cost on the chip", &["cargo", "xtask", "bench", "--check"], &[]),
+];
+
+/// Runs every step, even after one has failed, and ends with the list of what passed.
+pub fn run() -> Result<()> {
+    let mut summary = String::new();
+    let mut failed = 0;
+    for (name, words, environment) in STEPS {
+        let line = words.join(" ");
+        println!("\n=== {name}: {line}");
+        let start = Instant::now();
+        let passed = command(words).envs(environment.iter().copied()).current_dir(root()).status()?.success();
+        failed += usize::from(!passed);
+        let verdict = if passed { "passed" } else { "FAILED" };
+        summary += &format!("{verdict}  {name:20} {line} ({} s)\n", start.elapsed().as_secs());
+    }
+    println!("\n{summary}");
+    if failed > 0 {
+        bail!("{failed} of {} checks failed", STEPS.len());
+    }
+    println!("all {} checks passed", STEPS.len());
+    Ok(())
+}
+
+/// The command of a step. A chore is run by this very program: cargo could not replace it while it runs.
+fn command(words: &[&str]) -> Command {
+    match (words, env::current_exe()) {
+        (["cargo", "xtask", chore @ ..], Ok(this)) => {
+            let mut command = Command::new(this);
+            command.args(chore);
+            command
+        }
+        _ => {
+            let mut command = Command::new(words[0]);
+            command.args(&words[1..]);
+            command
+        }
+    }
+}

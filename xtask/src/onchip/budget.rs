@@ -1,0 +1,22 @@
+//! What a position may cost on the Cortex-M4F.
+
+use positioning_core::Method;
+
+/// The most that one call of a method may take.
+pub struct Budget {
+    pub method: Method,
+    pub dims: usize,
+    pub anchors: usize,
+    pub instructions: u32,
+    /// Bytes.
+    pub stack: usize,
+}
+
+/// Of calls.
+pub const CALLS: [Budget; 2] = [
+    Budget { method: Method::BWls, dims: 2, anchors: 8, instructions: 1_500, stack: 512 },
+    Budget { method: Method::Robust, dims: 2, anchors: 8, instructions: 15_000, stack: 1024 },
+];
+
+/// Of the code of all methods together in the plane, bytes.
+pub const ALL_METHODS_2D: u64 = 24 * 1024;

@@ -1,0 +1,68 @@
+//! What the positioning methods cost on the chip: builds the images of `onchip-bench`, runs them in QEMU, compares their
+//! results with the desktop's and their costs with the budgets, and makes the tables of `docs/performance.md`.
+
+mod budget;
+mod desktop;
+mod printed;
+mod size;
+mod tables;
+
+use anyhow::{Result, bail, ensure};
+
+use crate::chip::Chip;
+use crate::toolchain::Toolchain;
+use crate::{document, qemu, root, succeed};
+use printed::Printed;
+use size::Sizes;
+
+/// Everything measured on one chip.
+struct Measured {
+    chip: Chip,
+    compiler: String,
+    /// What the image `solvers` printed.
+    solvers: Printed,
+    /// What the image `algebra` printed.
+    algebra: Printed,
+    sizes: Sizes,
+    /// The greatest distance between a position of the chip and the desktop's, metres.
+    disagreement_m: f32,
+}
+
+/// Measures on every chip, prints the tables, and writes them unless it only checks.
+pub fn bench(check: bool) -> Result<()> {
+    let measured = Chip::ALL.into_iter().map(measure).collect::<Result<Vec<_>>>()?;
+    let costs = measured.iter().map(tables::costs).collect::<String>();
+    let (budgets, within) = tables::budgets(&measured)?;
+    let algebra = measured.iter().map(tables::algebra).collect::<Result<String>>()?;
+    println!("{costs}\n{budgets}\n{algebra}");
+    if !check {
+        let file = root().join("docs/performance.md");
+        document::remake(&file, "cost on the chip", &costs)?;
+        document::remake(&file, "budgets", &budgets)?;
+        document::remake(&file, "libraries", &algebra)?;
+    }
+    if !within {
+        bail!("a figure is over its budget: see the table of budgets above");
+    }
+    Ok(())
+}
+
+fn measure(chip: Chip) -> Result<Measured> {
+    let toolchain = Toolchain::find(chip)?;
+    let solvers = run(&toolchain, chip, "solvers", "image")?;
+    let disagreement_m = desktop::compare(&solvers)?;
+    let algebra = run(&toolchain, chip, "algebra", "image,libraries")?;
+    let sizes = Sizes::measure(&toolchain, chip)?;
+    let compiler = toolchain.version().unwrap_or_default();
+    Ok(Measured { chip, compiler, solvers, algebra, sizes, disagreement_m })
+}
+
+/// Builds and runs an image.
+fn run(toolchain: &Toolchain, chip: Chip, name: &str, features: &str) -> Result<Printed> {
+    let mut cargo = toolchain.cargo("build", chip);
+    succeed(cargo.args(["--quiet", "--package", "onchip-bench", "--bin", name, "--features", features]))?;
+    let printed = Printed::parse(&qemu::run(chip, &Toolchain::binary(chip, name))?)?;
+    let counted = printed.calibration;
+    ensure!(counted.abs_diff(1000) <= 2, "{}: 1000 instructions were counted as {counted}", chip.title());
+    Ok(printed)
+}

@@ -1,0 +1,141 @@
+//! What the images print: see `onchip_bench` for the lines.
+
+use anyhow::{Context, Result, bail, ensure};
+use positioning_core::Method;
+
+/// One call of a method.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Solve {
+    pub method: Method,
+    pub dims: usize,
+    pub anchors: usize,
+    pub epoch: u32,
+    pub instructions: u32,
+    /// Bytes.
+    pub stack: usize,
+    /// The position in metres, or the reason why there is none.
+    pub answer: Result<Vec<f32>, String>,
+}
+
+/// One square root.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Root {
+    pub library: String,
+    pub argument: f32,
+    pub instructions: u32,
+    pub root: f32,
+}
+
+/// One step of weighted least squares.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Step {
+    pub variant: String,
+    /// The library of the square root.
+    pub library: String,
+    pub instructions: u32,
+    /// Bytes.
+    pub stack: usize,
+    /// Metres.
+    pub position: [f32; 2],
+}
+
+/// Everything that one image printed.
+#[derive(Clone, Debug, Default)]
+pub struct Printed {
+    /// What 1000 instructions were counted as.
+    pub calibration: u32,
+    pub solves: Vec<Solve>,
+    pub roots: Vec<Root>,
+    pub steps: Vec<Step>,
+}
+
+impl Printed {
+    /// Reads all lines; an error where one is not understood or the last is missing.
+    pub fn parse(text: &str) -> Result<Self> {
+        let mut printed = Self::default();
+        let mut done = false;
+        for line in text.lines() {
+            ensure!(!done, "more after the end: {line}");
+            let words: Vec<&str> = line.split_whitespace().collect();
+            done = printed.add(&words).with_context(|| format!("not understood: {line}"))?;
+        }
+        ensure!(done, "the image did not print all");
+        Ok(printed)
+    }
+
+    /// Takes one line; whether it was the last.
+    fn add(&mut self, words: &[&str]) -> Result<bool> {
+        match words {
+            ["calibration", _, instructions] => self.calibration = instructions.parse()?,
+            ["solve", method, dims, anchors, epoch, instructions, stack, answer @ ..] => self.solves.push(Solve {
+                method: method.parse()?,
+                dims: dims.parse()?,
+                anchors: anchors.parse()?,
+                epoch: epoch.parse()?,
+                instructions: instructions.parse()?,
+                stack: stack.parse()?,
+                answer: match answer {
+                    ["fix", position @ ..] => Ok(position.iter().map(|word| float(word)).collect::<Result<_>>()?),
+                    ["none", reason] => Err((*reason).to_owned()),
+                    _ => bail!("neither fix nor none"),
+                },
+            }),
+            ["root", library, argument, instructions, root] => self.roots.push(Root {
+                library: (*library).to_owned(),
+                argument: argument.parse()?,
+                instructions: instructions.parse()?,
+                root: float(root)?,
+            }),
+            ["step", variant, library, instructions, stack, x, y] => self.steps.push(Step {
+                variant: (*variant).to_owned(),
+                library: (*library).to_owned(),
+                instructions: instructions.parse()?,
+                stack: stack.parse()?,
+                position: [float(x)?, float(y)?],
+            }),
+            ["done"] => return Ok(true),
+            _ => bail!("unknown line"),
+        }
+        Ok(false)
+    }
+
+    /// The worst instructions and the worst stack over the epochs of one cell of the table.
+    pub fn worst(&self, method: Method, dims: usize, anchors: usize) -> (u32, usize) {
+        self.solves
+            .iter()
+            .filter(|solve| (solve.method, solve.dims, solve.anchors) == (method, dims, anchors))
+            .fold((0, 0), |(instructions, stack), solve| (instructions.max(solve.instructions), stack.max(solve.stack)))
+    }
+}
+
+/// The `f32` of these hexadecimal bits.
+fn float(word: &str) -> Result<f32> {
+    Ok(f32::from_bits(u32::from_str_radix(word, 16)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_read() {
+        // 1.5 is 0x3FC00000 and −2 is 0xC0000000 (IEEE 754, single).
+        let text = "calibration solvers 1000\n\
+                    solve b-wls 2 8 31 1499 352 fix 3fc00000 c0000000\n\
+                    solve lls 3 4 0 10 20 none diverged\n\
+                    step hand core 428 32 3fc00000 c0000000\n\
+                    done\n";
+        let printed = Printed::parse(text).expect("well formed");
+        assert_eq!(printed.calibration, 1000);
+        assert_eq!(printed.solves[0].answer, Ok(vec![1.5, -2.0]));
+        assert_eq!(printed.solves[1].answer, Err("diverged".to_owned()));
+        assert_eq!(printed.worst(Method::BWls, 2, 8), (1499, 352));
+        assert_eq!(printed.steps[0].position, [1.5, -2.0]);
+    }
+
+    #[test]
+    fn an_image_that_stops_early_is_an_error() {
+        assert!(Printed::parse("calibration solvers 1000\n").is_err());
+        assert!(Printed::parse("solve b-wls 2 8 31 1499\ndone\n").is_err());
+    }
+}

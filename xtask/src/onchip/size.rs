@@ -1,0 +1,63 @@
+//! Code sizes: what an image with a method weighs more than the same image without.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use object::read::{Object, ObjectSection};
+use object::{File, SectionFlags, elf};
+use positioning_core::Method;
+
+use crate::chip::Chip;
+use crate::succeed;
+use crate::toolchain::Toolchain;
+
+/// Bytes of flash of every method, each with all that it calls.
+pub struct Sizes {
+    /// In the order of [`Method::ALL`]: in the plane, in space.
+    each: Vec<[u64; 2]>,
+    /// All methods in one image: in the plane, in space.
+    all: [u64; 2],
+}
+
+impl Sizes {
+    /// Links one image for each method, one for all, and one for none, in the plane and in space.
+    pub fn measure(toolchain: &Toolchain, chip: Chip) -> Result<Self> {
+        let weigh = |methods: &str| -> Result<[u64; 2]> {
+            Ok([weigh(toolchain, chip, methods, 2)?, weigh(toolchain, chip, methods, 3)?])
+        };
+        let none = weigh("none")?;
+        let more = |image: [u64; 2]| [image[0].saturating_sub(none[0]), image[1].saturating_sub(none[1])];
+        let each =
+            (0..Method::ALL.len()).map(|place| weigh(&place.to_string()).map(more)).collect::<Result<Vec<_>>>()?;
+        Ok(Self { each, all: more(weigh("all")?) })
+    }
+
+    /// Bytes of one method; none where it is not in [`Method::ALL`].
+    pub fn of(&self, method: Method, dims: usize) -> Option<u64> {
+        let place = Method::ALL.iter().position(|&other| other == method)?;
+        self.each.get(place).map(|sizes| sizes[dims - 2])
+    }
+
+    /// Bytes of all methods together.
+    pub fn of_all(&self, dims: usize) -> u64 {
+        self.all[dims - 2]
+    }
+}
+
+/// Bytes of flash of the image that holds `methods` (see `onchip-bench/src/bin/size.rs`).
+fn weigh(toolchain: &Toolchain, chip: Chip, methods: &str, dims: usize) -> Result<u64> {
+    let mut cargo = toolchain.cargo("build", chip);
+    cargo.env("ONCHIP_METHODS", methods).env("ONCHIP_DIMS", dims.to_string());
+    succeed(cargo.args(["--quiet", "--package", "onchip-bench", "--bin", "size", "--features", "image"]))?;
+    flash(&Toolchain::binary(chip, "size"))
+}
+
+/// Code, constants and initial values of variables.
+fn flash(image: &Path) -> Result<u64> {
+    let bytes = fs::read(image).with_context(|| format!("cannot read {}", image.display()))?;
+    let file = File::parse(bytes.as_slice()).with_context(|| format!("{} is no ELF file", image.display()))?;
+    let loaded = |flags| matches!(flags, SectionFlags::Elf { sh_flags } if sh_flags & u64::from(elf::SHF_ALLOC) != 0);
+    let sections = file.sections().filter(|section| loaded(section.flags()) && !section.kind().is_bss());
+    Ok(sections.map(|section| section.size()).sum())
+}

@@ -1,0 +1,117 @@
+//! The tables of `docs/performance.md`, in Markdown.
+
+use std::fmt::Write;
+
+use anyhow::{Context, Result};
+use onchip_bench::cases::ANCHORS;
+use onchip_bench::{cases, step};
+use positioning_core::Method;
+
+use super::Measured;
+use super::budget::{ALL_METHODS_2D, CALLS};
+use crate::chip::Chip;
+
+/// Every method with every number of anchors.
+pub fn costs(measured: &Measured) -> String {
+    let mut table = format!(
+        "### {}\n\n{}, {}. Chip and desktop differ by {} mm at most.\n\n",
+        measured.chip.title(),
+        measured.chip.triple(),
+        measured.compiler,
+        measured.disagreement_m * 1.0e3
+    );
+    for dims in [2, 3] {
+        let instructions = ANCHORS.map(|anchors| format!("instructions, {anchors} anchors")).join(" | ");
+        let stack = ANCHORS.map(|anchors| format!("stack, {anchors}")).join(" | ");
+        table += &format!("| method, {dims}D | {instructions} | {stack} | code, bytes |\n");
+        table += &format!("|---|{}\n", "---:|".repeat(2 * ANCHORS.len() + 1));
+        for method in Method::ALL {
+            let worst = ANCHORS.map(|anchors| measured.solvers.worst(method, dims, anchors));
+            let instructions = worst.map(|(instructions, _)| grouped(u64::from(instructions))).join(" | ");
+            let stack = worst.map(|(_, stack)| grouped(stack as u64)).join(" | ");
+            let code = measured.sizes.of(method, dims).map_or_else(String::new, grouped);
+            table += &format!("| `{method}` | {instructions} | {stack} | {code} |\n");
+        }
+        let all = grouped(measured.sizes.of_all(dims));
+        table += &format!("| all together | {}{all} |\n\n", "| ".repeat(2 * ANCHORS.len()));
+    }
+    table
+}
+
+/// The budgets beside what was measured, and whether all are kept.
+pub fn budgets(measured: &[Measured]) -> Result<(String, bool)> {
+    let chip = measured.iter().find(|measured| measured.chip == Chip::CortexM4F).context("no Cortex-M4F")?;
+    let mut table = String::from("| what, Cortex-M4F | measured | budget | |\n|---|---:|---:|---|\n");
+    let mut within = true;
+    let mut row = |what: String, figure: u64, budget: u64| {
+        let verdict = if figure <= budget { "within" } else { "OVER" };
+        within &= figure <= budget;
+        writeln!(table, "| {what} | {} | {} | {verdict} |", grouped(figure), grouped(budget))
+    };
+    for budget in &CALLS {
+        let case = format!("`{}`, {} anchors, {}D", budget.method, budget.anchors, budget.dims);
+        let (instructions, stack) = chip.solvers.worst(budget.method, budget.dims, budget.anchors);
+        row(format!("{case}: instructions"), u64::from(instructions), u64::from(budget.instructions))?;
+        row(format!("{case}: bytes of stack"), stack as u64, budget.stack as u64)?;
+    }
+    row("all methods in 2D: bytes of code".to_owned(), chip.sizes.of_all(2), ALL_METHODS_2D)?;
+    Ok((table, within))
+}
+
+/// Square roots and the step of weighted least squares, library by library.
+pub fn algebra(measured: &Measured) -> Result<String> {
+    let printed = &measured.algebra;
+    let mut table = format!(
+        "### {}\n\n| square root | instructions, worst | error, worst |\n|---|---:|---:|\n",
+        measured.chip.title()
+    );
+    for library in ["core", "libm", "micromath"] {
+        let roots: Vec<_> = printed.roots.iter().filter(|root| root.library == library).collect();
+        let instructions = roots.iter().map(|root| root.instructions).max().context("no square root")?;
+        let error = roots.iter().map(|root| (root.root / root.argument.sqrt() - 1.0).abs()).fold(0.0, f32::max);
+        table += &format!("| {} | {instructions} | {:.2} % |\n", title(library), error * 100.0);
+    }
+    let epoch = cases::Epoch::<2>::new(step::ANCHORS, 0);
+    let exact = step::by_hand(epoch.samples(), &step::weights(), step::START, f32::sqrt);
+    table += "\n| weighted step, 12 anchors, 2D | square root | instructions | stack, bytes | off by |\n|---|---|---:|---:|---:|\n";
+    for step in &printed.steps {
+        let [x, y] = [step.position[0] - exact[0], step.position[1] - exact[1]];
+        table += &format!(
+            "| {} | {} | {} | {} | {:.3} m |\n",
+            step.variant,
+            title(&step.library),
+            grouped(u64::from(step.instructions)),
+            grouped(step.stack as u64),
+            x.hypot(y)
+        );
+    }
+    table.push('\n');
+    Ok(table)
+}
+
+fn title(library: &str) -> &str {
+    if library == "core" { "`positioning_core::Real`" } else { library }
+}
+
+/// 12345 as 12,345.
+fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let mut text = String::new();
+    for (place, digit) in digits.chars().enumerate() {
+        if place > 0 && (digits.len() - place).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::grouped;
+
+    #[test]
+    fn thousands_are_parted() {
+        assert_eq!([0, 999, 1000, 1_234_567].map(grouped), ["0", "999", "1,000", "1,234,567"]);
+    }
+}

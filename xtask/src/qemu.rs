@@ -1,0 +1,56 @@
+//! Running an image to its end.
+
+use std::io::Read;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+
+use crate::chip::Chip;
+
+/// An image that takes longer hangs: each needs some seconds.
+const PATIENCE: Duration = Duration::from_secs(300);
+
+/// What the image prints until it ends; an error where it fails, or does not end.
+pub fn run(chip: Chip, image: &Path) -> Result<String> {
+    let mut command = chip.qemu();
+    command.arg("-kernel").arg(image).stdin(Stdio::null()).stdout(Stdio::piped());
+    let mut machine = command.spawn().with_context(|| format!("cannot run {}: {}", name(&command), install(chip)))?;
+    let mut printed = machine.stdout.take().context("no output")?;
+    let reader = thread::spawn(move || {
+        let mut text = String::new();
+        printed.read_to_string(&mut text).map(|_| text)
+    });
+    let start = Instant::now();
+    let status = loop {
+        if let Some(status) = machine.try_wait()? {
+            break Some(status);
+        }
+        if start.elapsed() > PATIENCE {
+            machine.kill()?;
+            machine.wait()?;
+            break None;
+        }
+        thread::sleep(Duration::from_millis(20));
+    };
+    let text = reader.join().ok().context("the reader panicked")??;
+    let last = text.lines().last().unwrap_or("nothing");
+    match status {
+        Some(status) if status.success() => Ok(text),
+        Some(status) => bail!("{} on {}: {status}; it printed last: {last}", image.display(), name(&command)),
+        None => bail!("{} did not end in {} s; it printed last: {last}", image.display(), PATIENCE.as_secs()),
+    }
+}
+
+fn name(command: &Command) -> String {
+    command.get_program().to_string_lossy().into_owned()
+}
+
+fn install(chip: Chip) -> &'static str {
+    match chip {
+        Chip::CortexM4F => "on Debian `apt-get install qemu-system-arm`",
+        Chip::RiscV32 => "on Debian `apt-get install qemu-system-misc`",
+    }
+}
