@@ -13,6 +13,8 @@ pub mod bias;
 pub mod exchange;
 pub mod frame;
 pub mod native;
+pub mod node;
+pub mod dw1000;
 pub mod phy;
 pub mod radio;
 pub mod time;

@@ -1,0 +1,77 @@
+//! The loop of a node: a machine and a radio drive each other, for ever.
+//!
+//! Actions go to the radio, events back to the machine, reports to a [`Listener`]. An error of the radio ends nothing: the radio
+//! is brought up again, after a pause that grows from failure to failure, and the machine begins anew.
+
+use core::convert::Infallible;
+
+use embedded_hal_async::delay::DelayNs;
+
+use crate::Radio;
+use crate::exchange::{Action, Event, Machine, Report, execute};
+use crate::radio::MAX_FRAME;
+
+/// The first pause after a failure, and what it grows to, milliseconds: a chip that is back is used again within a second.
+const SHORTEST_PAUSE_MS: u32 = 1;
+const LONGEST_PAUSE_MS: u32 = 250;
+
+/// A radio that can be brought up, again and again, whatever state it is in.
+#[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
+pub trait Restart: Radio {
+    /// Resets the chip and configures it; its clock starts anew.
+    async fn restart(&mut self, delay: &mut impl DelayNs) -> Result<(), Self::Error>;
+}
+
+/// Who takes what a node finds out. The exchange waits meanwhile.
+#[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
+pub trait Listener {
+    /// A round of ranging, or a change of a link.
+    async fn report(&mut self, report: Report<'_>);
+
+    /// The radio failed, for the `failures`-th time since it last worked; it is brought up again.
+    async fn radio_failed(&mut self, error: &impl core::fmt::Debug, failures: u32);
+}
+
+/// Runs a node.
+pub async fn run<R: Restart>(
+    radio: &mut R,
+    delay: &mut impl DelayNs,
+    machine: &mut impl Machine,
+    listener: &mut impl Listener,
+) -> Infallible {
+    let mut failures = 0;
+    loop {
+        let error = match attempt(radio, delay, machine, listener, &mut failures).await {
+            Err(error) => error,
+            Ok(never) => return never,
+        };
+        failures += 1;
+        listener.radio_failed(&error, failures).await;
+        let pause = SHORTEST_PAUSE_MS.checked_shl(failures - 1).unwrap_or(LONGEST_PAUSE_MS);
+        delay.delay_ms(pause.clamp(SHORTEST_PAUSE_MS, LONGEST_PAUSE_MS)).await;
+    }
+}
+
+/// Brings the radio up and runs the node until the radio fails.
+async fn attempt<R: Restart>(
+    radio: &mut R,
+    delay: &mut impl DelayNs,
+    machine: &mut impl Machine,
+    listener: &mut impl Listener,
+    failures: &mut u32,
+) -> Result<Infallible, R::Error> {
+    radio.restart(delay).await?;
+    let mut buffer = [0; MAX_FRAME];
+    let (mut now, mut event) = (radio.now().await?, Event::Started);
+    loop {
+        let action = machine.step(now, event);
+        let silent = matches!(action, Action::Report(_));
+        if let Action::Report(report) = action {
+            listener.report(report).await;
+        }
+        (now, event) = execute(radio, delay, &mut buffer, action).await?;
+        if !silent {
+            *failures = 0;
+        }
+    }
+}
