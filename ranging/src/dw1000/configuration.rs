@@ -1,0 +1,240 @@
+//! What a node configures, and the register writes it becomes: once after reset, none for each frame.
+
+use super::register::{self as reg, Register, status, sys_cfg};
+use super::tuning;
+use crate::phy::{DataRate, PhyConfig, Prf, Sfd};
+
+/// The antenna delay of a DWM1000-like board before calibration, ticks in each direction.
+pub const DEFAULT_ANTENNA_DELAY: u16 = 16_436;
+
+/// Which frames the chip lets through (DW1000 user manual, 5.2); kinds are added with [`and`](Self::and). Frames of a kind
+/// that carries a destination pass only where it is this node's PAN and address, or broadcast.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct FrameFilter(u16);
+
+impl FrameFilter {
+    /// No filter: every frame passes.
+    pub const OFF: Self = Self(0);
+    /// Frames without a destination pass where their PAN is this node's: it is the coordinator.
+    pub const COORDINATOR: Self = Self(1 << 1);
+    /// Beacon frames.
+    pub const BEACON: Self = Self(1 << 2);
+    /// Data frames.
+    pub const DATA: Self = Self(1 << 3);
+    /// Acknowledgements.
+    pub const ACKNOWLEDGEMENT: Self = Self(1 << 4);
+    /// MAC command frames.
+    pub const MAC_COMMAND: Self = Self(1 << 5);
+    /// Frames of the reserved types.
+    pub const RESERVED: Self = Self(1 << 6);
+    /// Frames of type 4.
+    pub const TYPE_4: Self = Self(1 << 7);
+    /// Frames of type 5, of which blinks are.
+    pub const TYPE_5: Self = Self(1 << 8);
+
+    /// Both kinds pass.
+    pub const fn and(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    const fn bits(self) -> u32 {
+        if self.0 == 0 { 0 } else { self.0 as u32 | sys_cfg::FFEN }
+    }
+}
+
+/// Transmit power.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum TxPower {
+    /// The reference design's; short frames at 6.81 Mbit/s are boosted, which is lawful below one frame a millisecond
+    /// (smart power, DW1000 user manual, 7.2.31.2).
+    Smart,
+    /// The reference design's, the same for every frame.
+    Constant,
+    /// TX_POWER as calibrated for this board, with or without smart power.
+    Calibrated {
+        /// The register's value.
+        register: u32,
+        /// Whether its bytes are boosts by frame length, or the powers of the frame's parts.
+        smart: bool,
+    },
+}
+
+/// All that a node configures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Config {
+    /// How frames are put on the air.
+    pub phy: PhyConfig,
+    /// Transmit power.
+    pub tx_power: TxPower,
+    /// From the chip's transmit time stamp to the antenna, ticks.
+    pub tx_antenna_delay: u16,
+    /// From the antenna to the chip's receive time stamp, ticks.
+    pub rx_antenna_delay: u16,
+    /// Crystal trim, 0 to 31; `None`: the one measured by the module's maker, or the middle.
+    pub crystal_trim: Option<u8>,
+    /// This node's network.
+    pub pan: u16,
+    /// This node's short address.
+    pub short_address: u16,
+    /// This node's EUI-64.
+    pub eui: u64,
+    /// Which frames pass.
+    pub filter: FrameFilter,
+}
+
+impl Config {
+    /// A node that hears every frame, with uncalibrated antennas.
+    pub const fn new(phy: PhyConfig) -> Self {
+        Self {
+            phy,
+            tx_power: TxPower::Smart,
+            tx_antenna_delay: DEFAULT_ANTENNA_DELAY,
+            rx_antenna_delay: DEFAULT_ANTENNA_DELAY,
+            crystal_trim: None,
+            pan: 0xFFFF,
+            short_address: 0xFFFF,
+            eui: 0,
+            filter: FrameFilter::OFF,
+        }
+    }
+
+    /// SYS_CFG: filter, interrupt line active high, both receive buffers in use, smart power, rate; without the wait timeout.
+    pub(super) const fn sys_cfg(&self) -> u32 {
+        let mut bits = self.filter.bits() | sys_cfg::HIRQ_POL;
+        if !self.smart_power() {
+            bits |= sys_cfg::DIS_STXP;
+        }
+        if matches!(self.phy.data_rate(), DataRate::Kbps110) {
+            bits |= sys_cfg::RXM110K;
+        }
+        bits
+    }
+
+    /// TX_FCTRL's first four bytes for a frame of `frame_bytes` with check bytes, marked as a ranging frame.
+    pub(super) const fn tx_fctrl(&self, frame_bytes: u8) -> u32 {
+        const TR: u32 = 1 << 15;
+        frame_bytes as u32
+            | tuning::rate_bits(self.phy.data_rate()) << 13
+            | TR
+            | tuning::prf_bits(self.phy.prf()) << 16
+            | tuning::preamble_bits(self.phy.preamble_length()) << 18
+    }
+
+    const fn smart_power(&self) -> bool {
+        let wanted = match self.tx_power {
+            TxPower::Smart => true,
+            TxPower::Constant => false,
+            TxPower::Calibrated { smart, .. } => smart,
+        };
+        // The chip boosts at this rate only (7.2.31.2).
+        wanted && matches!(self.phy.data_rate(), DataRate::Kbps6810)
+    }
+
+    const fn tx_power_register(&self) -> u32 {
+        match self.tx_power {
+            TxPower::Smart | TxPower::Constant => {
+                tuning::tx_power(self.phy.channel(), self.phy.prf(), self.smart_power())
+            }
+            TxPower::Calibrated { register, .. } => register,
+        }
+    }
+
+    /// CHAN_CTRL (7.2.32): the delimiter's bits as table 21 has them.
+    pub(super) const fn chan_ctrl(&self) -> u32 {
+        const DWSFD: u32 = 1 << 17;
+        const TNSSFD: u32 = 1 << 20;
+        const RNSSFD: u32 = 1 << 21;
+        let channel = self.phy.channel().number() as u32;
+        let code = self.phy.preamble_code() as u32;
+        let sfd = match (self.phy.sfd(), self.phy.data_rate()) {
+            (Sfd::Standard, _) => 0,
+            (Sfd::Decawave, DataRate::Kbps110) => DWSFD,
+            (Sfd::Decawave, DataRate::Kbps850 | DataRate::Kbps6810) => DWSFD | TNSSFD | RNSSFD,
+        };
+        channel | channel << 4 | sfd | tuning::prf_bits(self.phy.prf()) << 18 | code << 22 | code << 27
+    }
+
+    /// Preamble and delimiter, less what the receiver needs to see the preamble (7.2.40.7).
+    const fn sfd_timeout(&self) -> u16 {
+        self.phy.preamble_length().symbols() + self.phy.sfd_symbols() + 1 - self.phy.pac().symbols()
+    }
+
+    /// The writes that make the chip so, in any order.
+    pub(super) fn writes(&self) -> [Write; 27] {
+        let phy = &self.phy;
+        let (channel, prf) = (phy.channel(), phy.prf());
+        let panadr = u32::from(self.short_address) | u32::from(self.pan) << 16;
+        [
+            Write::new(reg::EUI, self.eui, 8),
+            Write::new(reg::PANADR, panadr, 4),
+            Write::new(reg::SYS_CFG, self.sys_cfg(), 4),
+            Write::new(reg::SYS_MASK, status::INTERRUPTS, 4),
+            Write::new(reg::TX_FCTRL, self.tx_fctrl(0), 4),
+            Write::new(reg::TX_ANTD, self.tx_antenna_delay, 2),
+            Write::new(reg::LDE_RXANTD, self.rx_antenna_delay, 2),
+            Write::new(reg::TX_POWER, self.tx_power_register(), 4),
+            Write::new(reg::CHAN_CTRL, self.chan_ctrl(), 4),
+            Write::new(reg::SFD_LENGTH, phy.sfd_symbols(), 1),
+            Write::new(reg::AGC_TUNE1, tuning::agc_tune1(prf), 2),
+            Write::new(reg::AGC_TUNE2, tuning::AGC_TUNE2, 4),
+            Write::new(reg::AGC_TUNE3, tuning::AGC_TUNE3, 2),
+            Write::new(reg::DRX_TUNE0B, tuning::drx_tune0b(phy), 2),
+            Write::new(reg::DRX_TUNE1A, tuning::drx_tune1a(prf), 2),
+            Write::new(reg::DRX_TUNE1B, tuning::drx_tune1b(phy), 2),
+            Write::new(reg::DRX_TUNE2, tuning::drx_tune2(prf, phy.pac()), 4),
+            Write::new(reg::DRX_SFDTOC, self.sfd_timeout(), 2),
+            Write::new(reg::DRX_TUNE4H, tuning::drx_tune4h(phy.preamble_length()), 2),
+            Write::new(reg::RF_RXCTRLH, tuning::rf_rxctrlh(channel), 1),
+            // Three bytes: the fourth is reserved.
+            Write::new(reg::RF_TXCTRL, tuning::rf_txctrl(channel), 3),
+            Write::new(reg::TC_PGDELAY, tuning::tc_pgdelay(channel), 1),
+            Write::new(reg::FS_PLLCFG, tuning::fs_pllcfg(channel), 4),
+            Write::new(reg::FS_PLLTUNE, tuning::fs_plltune(channel), 1),
+            Write::new(reg::LDE_CFG1, tuning::LDE_CFG1, 1),
+            Write::new(reg::LDE_REPC, tuning::lde_repc(phy), 2),
+            Write::new(reg::LDE_CFG2, tuning::lde_cfg2(prf), 2),
+        ]
+    }
+
+    /// Parts per million of clock difference in a step of the carrier integrator: positive where the sender is faster.
+    ///
+    /// A step is 998.4 MHz/2 / 2¹⁷ over 1024 samples (8192 at 110 kbit/s), and counts up where the receiver is faster
+    /// (DW1000 user manual, 7.2.40.11), relative to the carrier.
+    pub(super) const fn ppm_per_carrier_step(&self) -> f32 {
+        let samples = match self.phy.data_rate() {
+            DataRate::Kbps110 => 8192.0,
+            DataRate::Kbps850 | DataRate::Kbps6810 => 1024.0,
+        };
+        let hertz = 998.4e6 / 2.0 / samples / 131_072.0;
+        (-1e6 * hertz / self.phy.channel().centre_frequency_hz()) as f32
+    }
+
+    /// Samples in the accumulator.
+    pub(super) const fn accumulator_samples(&self) -> u16 {
+        match self.phy.prf() {
+            Prf::Mhz16 => 992,
+            Prf::Mhz64 => 1016,
+        }
+    }
+}
+
+/// A register and its new value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Write {
+    pub register: Register,
+    value: [u8; 8],
+    length: usize,
+}
+
+impl Write {
+    fn new(register: Register, value: impl Into<u64>, length: usize) -> Self {
+        Self { register, value: value.into().to_le_bytes(), length }
+    }
+
+    pub fn bytes(&self) -> &[u8] {
+        &self.value[..self.length]
+    }
+}

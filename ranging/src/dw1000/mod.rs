@@ -1,0 +1,302 @@
+//! Driver for the DW1000: async over an SPI device, an interrupt pin, a reset line and a delay.
+//!
+//! [`Dw1000::init`] resets the chip, loads its first-path detector and writes the [`Config`]; then the driver is a
+//! [`Radio`]. Register facts are the DW1000 user manual's, version 2.12, whose sections are named where they are used.
+//!
+//! # What goes over the bus
+//!
+//! | operation | transactions | bytes beside the frame's |
+//! |---|---|---|
+//! | send now, same length as before | 5 | 13 |
+//! | send at an instant, same length as before | 6 | 17 |
+//! | …with another length than before | +1 | +3 |
+//! | switch the receiver on, same wait as before | 1 | 3 |
+//! | …with another wait in the chip's timer | +1 | +3 |
+//! | …between a wait the timer can hold (67 ms) and a longer one | +1 | +3 |
+//! | …at an instant | +3 | +16 |
+//! | receive a frame | 8 | 44 |
+//! | …and keep listening | 9 | 47 |
+//!
+//! A frame's two check bytes are neither written nor read. The configuration is written by [`Dw1000::init`] and
+//! [`Dw1000::configure`] only. The tests count all of this.
+//!
+//! # One frame after another
+//!
+//! Both receive buffers of the chip are in use, and the driver re-enables the receiver itself, because the chip's own
+//! re-enabling can spoil the next time stamp (and Decawave's software avoids it). Upon a frame the driver reads the status
+//! and the six bytes that are not double-buffered (carrier integrator, unsaturated preamble count), clears the status and
+//! switches the receiver on: four transactions, 19 bytes, 19 µs at 8 MHz. Only then it reads the frame, the time stamp and
+//! the quality, of which each buffer has its own, and gives the buffer back. With one buffer all 63 bytes of a 25-byte
+//! frame in eight transactions would pass before the receiver is on again. The chip's overrun, which corrupts frames already
+//! received, cannot happen: the receiver stops after each frame, and is only switched on again by the host when the
+//! buffer of the frame before last was given back. Host and chip are checked to point at different buffers upon each frame, and are
+//! put together again by every stop.
+//!
+//! # Every wait ends
+//!
+//! Windows are timed by the chip where its timer can hold them, and by the delay in any case; a transmission that reports
+//! nothing is looked up in the chip. An operation that failed, or whose future was dropped, leaves the driver knowing that
+//! it does not know: the next one first stops the chip's transceiver and resets its receiver.
+//!
+//! # Without an executor
+//!
+//! A future of this driver runs to its end under any `block_on` over pins and delays that poll:
+//!
+//! ```
+//! use core::{convert::Infallible, future::poll_fn, task::Poll};
+//! use embedded_hal::digital::{ErrorType, InputPin};
+//! use embedded_hal_async::digital::Wait;
+//! use ranging::dw1000::{ClockedSpi, Config, Dw1000, Error, ResetLine};
+//! use ranging::{PhyConfig, Radio, RadioInstant};
+//!
+//! /// An interrupt pin without interrupts.
+//! struct Polled<P>(P);
+//!
+//! impl<P: InputPin<Error = Infallible>> ErrorType for Polled<P> {
+//!     type Error = Infallible;
+//! }
+//!
+//! impl<P: InputPin<Error = Infallible>> Wait for Polled<P> {
+//!     async fn wait_for_high(&mut self) -> Result<(), Infallible> {
+//!         poll_fn(|context| match self.0.is_high() {
+//!             Ok(true) => Poll::Ready(Ok(())),
+//!             Ok(false) => {
+//!                 context.waker().wake_by_ref();
+//!                 Poll::Pending
+//!             }
+//!             Err(never) => match never {},
+//!         })
+//!         .await
+//!     }
+//! #   async fn wait_for_low(&mut self) -> Result<(), Infallible> { Ok(()) }
+//! #   async fn wait_for_rising_edge(&mut self) -> Result<(), Infallible> { Ok(()) }
+//! #   async fn wait_for_falling_edge(&mut self) -> Result<(), Infallible> { Ok(()) }
+//! #   async fn wait_for_any_edge(&mut self) -> Result<(), Infallible> { Ok(()) }
+//!     // … and the other waits, which the driver does not use.
+//! }
+//!
+//! fn clock_of<S, P, R, D>(spi: S, irq: P, reset: R, delay: D) -> Result<RadioInstant, Error<S::Error>>
+//! where
+//!     S: ClockedSpi,
+//!     P: InputPin<Error = Infallible>,
+//!     R: ResetLine,
+//!     D: embedded_hal_async::delay::DelayNs,
+//! {
+//!     let mut radio = Dw1000::new(spi, Polled(irq), reset, delay, Config::new(PhyConfig::FAST));
+//!     embassy_futures::block_on(async {
+//!         radio.init().await?;
+//!         radio.now().await
+//!     })
+//! }
+//! ```
+
+mod accumulator;
+mod bus;
+mod configuration;
+mod diagnostics;
+mod receive;
+mod register;
+mod sensors;
+mod sleep;
+mod startup;
+mod transmit;
+mod tuning;
+
+#[cfg(test)]
+mod tests;
+
+use embedded_hal_async::{delay::DelayNs, digital::Wait};
+
+pub use accumulator::Sample;
+pub use bus::{ClockedSpi, ResetLine, SpiClock, Traffic};
+pub use configuration::{Config, DEFAULT_ANTENNA_DELAY, FrameFilter, TxPower};
+pub use sensors::Sensors;
+pub use sleep::{Wake, WakeBy};
+
+use crate::radio::MAX_FRAME;
+use crate::{Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
+use bus::Bus;
+use register as reg;
+
+/// What bus or chip failed with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Error<E> {
+    /// The SPI bus.
+    Bus(E),
+    /// The interrupt pin.
+    InterruptPin,
+    /// This answered in place of a DW1000: all ones or zeros if nothing did.
+    WrongChip(u32),
+    /// The chip's clock PLL did not lock.
+    PllNotLocked,
+    /// The chip was not initialised, or sleeps.
+    NotReady,
+    /// The accumulator cannot be read while the receiver, which overwrites it, is on.
+    ReceiverOn,
+}
+
+impl<E> From<E> for Error<E> {
+    fn from(error: E) -> Self {
+        Self::Bus(error)
+    }
+}
+
+/// What the chip's transceiver does, as far as the driver knows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Transceiver {
+    /// Not initialised, or asleep.
+    NotReady,
+    /// An operation failed or was abandoned in the middle.
+    Unknown,
+    /// Idle.
+    Off,
+    /// The receiver is on.
+    Listening,
+}
+
+/// A DW1000 on an SPI device, with its interrupt pin, reset line and a delay.
+pub struct Dw1000<S, I, R, D> {
+    bus: Bus<S>,
+    irq: I,
+    reset: R,
+    delay: D,
+    config: Config,
+    transceiver: Transceiver,
+    /// The frame length in TX_FCTRL, so that it is written when it changes only.
+    tx_length: u8,
+    /// RX_FWTO, and whether SYS_CFG has it enabled: likewise.
+    rx_timer: u16,
+    rx_timer_on: bool,
+    /// What the chip's maker measured on it.
+    factory: startup::Factory,
+}
+
+impl<S, I, R, D> Dw1000<S, I, R, D>
+where
+    S: ClockedSpi,
+    I: Wait,
+    R: ResetLine,
+    D: DelayNs,
+{
+    /// A driver of a chip that nothing is known of yet; [`init`](Self::init) comes next.
+    pub fn new(spi: S, irq: I, reset: R, delay: D, config: Config) -> Self {
+        Self {
+            bus: Bus::new(spi),
+            irq,
+            reset,
+            delay,
+            config,
+            transceiver: Transceiver::NotReady,
+            tx_length: 0,
+            rx_timer: 0,
+            rx_timer_on: false,
+            factory: startup::Factory::default(),
+        }
+    }
+
+    /// The configuration.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// Transactions and bytes since the driver was made.
+    pub fn traffic(&self) -> Traffic {
+        self.bus.traffic
+    }
+
+    /// The bus, reset line and the rest, given back.
+    pub fn release(self) -> (S, I, R, D) {
+        (self.bus.spi, self.irq, self.reset, self.delay)
+    }
+
+    /// Stops a transceiver that is on or in an unknown state.
+    async fn ensure_off(&mut self) -> Result<(), Error<S::Error>> {
+        match self.transceiver {
+            Transceiver::NotReady => Err(Error::NotReady),
+            Transceiver::Unknown | Transceiver::Listening => self.stop().await,
+            Transceiver::Off => Ok(()),
+        }
+    }
+
+    /// Switches transmitter and receiver off, forgets what happened and resets the receiver, without which the next time
+    /// stamp after an error or timeout may be wrong (4.1.6); puts host and chip at the same receive buffer (4.3.2).
+    async fn stop(&mut self) -> Result<(), Error<S::Error>> {
+        self.transceiver = Transceiver::Unknown;
+        self.bus.write(reg::SYS_CTRL, &[reg::sys_ctrl::TRXOFF]).await?;
+        self.bus.write(reg::SYS_STATUS, &[0xFF; 4]).await?;
+        self.bus.write(reg::PMSC_CTRL0.plus(3), &[startup::RESET_RECEIVER]).await?;
+        self.bus.write(reg::PMSC_CTRL0.plus(3), &[startup::RESET_NOTHING]).await?;
+        self.align_buffers().await?;
+        self.transceiver = Transceiver::Off;
+        Ok(())
+    }
+
+    async fn align_buffers(&mut self) -> Result<(), Error<S::Error>> {
+        let [pointers] = self.bus.read(reg::SYS_STATUS.plus(3)).await?;
+        if receive::buffers_differ(u32::from(pointers) << 24) {
+            self.bus.write(reg::SYS_CTRL.plus(3), &[reg::sys_ctrl::HRBPT]).await?;
+        }
+        Ok(())
+    }
+
+    async fn status(&mut self) -> Result<u32, Error<S::Error>> {
+        Ok(u32::from_le_bytes(self.bus.read(reg::SYS_STATUS).await?))
+    }
+
+    async fn clock(&mut self) -> Result<RadioInstant, Error<S::Error>> {
+        if self.transceiver == Transceiver::NotReady {
+            return Err(Error::NotReady);
+        }
+        Ok(RadioInstant::from_le_bytes(self.bus.read(reg::SYS_TIME).await?))
+    }
+}
+
+/// The microseconds of a span, rounded up; none if it is negative.
+fn micros(span: RadioDuration) -> u32 {
+    let ticks = u64::try_from(span.ticks()).unwrap_or(0);
+    // 63 897.6 ticks a microsecond.
+    u32::try_from(ticks.saturating_mul(10).div_ceil(638_976)).unwrap_or(u32::MAX)
+}
+
+impl<S, I, R, D> Radio for Dw1000<S, I, R, D>
+where
+    S: ClockedSpi,
+    I: Wait,
+    R: ResetLine,
+    D: DelayNs,
+    S::Error: core::fmt::Debug,
+{
+    type Error = Error<S::Error>;
+
+    async fn now(&mut self) -> Result<RadioInstant, Self::Error> {
+        self.clock().await
+    }
+
+    fn departure(&self, at: RadioInstant) -> RadioInstant {
+        at.snapped().plus(RadioDuration::from_ticks(i64::from(self.config.tx_antenna_delay)))
+    }
+
+    async fn transmit(
+        &mut self,
+        frame: &[u8],
+        start: Start,
+        listen: bool,
+    ) -> Result<RadioInstant, TransmitError<Self::Error>> {
+        self.send(frame, start, listen).await
+    }
+
+    async fn receive<'b>(
+        &mut self,
+        buffer: &'b mut [u8; MAX_FRAME],
+        start: Start,
+        window: RadioDuration,
+        keep_listening: bool,
+    ) -> Result<RxFrame<'b>, ReceiveError<Self::Error>> {
+        self.hear(buffer, start, window, keep_listening).await
+    }
+
+    async fn idle(&mut self) -> Result<(), Self::Error> {
+        self.ensure_off().await
+    }
+}

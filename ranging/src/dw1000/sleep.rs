@@ -1,0 +1,127 @@
+//! Sleep and deep sleep, and waking with the configuration that the chip has kept (DW1000 user manual, 2.4, 7.2.45).
+
+use embedded_hal_async::{delay::DelayNs, digital::Wait};
+
+use super::bus::{ClockedSpi, ResetLine, SpiClock};
+use super::register as reg;
+use super::startup::{CLOCK_CRYSTAL, CLOCK_SEQUENCED, CLOCKS_DEFAULT};
+use super::{Dw1000, Error, Transceiver};
+
+/// AON_WCFG: what the chip does on waking (7.2.45.1).
+const RESTORE_CONFIGURATION: u16 = 1 << 6;
+const LOAD_LENGTH_64_PARAMETERS: u16 = 1 << 7;
+const LOAD_DETECTOR: u16 = 1 << 11;
+const LOAD_LDO_TUNE: u16 = 1 << 12;
+/// AON_CFG0: how it sleeps and what wakes it (7.2.45.6).
+const SLEEP_ENABLE: u8 = 1 << 0;
+const WAKE_BY_PIN: u8 = 1 << 1;
+const WAKE_BY_SPI: u8 = 1 << 2;
+const WAKE_BY_COUNTER: u8 = 1 << 3;
+/// The crystal's start (2.4.1).
+const CRYSTAL_START_MS: u32 = 5;
+
+/// What wakes the chip from outside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum WakeBy {
+    /// The chip-select line, held low for 500 µs: [`Dw1000::wake`] does it.
+    ChipSelect,
+    /// The WAKEUP pin, driven high for 500 µs by the board before [`Dw1000::wake`].
+    Pin,
+}
+
+/// How the chip sleeps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Wake {
+    /// Deep sleep, 50 nA: until woken from outside.
+    Outside(WakeBy),
+    /// Sleep, 1 µA: until woken from outside, or by itself after `counter` × 4096 periods of its low-power oscillator, whose
+    /// frequency is somewhere from 7 to 13 kHz: 0.3 to 0.6 s each.
+    Counter {
+        /// Periods of 4096 cycles.
+        counter: u16,
+        /// What may wake it earlier.
+        or: WakeBy,
+    },
+}
+
+impl<S, I, R, D> Dw1000<S, I, R, D>
+where
+    S: ClockedSpi,
+    I: Wait,
+    R: ResetLine,
+    D: DelayNs,
+{
+    /// Puts the chip to sleep. Its clock stops: time stamps before and after have nothing in common. Only
+    /// [`wake`](Self::wake) and [`init`](Self::init) work until it wakes.
+    pub async fn sleep(&mut self, wake: Wake) -> Result<(), Error<S::Error>> {
+        self.ensure_off().await?;
+        self.transceiver = Transceiver::NotReady;
+        let (from_outside, counter) = match wake {
+            Wake::Outside(by) => (by, None),
+            Wake::Counter { counter, or } => (or, Some(counter)),
+        };
+        if let Some(counter) = counter {
+            self.set_sleep_counter(counter).await?;
+        }
+        let mut on_wake = RESTORE_CONFIGURATION | LOAD_DETECTOR;
+        if self.factory.ldo_tuned {
+            on_wake |= LOAD_LDO_TUNE;
+        }
+        if self.config.phy.preamble_length().symbols() == 64 {
+            on_wake |= LOAD_LENGTH_64_PARAMETERS;
+        }
+        self.bus.write(reg::AON_WCFG, &on_wake.to_le_bytes()).await?;
+        let from_outside = match from_outside {
+            WakeBy::ChipSelect => WAKE_BY_SPI,
+            WakeBy::Pin => WAKE_BY_PIN,
+        };
+        let by_counter = if counter.is_some() { WAKE_BY_COUNTER } else { 0 };
+        self.bus.write(reg::AON_CFG0, &[SLEEP_ENABLE | from_outside | by_counter]).await?;
+        self.save_always_on().await
+    }
+
+    /// Wakes the chip, if it does not wake by itself or by its pin, and makes it ready: 6 ms. Where it has lost its
+    /// configuration (its supply was off), it is initialised anew.
+    pub async fn wake(&mut self) -> Result<(), Error<S::Error>> {
+        self.transceiver = Transceiver::NotReady;
+        self.bus.spi.set_clock(SpiClock::Slow)?;
+        self.wake_by_select().await?;
+        let channel = u32::from_le_bytes(self.bus.read(reg::CHAN_CTRL).await?);
+        if channel != self.config.chan_ctrl() {
+            return self.init().await;
+        }
+        self.await_pll().await?;
+        self.bus.spi.set_clock(SpiClock::Fast)?;
+        // The one register that is not kept, and is spoilt by the restoring of another (7.2.26).
+        self.bus.write(reg::TX_ANTD, &self.config.tx_antenna_delay.to_le_bytes()).await?;
+        self.stop().await
+    }
+
+    /// Holds the chip-select line low for longer than the 500 µs that wake the chip, and waits for its crystal.
+    pub(super) async fn wake_by_select(&mut self) -> Result<(), Error<S::Error>> {
+        self.bus.hold_select(600_000).await?;
+        self.delay.delay_ms(CRYSTAL_START_MS).await;
+        Ok(())
+    }
+
+    /// The counter is set from the crystal's clock, in three uploads: off, its value, on (7.2.45.6).
+    async fn set_sleep_counter(&mut self, counter: u16) -> Result<(), Error<S::Error>> {
+        self.bus.spi.set_clock(SpiClock::Slow)?;
+        self.bus.write(reg::PMSC_CTRL0, &[CLOCK_CRYSTAL]).await?;
+        self.bus.write(reg::AON_CFG0, &[0]).await?;
+        self.bus.write(reg::AON_CFG1, &[0]).await?;
+        self.upload_always_on().await?;
+        self.bus.write(reg::AON_CFG0.plus(2), &counter.to_le_bytes()).await?;
+        self.upload_always_on().await?;
+        self.bus.write(reg::AON_CFG1, &[1]).await?;
+        self.upload_always_on().await?;
+        self.set_clocks(CLOCK_SEQUENCED, CLOCKS_DEFAULT).await
+    }
+
+    async fn upload_always_on(&mut self) -> Result<(), Error<S::Error>> {
+        self.bus.write(reg::AON_CTRL, &[0x04]).await?;
+        self.bus.write(reg::AON_CTRL, &[0x00]).await
+    }
+}

@@ -1,0 +1,215 @@
+//! Reset, first contact, factory values, the first-path detector's program, and the configuration (2.4, 2.5.5, 7.2.50).
+
+use embedded_hal_async::{delay::DelayNs, digital::Wait};
+
+use super::bus::{ClockedSpi, ResetLine, SpiClock};
+use super::configuration::Config;
+use super::register::{self as reg, status};
+use super::{Dw1000, Error, Transceiver};
+use crate::phy::PreambleLength;
+
+/// DEV_ID of every DW1000.
+const DEVICE_ID: u32 = 0xDECA_0130;
+
+/// SOFTRESET in PMSC_CTRL0's last byte: active low, by bit all of the chip, all but the receiver, or nothing.
+const RESET_ALL: u8 = 0x00;
+pub(super) const RESET_RECEIVER: u8 = 0xE0;
+pub(super) const RESET_NOTHING: u8 = 0xF0;
+
+/// PMSC_CTRL0's first byte: the system runs from the crystal, or by sequence from the PLL.
+pub(super) const CLOCK_CRYSTAL: u8 = 0x01;
+pub(super) const CLOCK_SEQUENCED: u8 = 0x00;
+/// Its second byte: as after reset, and with the clock that loading from the one-time memory needs.
+pub(super) const CLOCKS_DEFAULT: u8 = 0x02;
+const CLOCKS_LOADING: u8 = 0x03;
+
+/// Addresses in the one-time programmable memory (6.3.1).
+const OTP_LDO_TUNE: u16 = 0x04;
+const OTP_VOLTAGE: u16 = 0x08;
+const OTP_TEMPERATURE: u16 = 0x09;
+const OTP_CRYSTAL: u16 = 0x1E;
+
+/// OTP_SF: loads the regulators' tuning, or an operating parameter set (7.2.46.9).
+const KICK_LDO: u8 = 1 << 1;
+const KICK_PARAMETERS: u8 = 1 << 0;
+const PARAMETERS_LENGTH_64: u8 = 0 << 5;
+const PARAMETERS_DEFAULT: u8 = 2 << 5;
+
+/// Crystal trim for a module without a measured one.
+const CRYSTAL_MIDDLE: u8 = 0x10;
+
+/// What the maker measured on this chip; zero where it did not.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Factory {
+    pub ldo_tuned: bool,
+    crystal_trim: u8,
+    /// Reading of the voltage sensor at 3.3 V.
+    pub voltage: u8,
+    /// Reading of the temperature sensor at 23 °C.
+    pub temperature: u8,
+}
+
+impl<S, I, R, D> Dw1000<S, I, R, D>
+where
+    S: ClockedSpi,
+    I: Wait,
+    R: ResetLine,
+    D: DelayNs,
+{
+    /// Resets the chip, whatever it does or sleeps, and writes the configuration: 12 ms. May be called at any time.
+    pub async fn init(&mut self) -> Result<(), Error<S::Error>> {
+        self.transceiver = Transceiver::NotReady;
+        self.bus.spi.set_clock(SpiClock::Slow)?;
+        self.reset.pull_low();
+        self.delay.delay_us(100).await;
+        self.reset.release();
+        // The crystal starts within 4 ms.
+        self.delay.delay_ms(5).await;
+        self.identify().await?;
+        self.soft_reset().await?;
+
+        self.bus.write(reg::PMSC_CTRL0, &[CLOCK_CRYSTAL]).await?;
+        // The flag of the PLL's lock is reliable with this only (7.2.37.1).
+        self.bus.write(reg::EC_CTRL, &[0x04]).await?;
+        self.read_factory_values().await?;
+        if self.factory.ldo_tuned {
+            self.bus.write(reg::OTP_SF, &[KICK_LDO]).await?;
+        }
+        self.load_first_path_detector().await?;
+        self.await_pll().await?;
+        self.bus.spi.set_clock(SpiClock::Fast)?;
+        // Reserved bits that keep deep sleep from working (7.2.45.7).
+        self.bus.write(reg::AON_CFG1, &[0]).await?;
+        self.write_configuration().await?;
+        self.stop().await
+    }
+
+    /// Replaces the configuration of a running chip.
+    pub async fn configure(&mut self, config: Config) -> Result<(), Error<S::Error>> {
+        self.ensure_off().await?;
+        self.config = config;
+        self.transceiver = Transceiver::Unknown;
+        self.write_configuration().await?;
+        self.transceiver = Transceiver::Off;
+        Ok(())
+    }
+
+    /// Replaces the network and the short address, which a node learns when it joins: one write of four bytes.
+    pub async fn set_address(&mut self, pan: u16, short_address: u16) -> Result<(), Error<S::Error>> {
+        self.ensure_off().await?;
+        self.config.pan = pan;
+        self.config.short_address = short_address;
+        let value = u32::from(short_address) | u32::from(pan) << 16;
+        self.bus.write(reg::PANADR, &value.to_le_bytes()).await
+    }
+
+    pub(super) async fn device_id(&mut self) -> Result<u32, Error<S::Error>> {
+        Ok(u32::from_le_bytes(self.bus.read(reg::DEV_ID).await?))
+    }
+
+    /// Checks that a DW1000 answers; one that sleeps, because it has no reset line, is woken first.
+    async fn identify(&mut self) -> Result<(), Error<S::Error>> {
+        if self.device_id().await? == DEVICE_ID {
+            return Ok(());
+        }
+        self.wake_by_select().await?;
+        match self.device_id().await? {
+            DEVICE_ID => Ok(()),
+            other => Err(Error::WrongChip(other)),
+        }
+    }
+
+    async fn soft_reset(&mut self) -> Result<(), Error<S::Error>> {
+        self.bus.write(reg::PMSC_CTRL0, &[CLOCK_CRYSTAL]).await?;
+        // Packet sequencing off; nothing is to be restored from, or kept in, the memory that survives the reset.
+        self.bus.write(reg::PMSC_CTRL1, &[0, 0]).await?;
+        self.bus.write(reg::AON_WCFG, &[0, 0]).await?;
+        self.bus.write(reg::AON_CFG0, &[0]).await?;
+        self.save_always_on().await?;
+        self.bus.write(reg::PMSC_CTRL0.plus(3), &[RESET_ALL]).await?;
+        // The PLL needs 10 µs.
+        self.delay.delay_us(1000).await;
+        self.bus.write(reg::PMSC_CTRL0.plus(3), &[RESET_NOTHING]).await
+    }
+
+    async fn read_factory_values(&mut self) -> Result<(), Error<S::Error>> {
+        let [ldo, _, _, _] = self.read_once_programmed(OTP_LDO_TUNE).await?;
+        let [voltage, _, _, _] = self.read_once_programmed(OTP_VOLTAGE).await?;
+        let [temperature, _, _, _] = self.read_once_programmed(OTP_TEMPERATURE).await?;
+        let [crystal, _, _, _] = self.read_once_programmed(OTP_CRYSTAL).await?;
+        self.factory = Factory { ldo_tuned: ldo != 0, crystal_trim: crystal & 0x1F, voltage, temperature };
+        Ok(())
+    }
+
+    async fn read_once_programmed(&mut self, address: u16) -> Result<[u8; 4], Error<S::Error>> {
+        self.bus.write(reg::OTP_ADDR, &address.to_le_bytes()).await?;
+        // Manual read mode and the read; the read clears itself, the mode does not.
+        self.bus.write(reg::OTP_CTRL, &[0x03]).await?;
+        self.bus.write(reg::OTP_CTRL, &[0x00]).await?;
+        self.bus.read(reg::OTP_RDAT).await
+    }
+
+    async fn load_first_path_detector(&mut self) -> Result<(), Error<S::Error>> {
+        self.set_clocks(CLOCK_CRYSTAL, CLOCKS_LOADING).await?;
+        // LDELOAD, 120 µs (2.5.5.10).
+        self.bus.write(reg::OTP_CTRL, &0x8000_u16.to_le_bytes()).await?;
+        self.delay.delay_us(150).await;
+        self.set_clocks(CLOCK_SEQUENCED, CLOCKS_DEFAULT).await
+    }
+
+    /// The first byte of PMSC_CTRL0 before the second, as Decawave's software has it.
+    pub(super) async fn set_clocks(&mut self, first: u8, second: u8) -> Result<(), Error<S::Error>> {
+        self.bus.write(reg::PMSC_CTRL0, &[first]).await?;
+        self.bus.write(reg::PMSC_CTRL0.plus(1), &[second]).await
+    }
+
+    pub(super) async fn await_pll(&mut self) -> Result<(), Error<S::Error>> {
+        for _ in 0..20 {
+            if self.status().await? & status::CPLOCK != 0 {
+                return Ok(());
+            }
+            self.delay.delay_us(100).await;
+        }
+        Err(Error::PllNotLocked)
+    }
+
+    pub(super) async fn save_always_on(&mut self) -> Result<(), Error<S::Error>> {
+        self.bus.write(reg::AON_CTRL, &[0x00]).await?;
+        self.bus.write(reg::AON_CTRL, &[0x02]).await
+    }
+
+    async fn write_configuration(&mut self) -> Result<(), Error<S::Error>> {
+        for write in self.config.writes() {
+            self.bus.write(write.register, write.bytes()).await?;
+        }
+        let trim = match (self.config.crystal_trim, self.factory.crystal_trim) {
+            (Some(trim), _) => trim & 0x1F,
+            (None, 0) => CRYSTAL_MIDDLE,
+            (None, trim) => trim,
+        };
+        // The upper three bits are 011, or the chip malfunctions (7.2.44.5).
+        self.bus.write(reg::FS_XTALT, &[0x60 | trim]).await?;
+        self.load_operating_parameters().await?;
+        self.tx_length = 0;
+        self.rx_timer = 0;
+        self.rx_timer_on = false;
+        self.bus.write(reg::RX_FWTO, &[0, 0]).await?;
+        Ok(())
+    }
+
+    /// The receiver's parameter set for preambles of 64 symbols, or for all others. While it loads, the chip runs from its
+    /// crystal, and the bus with it.
+    async fn load_operating_parameters(&mut self) -> Result<(), Error<S::Error>> {
+        let set = if self.config.phy.preamble_length() == PreambleLength::Symbols64 {
+            PARAMETERS_LENGTH_64
+        } else {
+            PARAMETERS_DEFAULT
+        };
+        self.bus.spi.set_clock(SpiClock::Slow)?;
+        self.set_clocks(CLOCK_CRYSTAL, CLOCKS_LOADING).await?;
+        self.bus.write(reg::OTP_SF, &[set | KICK_PARAMETERS]).await?;
+        self.set_clocks(CLOCK_SEQUENCED, CLOCKS_DEFAULT).await?;
+        self.delay.delay_us(10).await;
+        Ok(self.bus.spi.set_clock(SpiClock::Fast)?)
+    }
+}

@@ -1,0 +1,132 @@
+//! Sending a frame: buffer, length, time, start; then the interrupt (DW1000 user manual, 3).
+
+use core::pin::pin;
+
+use embassy_futures::select::{Either, select};
+use embedded_hal_async::{delay::DelayNs, digital::Wait};
+
+use super::bus::{ClockedSpi, ResetLine};
+use super::register::{self as reg, status, sys_ctrl};
+use super::{Dw1000, Error, Transceiver, micros};
+use crate::radio::MAX_FRAME;
+use crate::{Radio, RadioDuration, RadioInstant, Start, TransmitError};
+
+/// The check bytes that the chip adds.
+const CHECK_BYTES: u8 = 2;
+/// How long after its last pulse a frame's interrupt is looked for in the chip.
+const PATIENCE_US: u32 = 5_000;
+
+impl<S, I, R, D> Dw1000<S, I, R, D>
+where
+    S: ClockedSpi,
+    S::Error: core::fmt::Debug,
+    I: Wait,
+    R: ResetLine,
+    D: DelayNs,
+{
+    pub(super) async fn send(
+        &mut self,
+        frame: &[u8],
+        start: Start,
+        listen: bool,
+    ) -> Result<RadioInstant, TransmitError<Error<S::Error>>> {
+        let length = match u8::try_from(frame.len()) {
+            Ok(length) if frame.len() <= MAX_FRAME => length + CHECK_BYTES,
+            _ => return Err(TransmitError::TooLong),
+        };
+        self.ensure_off().await?;
+        self.transceiver = Transceiver::Unknown;
+        self.load(frame, length).await?;
+        if listen {
+            // The receiver that follows has no window yet.
+            self.set_rx_timer(None).await?;
+        }
+        self.start_transmitter(start, listen).await?;
+        self.await_sent(start, length).await?;
+        // Only the transmitter's flags, for the receiver may already have something to tell.
+        self.bus.write(reg::SYS_STATUS, &[0xF8]).await?;
+        let departed = match start {
+            Start::Now => RadioInstant::from_le_bytes(self.bus.read(reg::TX_TIME).await?),
+            Start::At(at) => self.departure(at),
+        };
+        self.transceiver = if listen { Transceiver::Listening } else { Transceiver::Off };
+        Ok(departed)
+    }
+
+    async fn load(&mut self, frame: &[u8], length: u8) -> Result<(), Error<S::Error>> {
+        self.bus.write(reg::TX_BUFFER, frame).await?;
+        if length != self.tx_length {
+            let [low, high, ..] = self.config.tx_fctrl(length).to_le_bytes();
+            self.bus.write(reg::TX_FCTRL, &[low, high]).await?;
+            self.tx_length = length;
+        }
+        Ok(())
+    }
+
+    async fn start_transmitter(&mut self, start: Start, listen: bool) -> Result<(), TransmitError<Error<S::Error>>> {
+        let listen = if listen { sys_ctrl::WAIT4RESP } else { 0 };
+        match start {
+            Start::Now => self.bus.write(reg::SYS_CTRL, &[sys_ctrl::TXSTRT | listen]).await?,
+            Start::At(at) => {
+                self.bus.write(reg::DX_TIME, &at.to_le_bytes()).await?;
+                let command = sys_ctrl::TXSTRT | sys_ctrl::TXDLYS | listen;
+                self.bus.write(reg::SYS_CTRL, &[command]).await?;
+                let [byte_3, byte_4] = self.bus.read(reg::SYS_STATUS.plus(3)).await?;
+                let half_period_away = u32::from(byte_3) << 24 & status::HPDWARN != 0;
+                if half_period_away || byte_4 & status::TXPUTE_IN_BYTE_4 != 0 {
+                    self.stop().await?;
+                    return Err(TransmitError::Late);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits for the interrupt; if it does not come, looks into the chip, and waits on while the start lies ahead.
+    async fn await_sent(&mut self, start: Start, length: u8) -> Result<(), TransmitError<Error<S::Error>>> {
+        let airtime = self.config.phy.airtime(u16::from(length));
+        loop {
+            if self.sent_within(micros(airtime).saturating_add(PATIENCE_US)).await? {
+                return Ok(());
+            }
+            if !self.lies_ahead(start, airtime).await? {
+                self.stop().await?;
+                return Err(TransmitError::NoConfirmation);
+            }
+        }
+    }
+
+    async fn sent_within(&mut self, microseconds: u32) -> Result<bool, Error<S::Error>> {
+        let mut patience = pin!(self.delay.delay_us(microseconds));
+        loop {
+            let interrupted = match select(patience.as_mut(), self.irq.wait_for_high()).await {
+                Either::First(()) => false,
+                Either::Second(Ok(())) => true,
+                Either::Second(Err(_)) => return Err(Error::InterruptPin),
+            };
+            let [flags] = self.bus.read(reg::SYS_STATUS).await?;
+            let sent = u32::from(flags) & status::TXFRS != 0;
+            if sent || !interrupted {
+                return Ok(sent);
+            }
+            // Something else raised the line: nothing of interest while a frame leaves.
+            self.bus.write(reg::SYS_STATUS.plus(1), &[0xFF; 3]).await?;
+        }
+    }
+
+    async fn lies_ahead(&mut self, start: Start, airtime: RadioDuration) -> Result<bool, Error<S::Error>> {
+        match start {
+            Start::Now => Ok(false),
+            Start::At(at) => {
+                let end = at.plus(airtime).plus(RadioDuration::from_micros(PATIENCE_US));
+                Ok(end.since(self.clock().await?).ticks() > 0)
+            }
+        }
+    }
+}
+
+impl<E> From<Error<E>> for TransmitError<Error<E>> {
+    fn from(error: Error<E>) -> Self {
+        Self::Radio(error)
+    }
+}
