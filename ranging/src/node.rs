@@ -19,7 +19,7 @@ const LONGEST_PAUSE_MS: u32 = 250;
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
 pub trait Restart: Radio {
     /// Resets the chip and configures it; its clock starts anew.
-    async fn restart(&mut self, delay: &mut impl DelayNs) -> Result<(), Self::Error>;
+    async fn restart(&mut self) -> Result<(), Self::Error>;
 }
 
 /// Who takes what a node finds out. The exchange waits meanwhile.
@@ -60,7 +60,7 @@ async fn attempt<R: Restart>(
     listener: &mut impl Listener,
     failures: &mut u32,
 ) -> Result<Infallible, R::Error> {
-    radio.restart(delay).await?;
+    radio.restart().await?;
     let mut buffer = [0; MAX_FRAME];
     let (mut now, mut event) = (radio.now().await?, Event::Started);
     loop {
