@@ -17,7 +17,7 @@ use chip::Chip;
 use toolchain::Toolchain;
 
 /// The crates of the node: they must build without an operating system, with and without their logging.
-const NO_STD_CRATES: [&str; 1] = ["positioning-core"];
+const NO_STD_CRATES: [&str; 4] = ["positioning-core", "ranging", "firmware-anchor", "firmware-tag"];
 
 /// The project's own chores. `cargo xtask ci` runs exactly what continuous integration runs.
 #[derive(Parser)]

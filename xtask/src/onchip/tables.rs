@@ -73,7 +73,7 @@ pub fn algebra(measured: &Measured) -> Result<String> {
     }
     let epoch = cases::Epoch::<2>::new(step::ANCHORS, 0);
     let exact = step::by_hand(epoch.samples(), &step::weights(), step::START, f32::sqrt);
-    table += "\n| weighted step, 12 anchors, 2D | square root | instructions | stack, bytes | off by |\n|---|---|---:|---:|---:|\n";
+    table += "\n| weighted step | square root | instructions | stack, bytes | off by |\n|---|---|---:|---:|---:|\n";
     for step in &printed.steps {
         let [x, y] = [step.position[0] - exact[0], step.position[1] - exact[1]];
         table += &format!(
