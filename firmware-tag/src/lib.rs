@@ -36,21 +36,28 @@ pub async fn run<R: Restart>(
     locator: Locator<'_>,
     sink: impl Sink,
 ) -> Infallible {
-    node::run(&mut radio, &mut delay, &mut machine, &mut Positioner { locator, sink }).await
+    node::run(&mut radio, &mut delay, &mut machine, &mut Positioner { locator, sink, place: None }).await
 }
 
 /// From rounds to epochs.
 struct Positioner<'a, S> {
     locator: Locator<'a>,
     sink: S,
+    /// Of the last round.
+    place: Option<[f32; 3]>,
 }
 
 impl<S: Sink> Listener for Positioner<'_, S> {
-    async fn report(&mut self, report: Report<'_>) {
+    async fn report(&mut self, report: Report<'_>) -> Option<[f32; 3]> {
         match report {
-            Report::Round(round) => self.sink.publish(self.locator.locate(round)).await,
+            Report::Round(round) => {
+                let epoch = self.locator.locate(round);
+                self.place = epoch.outcome.ok().map(|position| position.position_m);
+                self.sink.publish(epoch).await;
+            }
             Report::Link(link) => self.sink.link(link).await,
         }
+        self.place
     }
 
     async fn radio_failed(&mut self, error: &impl core::fmt::Debug, failures: u32) {

@@ -143,6 +143,11 @@ pub trait Machine {
     /// that left, its departure. Steps must follow each other within 8 s, or begin with [`Event::Started`] again: the clock
     /// wraps after 17.2 s.
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_>;
+
+    /// Tells where the node is, metres, where that is known. Machines that do not care ignore it.
+    fn set_position(&mut self, position_m: Option<[f32; 3]>) {
+        let _ = position_m;
+    }
 }
 
 /// Does an action with a radio; answers with the time and the event for the next step. A report is the caller's to read before.

@@ -25,8 +25,9 @@ pub trait Restart: Radio {
 /// Who takes what a node finds out. The exchange waits meanwhile.
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
 pub trait Listener {
-    /// A round of ranging, or a change of a link.
-    async fn report(&mut self, report: Report<'_>);
+    /// A round of ranging, or a change of a link. Answers with where the node is, metres, if it knows: a tag's machine chooses
+    /// its next anchors by it.
+    async fn report(&mut self, report: Report<'_>) -> Option<[f32; 3]>;
 
     /// The radio failed, for the `failures`-th time since it last worked; it is brought up again.
     async fn radio_failed(&mut self, error: &impl core::fmt::Debug, failures: u32);
@@ -65,13 +66,15 @@ async fn attempt<R: Restart>(
     let (mut now, mut event) = (radio.now().await?, Event::Started);
     loop {
         let action = machine.step(now, event);
-        let silent = matches!(action, Action::Report(_));
-        if let Action::Report(report) = action {
-            listener.report(report).await;
-        }
+        let place = match action {
+            Action::Report(report) => Some(listener.report(report).await),
+            Action::Transmit { .. } | Action::Receive { .. } | Action::WaitUntil(_) => None,
+        };
         (now, event) = execute(radio, delay, &mut buffer, action).await?;
-        if !silent {
-            *failures = 0;
+        match place {
+            Some(place) => machine.set_position(place),
+            // The radio did something, and did it well.
+            None => *failures = 0,
         }
     }
 }
