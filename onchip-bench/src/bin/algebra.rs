@@ -25,6 +25,9 @@ fn main() -> ! {
     semihosting::process::exit(0)
 }
 
+/// One way to write the step: samples and weights in, the position out.
+type Variant<'a> = dyn Fn(&[RangeSample<f32, 2>], &[f32]) -> Option<[f32; 2]> + 'a;
+
 fn compare(instrument: &mut Instrument, library: &str, root: impl Fn(f32) -> f32 + Copy) {
     for argument in step::ROOTS_OF {
         let (cost, answer) = instrument.cost(|| root(black_box(argument)));
@@ -32,7 +35,7 @@ fn compare(instrument: &mut Instrument, library: &str, root: impl Fn(f32) -> f32
     }
     let epoch = Epoch::<2>::new(step::ANCHORS, 0);
     let weights = step::weights();
-    let mut report = |variant: &str, call: &dyn Fn(&[RangeSample<f32, 2>], &[f32]) -> Option<[f32; 2]>| {
+    let mut report = |variant: &str, call: &Variant| {
         let (cost, answer) = instrument.cost(|| call(black_box(epoch.samples()), black_box(&weights)));
         let [x, y] = answer.unwrap_or([f32::NAN; 2]).map(f32::to_bits);
         println!("step {variant} {library} {} {} {x:08x} {y:08x}", cost.instructions, cost.stack);
