@@ -13,7 +13,7 @@ use crate::radio::MAX_FRAME;
 use crate::{RadioDuration, RadioInstant, ReceiveError, RxFrame, Start};
 
 /// Ticks in a step of the chip's frame wait timer: 512 chips, 1.026 µs (7.2.14).
-const TIMER_STEP_TICKS: i64 = 512 * 128;
+const TIMER_STEP_TICKS: u64 = 512 * 128;
 /// How much later than the chip's timer the delay ends a wait: the chip's interrupt is on its way.
 const TIMER_MARGIN_US: u32 = 200;
 /// How often, every 10 µs, the first-path detector is asked whether it is done, which takes it less than 100 µs.
@@ -125,8 +125,9 @@ where
 
     /// Sets the chip's own timer to a window, or switches it off for none and for one it cannot hold.
     pub(super) async fn set_rx_timer(&mut self, window: Option<RadioDuration>) -> Result<(), Error<S::Error>> {
-        let steps = window.map(|window| (window.ticks().max(1) + TIMER_STEP_TICKS - 1) / TIMER_STEP_TICKS);
-        let timer = steps.and_then(|steps| u16::try_from(steps).ok());
+        let steps =
+            |window: RadioDuration| u64::try_from(window.ticks()).unwrap_or(0).max(1).div_ceil(TIMER_STEP_TICKS);
+        let timer = window.and_then(|window| u16::try_from(steps(window)).ok());
         if let Some(timer) = timer.filter(|&timer| timer != self.rx_timer) {
             self.bus.write(reg::RX_FWTO, &timer.to_le_bytes()).await?;
             self.rx_timer = timer;

@@ -42,7 +42,7 @@ const CRYSTAL_MIDDLE: u8 = 0x10;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Factory {
     pub ldo_tuned: bool,
-    crystal_trim: u8,
+    pub crystal_trim: u8,
     /// Reading of the voltage sensor at 3.3 V.
     pub voltage: u8,
     /// Reading of the temperature sensor at 23 °C.

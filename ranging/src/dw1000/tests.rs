@@ -1,1 +1,7 @@
-//! Tests of the driver on the bus's bytes.
+//! Tests of the driver by the bytes on the bus; on simulated chips it is tested in the `sim` crate.
+
+mod double;
+mod frames;
+mod modes;
+mod restart;
+mod startup;

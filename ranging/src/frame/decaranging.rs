@@ -298,7 +298,7 @@ mod tests {
         let mut out = FrameBuffer::new();
         blink.emit(&mut out);
         assert_eq!(out.bytes(), short);
-        assert_eq!(short.len() + 2, BLINK_BYTES.into());
+        assert_eq!(short.len() + 2, usize::from(BLINK_BYTES));
         let long = [&short[..], &[0x43, 0x02, 0xD1, 0x7F, 0x8E, 0x00]].concat();
         assert_eq!(Blink::parse(&long), Some(blink));
         for length in (0..long.len()).filter(|length| *length != short.len()) {

@@ -1,0 +1,149 @@
+//! After any failure, and after a future was dropped in the middle, the driver goes on.
+
+use core::future::Future;
+use core::pin::pin;
+use core::task::{Context, Waker};
+
+use embassy_futures::block_on;
+
+use super::double::*;
+use crate::dw1000::{Error, Sample, Wake, WakeBy};
+use crate::radio::MAX_FRAME;
+use crate::{Radio, RadioDuration, ReceiveError, Start, TransmitError};
+use embedded_hal::spi::ErrorKind;
+
+const WINDOW: RadioDuration = RadioDuration::from_micros(1000);
+
+#[test]
+fn the_bus_may_fail_anywhere() {
+    let broken = Error::Bus(ErrorKind::Other);
+    for transactions in 0..6 {
+        let (mut radio, bus, _) = fast(true);
+        bus.answer(SYS_STATUS, &[0x81]);
+        bus.fail_after(Some(transactions));
+        let sent = block_on(radio.transmit(&[1, 2, 3], Start::Now, false));
+        assert_eq!(sent, Err(TransmitError::Radio(broken)), "after {transactions}");
+        bus.fail_after(None);
+        bus.seen();
+        assert!(block_on(radio.transmit(&[1, 2, 3], Start::Now, false)).is_ok());
+        // It begins by switching off what it does not know.
+        assert_eq!(bus.seen()[0], write(&[0x8D, 0x40]));
+    }
+    for transactions in 0..11 {
+        let (mut radio, bus, _) = fast(true);
+        bus.answer(SYS_STATUS, &[0x01, 0x6F, 0x00, 0x80]);
+        bus.answer(&[0x10], &[5, 0, 0, 0]);
+        bus.fail_after(Some(transactions));
+        let mut buffer = [0; MAX_FRAME];
+        let heard = block_on(radio.receive(&mut buffer, Start::Now, WINDOW, true));
+        assert_eq!(heard, Err(ReceiveError::Radio(broken)), "after {transactions}");
+        bus.fail_after(None);
+        bus.seen();
+        assert!(block_on(radio.receive(&mut buffer, Start::Now, WINDOW, true)).is_ok());
+        assert_eq!(bus.seen()[0], write(&[0x8D, 0x40]));
+    }
+}
+
+#[test]
+fn a_dropped_reception_is_stopped_before_the_next_operation() {
+    let (mut radio, bus, _) = fast(false);
+    {
+        let mut buffer = [0; MAX_FRAME];
+        let mut reception = pin!(radio.receive(&mut buffer, Start::Now, WINDOW, false));
+        assert!(reception.as_mut().poll(&mut Context::from_waker(Waker::noop())).is_pending());
+    }
+    bus.seen();
+    // The chip had filled a buffer in between (ICRBP, bit 31): the host follows it.
+    bus.answer(&[0x4F, 0x03], &[0x80]);
+    block_on(radio.idle()).unwrap();
+    let seen = bus.seen();
+    assert_eq!(seen[0], write(&[0x8D, 0x40]));
+    assert_eq!(seen[4..], [read(&[0x4F, 0x03], 1), write(&[0xCD, 0x03, 0x01])]);
+    block_on(radio.idle()).unwrap();
+    assert_eq!(bus.seen(), [], "off is off");
+}
+
+#[test]
+fn a_transmission_without_an_end_is_given_up() {
+    let (mut radio, bus, _) = fast(false);
+    assert_eq!(block_on(radio.transmit(&[1], Start::Now, false)), Err(TransmitError::NoConfirmation));
+    // One whose interrupt alone was lost is a success.
+    bus.answer(SYS_STATUS, &[0x80]);
+    assert!(block_on(radio.transmit(&[1], Start::Now, false)).is_ok());
+}
+
+#[test]
+fn nothing_works_before_init_or_asleep() {
+    let not_ready = Error::NotReady;
+    let mut radio =
+        crate::dw1000::Dw1000::new(Bus::default(), Line(true), (), Delay::default(), *fast(true).0.config());
+    assert_eq!(block_on(radio.now()), Err(not_ready));
+    assert_eq!(block_on(radio.idle()), Err(not_ready));
+    assert_eq!(block_on(radio.transmit(&[1], Start::Now, false)), Err(TransmitError::Radio(not_ready)));
+
+    let (mut radio, bus, _) = fast(true);
+    block_on(radio.sleep(Wake::Outside(WakeBy::ChipSelect))).unwrap();
+    assert_eq!(
+        bus.seen(),
+        [
+            // Restore the configuration (bit 6), load the detector (bit 11).
+            write(&[0xAC, 0x40, 0x08]),
+            // Sleep, wake by SPI.
+            write(&[0xEC, 0x06, 0x05]),
+            write(&[0xEC, 0x02, 0x00]),
+            write(&[0xEC, 0x02, 0x02]),
+        ]
+    );
+    assert_eq!(block_on(radio.now()), Err(not_ready));
+    assert_eq!(bus.seen(), []);
+
+    // CHAN_CTRL: channel 5 twice, PRF 64, code 9 twice.
+    bus.answer(&[0x1F], &(5 | 5 << 4 | 0b10 << 18 | 9 << 22 | 9_u32 << 27).to_le_bytes());
+    bus.answer(SYS_STATUS, &[0x02, 0, 0, 0]);
+    block_on(radio.wake()).unwrap();
+    let seen = bus.seen();
+    assert_eq!(seen[1], Seen::Hold(600_000));
+    // TX_ANTD is not kept in sleep: 16436 = 0x4034.
+    assert!(seen.contains(&write(&[0x98, 0x34, 0x40])));
+    assert!(block_on(radio.now()).is_ok());
+}
+
+#[test]
+fn a_chip_that_lost_its_configuration_asleep_is_initialised() {
+    let (mut radio, bus, _) = fast(true);
+    block_on(radio.sleep(Wake::Outside(WakeBy::Pin))).unwrap();
+    bus.seen();
+    bus.answer(&[0x00], &[0x30, 0x01, 0xCA, 0xDE]);
+    bus.answer(SYS_STATUS, &[0x02, 0, 0, 0]);
+    block_on(radio.wake()).unwrap();
+    // AGC_TUNE2 is part of the configuration.
+    assert!(bus.seen().contains(&write(&[0xE3, 0x0C, 0x07, 0xA9, 0x02, 0x25])));
+}
+
+#[test]
+fn impulse_response_is_read_around_the_first_path() {
+    let (mut radio, bus, _) = fast(true);
+    // Sample 747 at byte 2988 = 0xBAC: low seven bits 0x2C, rest 0x17. A dummy byte, then I = −2, Q = 515.
+    bus.answer(&[0x65, 0xAC, 0x17], &[0xAA, 0xFE, 0xFF, 0x03, 0x02]);
+    let mut window = [Sample::default(); 40];
+    assert_eq!(block_on(radio.impulse_response(750.9, 3, &mut window)), Ok(747));
+    assert_eq!(window[0], Sample { i: -2, q: 515 });
+    assert_eq!(window[1], Sample::default());
+    let seen = bus.seen();
+    assert_eq!(
+        seen,
+        [
+            write(&[0xB6, 0x48]),
+            write(&[0xF6, 0x01, 0x82]),
+            read(&[0x65, 0xAC, 0x17], 129),
+            // 32 samples on: byte 3116 = 0xC2C.
+            read(&[0x65, 0xAC, 0x18], 33),
+            write(&[0xB6, 0x00]),
+            write(&[0xF6, 0x01, 0x02]),
+        ]
+    );
+    // At the ends the window moves inside 1016 samples; what is longer than all of them stays zero.
+    assert_eq!(block_on(radio.impulse_response(2.0, 3, &mut window)), Ok(0));
+    assert_eq!(block_on(radio.impulse_response(1015.0, 3, &mut window)), Ok(976));
+    assert_eq!(block_on(radio.impulse_response(f32::NAN, 3, &mut [Sample { i: 1, q: 1 }; 1100])), Ok(0));
+}

@@ -1,0 +1,111 @@
+//! Initialisation: who answers, in which order, at which clock.
+
+use embassy_futures::block_on;
+
+use super::double::*;
+use crate::PhyConfig;
+use crate::dw1000::{Config, Dw1000, Error, FrameFilter, SpiClock, TxPower};
+
+fn uninitialised() -> (Driver, Bus) {
+    let bus = Bus::default();
+    (Dw1000::new(bus.clone(), Line(true), (), Delay::default(), Config::new(PhyConfig::FAST)), bus)
+}
+
+#[test]
+fn another_chip_is_named() {
+    let (mut radio, bus) = uninitialised();
+    bus.answer(&[0x00], &[0xFF; 4]);
+    assert_eq!(block_on(radio.init()), Err(Error::WrongChip(0xFFFF_FFFF)));
+    // It might have slept: the chip-select line was held, and it was asked again.
+    let seen = bus.seen();
+    assert_eq!(seen[1..], [read(&[0x00], 4), Seen::Hold(600_000), read(&[0x00], 4)]);
+}
+
+#[test]
+fn a_pll_that_does_not_lock_is_an_error() {
+    let (mut radio, bus) = uninitialised();
+    bus.answer(&[0x00], &[0x30, 0x01, 0xCA, 0xDE]);
+    assert_eq!(block_on(radio.init()), Err(Error::PllNotLocked));
+    assert!(!bus.seen().contains(&Seen::Clock(SpiClock::Fast)));
+}
+
+#[test]
+fn the_bus_is_slow_until_the_pll_has_locked() {
+    let (mut radio, bus) = uninitialised();
+    bus.answer(&[0x00], &[0x30, 0x01, 0xCA, 0xDE]);
+    // Not at first, then locked.
+    bus.answer(SYS_STATUS, &[0, 0, 0, 0]);
+    bus.answer(SYS_STATUS, &[0x02, 0, 0, 0]);
+    block_on(radio.init()).unwrap();
+    let seen = bus.seen();
+    assert_eq!(seen[0], Seen::Clock(SpiClock::Slow));
+    let fast = seen.iter().position(|s| *s == Seen::Clock(SpiClock::Fast)).unwrap();
+    let locked = seen.iter().rposition(|s| *s == read(&[0x0F], 4)).unwrap();
+    assert!(locked < fast);
+    // Whenever the chip is told to run from its crystal (PMSC_CTRL0 = 01), the bus is slow.
+    let mut clock = SpiClock::Slow;
+    for seen in &seen {
+        match seen {
+            Seen::Clock(now) => clock = *now,
+            Seen::Write(bytes) if bytes[..] == [0xB6, 0x01] => assert_eq!(clock, SpiClock::Slow),
+            Seen::Write(_) | Seen::Read(..) | Seen::Hold(_) => {}
+        }
+    }
+    assert_eq!(clock, SpiClock::Fast);
+    // The detector's program is loaded, with the clocks that this needs (2.5.5.10).
+    let load = seen.iter().position(|s| *s == write(&[0xED, 0x06, 0x00, 0x80])).unwrap();
+    assert_eq!(seen[load - 2..load], [write(&[0xB6, 0x01]), write(&[0xF6, 0x01, 0x03])]);
+    assert_eq!(seen[load + 1..load + 3], [write(&[0xB6, 0x00]), write(&[0xF6, 0x01, 0x02])]);
+    // No maker's crystal trim: the middle, with the upper bits 011.
+    assert!(seen.contains(&write(&[0xEB, 0x0E, 0x70])));
+}
+
+#[test]
+fn the_makers_trims_are_used() {
+    let (mut radio, bus) = uninitialised();
+    bus.answer(&[0x00], &[0x30, 0x01, 0xCA, 0xDE]);
+    bus.answer(SYS_STATUS, &[0x02, 0, 0, 0]);
+    // One-time memory in the order it is asked: LDO tune, voltage, temperature, crystal (5 bits).
+    for word in [[0x28, 0, 0, 0], [173, 0, 0, 0], [116, 0, 0, 0], [0xF3, 0x01, 0, 0]] {
+        bus.answer(&[0x6D, 0x0A], &word);
+    }
+    block_on(radio.init()).unwrap();
+    let seen = bus.seen();
+    assert!(seen.contains(&write(&[0xED, 0x12, 0x02])), "regulators' tuning loaded");
+    assert!(seen.contains(&write(&[0xEB, 0x0E, 0x73])));
+    for address in [0x04, 0x08, 0x09, 0x1E] {
+        assert!(seen.contains(&write(&[0xED, 0x04, address, 0x00])));
+    }
+}
+
+#[test]
+fn filter_address_power_and_trim_reach_the_chip() {
+    let config = Config {
+        tx_power: TxPower::Calibrated { register: 0x1F2F_3F4F, smart: false },
+        crystal_trim: Some(0x0A),
+        pan: 0xDECA,
+        short_address: 0x1234,
+        eui: 0x0102_0304_0506_0708,
+        filter: FrameFilter::DATA.and(FrameFilter::TYPE_5),
+        tx_antenna_delay: 0x4000,
+        rx_antenna_delay: 0x4100,
+        ..Config::new(PhyConfig::FAST)
+    };
+    let (mut radio, bus, _) = fast(true);
+    block_on(radio.configure(config)).unwrap();
+    let seen = bus.seen();
+    for bytes in [
+        &[0x81, 8, 7, 6, 5, 4, 3, 2, 1][..],
+        &[0x83, 0x34, 0x12, 0xCA, 0xDE],
+        // FFEN, FFAD, FFA5 (bits 0, 3, 8), HIRQ_POL (9), DIS_STXP (18); DIS_DRXB (12) is not set.
+        &[0x84, 0x09, 0x03, 0x04, 0x00],
+        &[0x9E, 0x4F, 0x3F, 0x2F, 0x1F],
+        &[0xEB, 0x0E, 0x6A],
+        &[0x98, 0x00, 0x40],
+        &[0xEE, 0x84, 0x30, 0x00, 0x41],
+    ] {
+        assert!(seen.contains(&write(bytes)), "{bytes:x?}");
+    }
+    block_on(radio.set_address(0xABCD, 0x0042)).unwrap();
+    assert_eq!(bus.seen(), [write(&[0x83, 0x42, 0x00, 0xCD, 0xAB])]);
+}
