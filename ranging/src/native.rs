@@ -12,12 +12,39 @@
 //! All nodes of a network are built with one [`Network`], from which all times follow.
 
 mod anchor;
+mod clock;
+mod coordination;
+mod neighbours;
+mod plan;
 mod tag;
 mod timing;
 
-pub use anchor::AnchorConfig;
-pub use tag::{Rate, TagConfig};
-pub use timing::{Network, Turnaround};
+pub use anchor::{Anchor, AnchorConfig};
+pub use clock::{ClockModel, STAMP_DEVIATION_TICKS};
+pub use plan::NOTICE_SUPERFRAMES;
+pub use tag::{Rate, Tag, TagConfig};
+pub use timing::{Network, Timing, Turnaround};
 
 /// The most anchors of one round.
 pub const MAX_ROUND: usize = 8;
+
+/// How long before an instant a node wakes that has slept, and how early a superframe is taken to begin.
+const WAKE: crate::RadioDuration = crate::RadioDuration::from_micros(60);
+
+/// Whether what is told by a network of this term and coordinator is to be followed by one who follows that of `term` and
+/// `coordinator`: the same, a later term, or of one term the lower address.
+fn prevails(told: (u8, u16), followed: (u8, u16)) -> bool {
+    match told.0.wrapping_sub(followed.0) {
+        0 => told.1 <= followed.1,
+        later => later < 0x80,
+    }
+}
+
+/// Spreads choices without a source of randomness: other nodes, and the same node next time, choose differently.
+fn spread(address: u16, superframe: u16, choices: u16) -> u16 {
+    // Finaliser of MurmurHash3.
+    let mut hash = u32::from(address) << 16 | u32::from(superframe);
+    hash = (hash ^ hash >> 16).wrapping_mul(0x85EB_CA6B);
+    hash = (hash ^ hash >> 13).wrapping_mul(0xC2B2_AE35);
+    ((hash ^ hash >> 16) % u32::from(choices.max(1))) as u16
+}

@@ -2,9 +2,9 @@
 //!
 //! | message | code | payload after the code |
 //! |---|---|---|
-//! | poll, tag → all | B0 | round (2), number of anchors (high nibble) and options (1), anchors in slot order (2 each); with option 2, the last distance to each (2 each) |
+//! | poll, tag → all | B0 | round (2), number of anchors (high nibble) and options (1), anchors in slot order (2 each); with option 1, the last distance to each (2 each) |
 //! | response, anchor → tag | B1 | round (2), poll RX (5), response TX − poll RX (4) |
-//! | beacon, anchor → all | B2 | superframe (2), term (1), age (1), hops (1), coordinator (2), slot (1), slot owners (16), request (3), heard (3), version (1), effective (1), position (9), number of members (1), members (3 each) |
+//! | beacon, anchor → all | B2 | superframe (2), term (1), age (1), hops (1), coordinator (2), slot (1), slot owners (16), request (3), heard (3), version (1), countdown (1), position (9), number of members (1), members (3 each) |
 //! | request, tag → all | B3 | share (1) |
 //!
 //! Times are in ticks. A distance is in units of 4 mm, signed; 0x8000 is unknown. A position is three times 24 bits,
@@ -26,9 +26,8 @@ const RESPONSE: u8 = 0xB1;
 const BEACON: u8 = 0xB2;
 const REQUEST: u8 = 0xB3;
 
-/// Option bits of a poll.
-const RELEASING: u8 = 1;
-const WITH_DISTANCES: u8 = 2;
+/// Option of a poll.
+const WITH_DISTANCES: u8 = 1;
 
 /// A native frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -67,8 +66,6 @@ pub enum Message {
 pub struct Poll {
     /// Number of the round: answers repeat it.
     pub round: u16,
-    /// The tag gives its slots back after this round.
-    pub releasing: bool,
     /// Who is to answer, in the order of the slots.
     pub anchors: Vec<Asked, MAX_ROUND>,
 }
@@ -147,8 +144,8 @@ pub struct Beacon {
     pub heard: u32,
     /// Number of the list of members.
     pub version: u8,
-    /// Low byte of the number of the superframe from which on the list counts.
-    pub effective: u8,
+    /// Superframes, from this one, until the list counts; until then the list before does.
+    pub countdown: u8,
     /// Where the sender stands.
     pub position: Option<Position>,
     /// The tags of the network, by address.
@@ -297,10 +294,11 @@ impl Poll {
     fn parse(mut reader: Reader<'_>) -> Option<Self> {
         let round = reader.u16()?;
         let [count, options] = reader.u8().map(|byte| [byte >> 4, byte & 0x0F])?;
-        if options & !(RELEASING | WITH_DISTANCES) != 0 {
-            return None;
-        }
-        let with_distances = options & WITH_DISTANCES != 0;
+        let with_distances = match options {
+            0 => false,
+            WITH_DISTANCES => true,
+            _ => return None,
+        };
         let mut anchors = Vec::new();
         for _ in 0..count {
             anchors.push(Asked { address: reader.u16()?, distance: Distance::Unsent }).ok()?;
@@ -314,12 +312,12 @@ impl Poll {
             }
         }
         reader.end()?;
-        (!anchors.is_empty()).then_some(Self { round, releasing: options & RELEASING != 0, anchors })
+        (!anchors.is_empty()).then_some(Self { round, anchors })
     }
 
     fn emit(&self, out: &mut FrameBuffer) {
         let with_distances = self.anchors.iter().any(|asked| asked.distance != Distance::Unsent);
-        let options = if self.releasing { RELEASING } else { 0 } | if with_distances { WITH_DISTANCES } else { 0 };
+        let options = if with_distances { WITH_DISTANCES } else { 0 };
         out.put(&[POLL]);
         out.put(&self.round.to_le_bytes());
         out.put(&[(self.anchors.len() as u8) << 4 | options]);
@@ -365,7 +363,7 @@ impl Beacon {
             Member { tag: BROADCAST, .. } => return None,
             member => Some(member),
         };
-        let [a, b, c, version, effective] = reader.take()?;
+        let [a, b, c, version, countdown] = reader.take()?;
         let heard = u32::from_le_bytes([a, b, c, 0]);
         let position = Position::parse(reader.take()?)?;
         let mut members = Vec::new();
@@ -385,7 +383,7 @@ impl Beacon {
             request,
             heard,
             version,
-            effective,
+            countdown,
             position,
             members,
         })
@@ -400,7 +398,7 @@ impl Beacon {
         out.put(&self.slot_owners);
         self.request.unwrap_or(Member { tag: BROADCAST, share: Share::Release }).emit(out);
         let [a, b, c, _] = self.heard.to_le_bytes();
-        out.put(&[a, b, c, self.version, self.effective]);
+        out.put(&[a, b, c, self.version, self.countdown]);
         out.put(&Position::bytes(self.position));
         out.put(&[self.members.len() as u8]);
         for member in &self.members {
@@ -443,7 +441,7 @@ mod tests {
     #[test]
     fn golden_poll() {
         let asked = |address| Asked { address, distance: Distance::Unsent };
-        let poll = Poll { round: 0x1234, releasing: false, anchors: [asked(1), asked(0x0203)].into_iter().collect() };
+        let poll = Poll { round: 0x1234, anchors: [asked(1), asked(0x0203)].into_iter().collect() };
         round_trip(Message::Poll(poll), &[0xB0, 0x34, 0x12, 0x20, 1, 0, 3, 2]);
     }
 
@@ -452,8 +450,8 @@ mod tests {
         // 3.2 m are 800 units of 4 mm, 0x0320; −0.1 m are −25, 0xFFE7.
         let anchors = [(1, Distance::from_metres(3.2)), (2, Distance::Unknown), (3, Distance::from_metres(-0.1))];
         let anchors = anchors.into_iter().map(|(address, distance)| Asked { address, distance }).collect();
-        let poll = Poll { round: 1, releasing: true, anchors };
-        round_trip(Message::Poll(poll), &[0xB0, 1, 0, 0x33, 1, 0, 2, 0, 3, 0, 0x20, 0x03, 0x00, 0x80, 0xE7, 0xFF]);
+        let poll = Poll { round: 1, anchors };
+        round_trip(Message::Poll(poll), &[0xB0, 1, 0, 0x31, 1, 0, 2, 0, 3, 0, 0x20, 0x03, 0x00, 0x80, 0xE7, 0xFF]);
     }
 
     #[test]
@@ -488,7 +486,7 @@ mod tests {
             request: None,
             heard: 0x0A0B0C,
             version: 9,
-            effective: 7,
+            countdown: 7,
             position: Position::from_metres([1.0, -0.001, 8.388]),
             members: (0..members as u16).map(|tag| Member { tag: 0x0400 + tag, share: Share::Greedy }).collect(),
         }
@@ -512,10 +510,10 @@ mod tests {
             out.bytes().len()
         };
         let longest = length(Message::Beacon(beacon(MAX_MEMBERS)));
-        assert_eq!((longest, longest + 2), (MAX_FRAME - 1, BEACON_BYTES.into()));
+        assert_eq!((longest, longest + 2), (MAX_FRAME - 1, usize::from(BEACON_BYTES)));
         let asked = Asked { address: 1, distance: Distance::Unknown };
-        let poll = Poll { round: 0, releasing: false, anchors: core::iter::repeat_n(asked, MAX_ROUND).collect() };
-        assert_eq!(length(Message::Poll(poll)) + 2, POLL_BYTES.into());
+        let poll = Poll { round: 0, anchors: core::iter::repeat_n(asked, MAX_ROUND).collect() };
+        assert_eq!(length(Message::Poll(poll)) + 2, usize::from(POLL_BYTES));
     }
 
     #[test]

@@ -1,7 +1,13 @@
 //! The anchor in native mode: answers polls, keeps and relays time, and coordinates when nobody else does.
 
-use super::Network;
-use crate::RadioDuration;
+use super::coordination::{Coordination, Heard};
+use super::timing::{BEACON_SLOTS, Phase, Timing};
+use super::{Network, STAMP_DEVIATION_TICKS, WAKE, spread};
+use crate::exchange::{Action, Event, Link, Machine, Range, Report, Round};
+use crate::frame::native::{Frame, Member, Message, Poll, Position, Response};
+use crate::frame::{BROADCAST, FrameBuffer};
+use crate::time::METRES_PER_TICK;
+use crate::{RadioDuration, RadioInstant, RxFrame, Start};
 
 /// What an anchor is told at its start.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,4 +22,215 @@ pub struct AnchorConfig {
     pub antenna_delay: RadioDuration,
     /// Where it stands, metres, once surveyed.
     pub position_m: Option<[f32; 3]>,
+}
+
+/// Superframes to listen for a network before founding one …
+const SEARCH_SUPERFRAMES: i64 = 2;
+/// … and as many beacon slots as the address says, of this many: of anchors switched on together, one is first.
+const SEARCH_SPREAD: u16 = 128;
+/// What a distance told by a tag is worth: two stamps, halved (see [`tof`](crate::tof)).
+const DEVIATION_M: f32 = 0.5 * core::f32::consts::SQRT_2 * STAMP_DEVIATION_TICKS * METRES_PER_TICK as f32;
+
+/// The anchor's side of native mode. Its reports are changes of its place in the network, and rounds of one range where a tag
+/// tells what it measured.
+#[derive(Clone, Debug)]
+pub struct Anchor {
+    config: AnchorConfig,
+    timing: Timing,
+    position: Option<Position>,
+    network: Option<Coordination>,
+    /// Without a network: when to found one.
+    found_at: Option<RadioInstant>,
+    answer: Option<Answer>,
+    link: Option<Link>,
+    told: Option<Told>,
+    /// The one that the node is reading.
+    reported: Option<Told>,
+    sequence: u8,
+    out: FrameBuffer,
+}
+
+/// A response to be sent at an instant.
+#[derive(Clone, Copy, Debug)]
+struct Answer {
+    tag: u16,
+    start: RadioInstant,
+    response: Response,
+}
+
+/// A distance that a tag has told.
+#[derive(Clone, Copy, Debug)]
+struct Told {
+    round: u16,
+    poll: RadioInstant,
+    range: [Range; 1],
+}
+
+impl Anchor {
+    /// An anchor that has heard nobody yet.
+    pub fn new(config: AnchorConfig) -> Self {
+        Self {
+            config,
+            timing: Timing::of(&config.network),
+            position: config.position_m.and_then(Position::from_metres),
+            network: None,
+            found_at: None,
+            answer: None,
+            link: None,
+            told: None,
+            reported: None,
+            sequence: 0,
+            out: FrameBuffer::new(),
+        }
+    }
+
+    fn hear(&mut self, frame: &RxFrame<'_>) {
+        let Some(told) = Frame::parse(frame.bytes).filter(|told| told.pan == self.config.network.pan) else { return };
+        if told.destination != BROADCAST {
+            return;
+        }
+        match told.message {
+            Message::Poll(poll) => self.hear_poll(told.source, &poll, frame),
+            Message::Request(share) => {
+                if let Some(network) = &mut self.network {
+                    network.request(Member { tag: told.source, share });
+                }
+            }
+            Message::Beacon(beacon) => {
+                if usize::from(beacon.slot) >= BEACON_SLOTS || told.source == self.config.address {
+                    return;
+                }
+                match &mut self.network {
+                    Some(network) => match network.hear(&self.timing, told.source, &beacon, frame.rx_time) {
+                        Heard::Ignored | Heard::Followed => {}
+                        Heard::Changed(link) => self.link = Some(link),
+                    },
+                    None => {
+                        let phase = Phase::from_beacon(&self.timing, beacon.superframe, beacon.slot, frame.rx_time);
+                        self.network = Some(Coordination::join(self.config.address, told.source, &beacon, phase));
+                        self.link = Some(Link::Synchronised(beacon.coordinator));
+                    }
+                }
+            }
+            // Other anchors'.
+            Message::Response(_) => {}
+        }
+    }
+
+    fn hear_poll(&mut self, tag: u16, poll: &Poll, frame: &RxFrame<'_>) {
+        if let Some(network) = &mut self.network {
+            network.hear_tag(tag);
+        }
+        let named = |place: &usize| poll.anchors.get(*place).is_some_and(|asked| asked.address == self.config.address);
+        let Some(slot) = (0..poll.anchors.len()).find(named) else { return };
+        let poll_rx = frame.rx_time;
+        let antenna_delay = self.config.antenna_delay;
+        let start = poll_rx.plus(self.timing.reply_in(slot)).plus(RadioDuration::from_ticks(-antenna_delay.ticks()));
+        // The chip starts at the snapped instant: that is what the tag must be told.
+        let departure = start.snapped().plus(antenna_delay);
+        let response = Response { round: poll.round, poll_rx, reply: departure.since(poll_rx) };
+        self.answer = Some(Answer { tag, start, response });
+        let distance = poll.anchors.get(slot).and_then(|asked| asked.distance.metres());
+        self.told = distance.map(|distance_m| Told {
+            // The distance is that of the round before.
+            round: poll.round.wrapping_sub(1),
+            poll: poll_rx,
+            range: [Range {
+                peer: tag,
+                distance_m,
+                deviation_m: DEVIATION_M,
+                position_m: None,
+                diagnostics: frame.diagnostics,
+            }],
+        });
+    }
+
+    fn write(&mut self, destination: u16, message: Message) {
+        self.sequence = self.sequence.wrapping_add(1);
+        let Network { pan, .. } = self.config.network;
+        Frame { sequence: self.sequence, pan, destination, source: self.config.address, message }.emit(&mut self.out);
+    }
+
+    fn listen(window: RadioDuration) -> Action<'static> {
+        Action::Receive { start: Start::Now, window, keep_listening: true }
+    }
+
+    /// What is next in the course of the superframe: the beacon when it is due, else listening.
+    fn schedule(&mut self, present: RadioInstant) -> Action<'_> {
+        let timing = self.timing;
+        let address = self.config.address;
+        let network = match &mut self.network {
+            Some(network) => network,
+            None => {
+                let patience = SEARCH_SUPERFRAMES * timing.superframe.ticks()
+                    + i64::from(spread(address, 0, SEARCH_SPREAD)) * timing.beacon_slot.ticks();
+                let found_at = *self.found_at.get_or_insert(present.plus(RadioDuration::from_ticks(patience)));
+                let rest = found_at.since(present);
+                if rest > RadioDuration::ZERO {
+                    return Self::listen(rest);
+                }
+                self.network = Some(Coordination::found(address, present));
+                self.found_at = None;
+                return Action::Report(Report::Link(Link::Coordinating));
+            }
+        };
+        network.advance(&timing, present.plus(RadioDuration::from_ticks(2 * WAKE.ticks())));
+        let passed = present.since(network.phase.start).ticks();
+        let rest = RadioDuration::from_ticks(timing.superframe.ticks() - passed);
+        let Some(slot) = network.due() else { return Self::listen(rest) };
+        let rmarker = timing.beacon(slot.into());
+        let ready = passed + timing.transmit.ticks() + timing.to_rmarker.ticks();
+        let spare = RadioDuration::from_ticks(rmarker.ticks() - ready);
+        if spare > WAKE {
+            return Self::listen(spare);
+        }
+        if spare < RadioDuration::ZERO {
+            network.skip();
+            return Self::listen(rest);
+        }
+        let start = network.phase.at(rmarker).plus(RadioDuration::from_ticks(-self.config.antenna_delay.ticks()));
+        let (beacon, takes_over) = network.tell(slot, self.position);
+        if takes_over {
+            self.link = Some(Link::Coordinating);
+        }
+        self.write(BROADCAST, Message::Beacon(beacon));
+        Action::Transmit { frame: self.out.bytes(), start: Start::At(start), listen: true }
+    }
+}
+
+impl Machine for Anchor {
+    fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
+        let mut present = now;
+        match event {
+            Event::Started => {
+                self.network = None;
+                self.found_at = None;
+                self.answer = None;
+            }
+            Event::Received(frame) => {
+                self.hear(&frame);
+                let bytes = frame.bytes.len() as u16 + 2;
+                present = frame.rx_time.plus(self.config.network.phy.time_after_rmarker(bytes));
+            }
+            Event::Sent(_)
+            | Event::NotSent
+            | Event::Corrupt
+            | Event::Timeout
+            | Event::Late
+            | Event::Woken
+            | Event::Reported => {}
+        }
+        if let Some(Answer { tag, start, response }) = self.answer.take() {
+            self.write(tag, Message::Response(response));
+            return Action::Transmit { frame: self.out.bytes(), start: Start::At(start), listen: true };
+        }
+        if let Some(link) = self.link.take() {
+            return Action::Report(Report::Link(link));
+        }
+        if let Some(told) = self.told.take() {
+            let Told { round, poll, range } = self.reported.insert(told);
+            return Action::Report(Report::Round(Round { number: *round, poll: *poll, asked: 1, ranges: range }));
+        }
+        self.schedule(present)
+    }
 }

@@ -1,7 +1,19 @@
-//! The tag in native mode.
+//! The tag in native mode: hears beacons, asks for slots, ranges in its own.
 
-use super::Network;
-use crate::RadioDuration;
+use heapless::Vec;
+
+use super::neighbours::{Neighbours, Team};
+use super::plan::{Membership, lists, owned_slots};
+use super::timing::{HOLDOVER_SUPERFRAMES, Phase, SHARED_SLOTS, Timing};
+use super::{MAX_ROUND, Network, STAMP_DEVIATION_TICKS, WAKE, prevails, spread};
+use crate::exchange::{Action, Event, Link, Machine, Range, Report, Round};
+use crate::frame::native::{
+    Asked, Beacon, Distance, Frame, MAX_MEMBERS, Message, OWNED_BEACON_SLOTS, Poll, Position, Response, Share,
+};
+use crate::frame::{BROADCAST, FrameBuffer};
+use crate::time::METRES_PER_TICK;
+use crate::tof::single_sided_corrected;
+use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
 
 /// How often a tag ranges.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -9,7 +21,7 @@ use crate::RadioDuration;
 pub enum Rate {
     /// A fair share of all slots: a lone tag uses every one.
     Greedy,
-    /// Once in this time (rounded down to what slots allow), as long as there are slots for it.
+    /// At least once in this time, as long as there are slots for it.
     Every(RadioDuration),
 }
 
@@ -25,4 +37,450 @@ pub struct TagConfig {
     pub anchors: u8,
     /// How often it wants to range.
     pub rate: Rate,
+    /// Whether polls tell the anchors the last distance to each.
+    pub tell_distances: bool,
+}
+
+/// Without a beacon for this many superframes the tag searches anew.
+const LOST_AFTER: u16 = 5;
+/// Superframes from a request until the list can tell of it: to a relay, from there to the coordinator, and back.
+const REQUEST_PATIENCE: u16 = 4;
+/// A response may come this much off its slot, ticks (10 µs): the way there and back, and the clocks' drift.
+const SLOT_TOLERANCE_TICKS: u64 = 640_000;
+
+/// What the tag's last action was for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Doing {
+    /// Listening, waiting, asking for slots, reporting: nothing hangs on its outcome.
+    Nothing,
+    /// A poll is on its way.
+    Polling,
+    /// Responses are awaited until the round's deadline.
+    Collecting,
+}
+
+/// The tag's side of native mode. Its reports are rounds of ranges to anchors, and changes of its link to the network.
+#[derive(Clone, Debug)]
+pub struct Tag {
+    config: TagConfig,
+    timing: Timing,
+    bias: RangeBias,
+    share: Share,
+    doing: Doing,
+    link: Option<Link>,
+    network: Option<Followed>,
+    neighbours: Neighbours,
+    position_m: Option<[f32; 3]>,
+    round: Exchange,
+    sequence: u8,
+    out: FrameBuffer,
+}
+
+/// The network that the tag follows.
+#[derive(Clone, Debug)]
+struct Followed {
+    phase: Phase,
+    term: u8,
+    coordinator: u16,
+    /// The superframe of the last beacon heard.
+    heard: u16,
+    membership: Membership,
+    /// From this superframe on slots may be asked for.
+    request_from: u16,
+    /// Requests without effect.
+    requests: u8,
+    /// The superframe that `owned` is for.
+    planned: Option<u16>,
+    /// Round slots of our own in this superframe: bit i for slot i.
+    owned: u64,
+    joined: bool,
+}
+
+/// The round in progress, or the last.
+#[derive(Clone, Debug)]
+struct Exchange {
+    number: u16,
+    poll_tx: RadioInstant,
+    team: Team,
+    /// Slots of the round whose response may still come.
+    pending: u8,
+    ranges: Vec<Range, MAX_ROUND>,
+}
+
+impl Tag {
+    /// A tag that has heard nobody yet.
+    pub fn new(config: TagConfig) -> Self {
+        let timing = Timing::of(&config.network);
+        Self {
+            config,
+            timing,
+            bias: RangeBias::of(&config.network.phy),
+            share: share_of(config.rate, &timing),
+            doing: Doing::Nothing,
+            link: None,
+            network: None,
+            neighbours: Neighbours::new(),
+            position_m: None,
+            round: Exchange {
+                number: 0,
+                poll_tx: RadioInstant::default(),
+                team: Team::new(),
+                pending: 0,
+                ranges: Vec::new(),
+            },
+            sequence: 0,
+            out: FrameBuffer::new(),
+        }
+    }
+
+    /// Ranges more or less often from now on; `None` gives the slots back and ranges no more.
+    pub fn set_rate(&mut self, rate: Option<Rate>) {
+        self.share = rate.map_or(Share::Release, |rate| share_of(rate, &self.timing));
+    }
+
+    /// How many anchors are heard.
+    pub fn anchors_heard(&self) -> usize {
+        self.neighbours.len()
+    }
+
+    fn hear(&mut self, frame: &RxFrame<'_>) {
+        let Some(told) = Frame::parse(frame.bytes).filter(|told| told.pan == self.config.network.pan) else { return };
+        match told.message {
+            Message::Beacon(beacon) if told.destination == BROADCAST => self.hear_beacon(told.source, &beacon, frame),
+            Message::Response(response) if told.destination == self.config.address => {
+                self.hear_response(told.source, response, frame);
+            }
+            // Other tags', and what is not for us.
+            Message::Beacon(_) | Message::Response(_) | Message::Poll(_) | Message::Request(_) => {}
+        }
+    }
+
+    fn hear_beacon(&mut self, source: u16, beacon: &Beacon, frame: &RxFrame<'_>) {
+        if usize::from(beacon.slot) >= OWNED_BEACON_SLOTS + SHARED_SLOTS {
+            return;
+        }
+        let phase = Phase::from_beacon(&self.timing, beacon.superframe, beacon.slot, frame.rx_time);
+        let told = (beacon.term, beacon.coordinator);
+        let anew = match &mut self.network {
+            None => true,
+            Some(network) => {
+                let mut expected = network.phase;
+                expected.advance(&self.timing, frame.rx_time);
+                let silent = expected.number.wrapping_sub(network.heard);
+                let followed = (network.term, network.coordinator);
+                // In step: the same superframe, begun at the same time. A beacon repeated later is neither.
+                let off = phase.start.since(expected.start).ticks().unsigned_abs();
+                let in_step = phase.number == expected.number && off <= self.timing.guard.ticks().unsigned_abs();
+                if in_step && prevails(told, followed) {
+                    network.phase = phase;
+                    network.heard = phase.number;
+                    (network.term, network.coordinator) = told;
+                    network.membership.hear(beacon.version, beacon.countdown, &beacon.members, false);
+                    if told.1 != followed.1 {
+                        self.link = Some(Link::Synchronised(told.1));
+                    }
+                    false
+                } else if silent > HOLDOVER_SUPERFRAMES || (told != followed && prevails(told, followed)) {
+                    true
+                } else {
+                    return;
+                }
+            }
+        };
+        if anew {
+            let mut membership = Membership::default();
+            membership.hear(beacon.version, beacon.countdown, &beacon.members, true);
+            self.link = Some(Link::Synchronised(beacon.coordinator));
+            self.network = Some(Followed {
+                phase,
+                term: beacon.term,
+                coordinator: beacon.coordinator,
+                heard: phase.number,
+                membership,
+                request_from: phase.number,
+                requests: 0,
+                planned: None,
+                owned: 0,
+                joined: false,
+            });
+        }
+        if let Some(anchor) = self.neighbours.hear(source, frame.diagnostics.rx_power_dbm) {
+            anchor.position_m = beacon.position.map(Position::metres);
+        }
+    }
+
+    fn hear_response(&mut self, source: u16, response: Response, frame: &RxFrame<'_>) {
+        let round = &mut self.round;
+        let Some(slot) = round.team.iter().position(|&anchor| anchor == source) else { return };
+        let round1 = frame.rx_time.since(round.poll_tx);
+        let due = self.timing.reply_in(slot).ticks();
+        let in_slot = |time: RadioDuration| time.ticks().abs_diff(due) <= SLOT_TOLERANCE_TICKS;
+        let awaited = self.doing == Doing::Collecting && round.pending >> slot & 1 == 1;
+        if !awaited || response.round != round.number || !in_slot(round1) || !in_slot(response.reply) {
+            return;
+        }
+        // Responses come in the order of their slots: those before have been lost.
+        round.pending &= !(u8::MAX >> (MAX_ROUND - 1 - slot));
+        let diagnostics = frame.diagnostics;
+        let Some(anchor) = self.neighbours.hear(source, diagnostics.rx_power_dbm) else { return };
+        anchor.compare_clocks(round.poll_tx, response.poll_rx, diagnostics.clock_offset_ppm);
+        let flight = single_sided_corrected(round1, response.reply, anchor.clock.rate());
+        let distance_m = flight.metres() - self.bias.metres(diagnostics.rx_power_dbm);
+        // Noise of two stamps and of the rate over the reply, each by half (see `tof`).
+        let reply = response.reply.ticks() as f32;
+        let variance =
+            2.0 * STAMP_DEVIATION_TICKS * STAMP_DEVIATION_TICKS + reply * reply * anchor.clock.rate_variance();
+        let deviation_m = 0.5 * METRES_PER_TICK as f32 * libm::sqrtf(variance);
+        anchor.distance_m = Some(distance_m);
+        let range = Range { peer: source, distance_m, deviation_m, position_m: anchor.position_m, diagnostics };
+        // One a slot at most: it fits.
+        let _ = round.ranges.push(range);
+    }
+
+    /// What follows while responses are awaited: more listening, or `None` when the round is over.
+    fn collect(&self, present: RadioInstant) -> Option<Action<'static>> {
+        let round = &self.round;
+        let last = round.team.len().checked_sub(1)?;
+        let end = self.timing.reply_in(last).ticks() + self.timing.response_tail.ticks() + self.timing.guard.ticks();
+        let window = round.poll_tx.plus(RadioDuration::from_ticks(end)).since(present);
+        let others_may_follow = round.pending & !(1 << last) != 0;
+        (round.pending != 0 && window > RadioDuration::ZERO).then_some(Action::Receive {
+            start: Start::Now,
+            window,
+            keep_listening: others_may_follow,
+        })
+    }
+
+    fn finish_round(&mut self) -> Action<'_> {
+        self.doing = Doing::Nothing;
+        for &anchor in &self.round.team {
+            let answered = self.round.ranges.iter().any(|range| range.peer == anchor);
+            self.neighbours.asked(anchor, answered);
+        }
+        Action::Report(Report::Round(Round {
+            number: self.round.number,
+            poll: self.round.poll_tx,
+            asked: self.round.team.len() as u8,
+            ranges: &self.round.ranges,
+        }))
+    }
+
+    /// Puts the next poll into `out`.
+    fn write_poll(&mut self) {
+        let round = &mut self.round;
+        round.number = round.number.wrapping_add(1);
+        round.ranges.clear();
+        round.pending = match round.team.len() {
+            0 => 0,
+            places => u8::MAX >> MAX_ROUND.saturating_sub(places),
+        };
+        let mut anchors = Vec::new();
+        for &address in &round.team {
+            let distance = match (self.config.tell_distances, self.neighbours.get_mut(address)) {
+                (false, _) => Distance::Unsent,
+                (true, anchor) => {
+                    anchor.and_then(|anchor| anchor.distance_m).map_or(Distance::Unknown, Distance::from_metres)
+                }
+            };
+            let _ = anchors.push(Asked { address, distance });
+        }
+        let number = round.number;
+        self.write(Message::Poll(Poll { round: number, anchors }));
+    }
+
+    fn write(&mut self, message: Message) {
+        self.sequence = self.sequence.wrapping_add(1);
+        let Network { pan, .. } = self.config.network;
+        Frame { sequence: self.sequence, pan, destination: BROADCAST, source: self.config.address, message }
+            .emit(&mut self.out);
+    }
+
+    fn listen(window: RadioDuration) -> Action<'static> {
+        Action::Receive { start: Start::Now, window, keep_listening: true }
+    }
+
+    /// What is next in the course of the superframe, no round being in progress.
+    fn schedule(&mut self, present: RadioInstant) -> Action<'_> {
+        let timing = self.timing;
+        let Some(network) = &mut self.network else { return Self::listen(timing.superframe) };
+        let begun = network.phase.advance(&timing, present.plus(RadioDuration::from_ticks(2 * WAKE.ticks())));
+        network.membership.advance(begun);
+        self.neighbours.advance(begun);
+        let silent = network.phase.number.wrapping_sub(network.heard);
+        if silent > LOST_AFTER {
+            self.network = None;
+            return Action::Report(Report::Link(Link::Unsynchronised));
+        }
+        let passed = present.since(network.phase.start);
+        if passed < timing.rounds() {
+            return self.among_beacons(passed);
+        }
+        network.plan(&self.config, &timing, silent);
+        let listed = network.membership.in_force().is_some_and(|members| lists(members, self.config.address));
+        if listed && !network.joined {
+            network.joined = true;
+            let slots = network.owned.count_ones().max(1) as u8;
+            return Action::Report(Report::Link(Link::Joined(slots)));
+        }
+        network.joined &= listed;
+        if network.planned.replace(network.phase.number) != Some(network.phase.number) {
+            self.round.team = self.neighbours.choose(self.config.anchors.into(), self.position_m);
+        }
+        self.among_rounds(passed)
+    }
+
+    /// In the beacon slots: listening, and asking for slots where those of the list are not those wanted.
+    fn among_beacons(&mut self, passed: RadioDuration) -> Action<'_> {
+        let timing = self.timing;
+        let rest = RadioDuration::from_ticks(timing.rounds().ticks() - passed.ticks());
+        let Some(network) = &mut self.network else { return Self::listen(rest) };
+        let (address, number) = (self.config.address, network.phase.number);
+        let listed = network.membership.members().iter().find(|member| member.tag == address);
+        let settled = listed.map_or(Share::Release, |member| member.share) == self.share;
+        let full = listed.is_none() && network.membership.members().len() == MAX_MEMBERS;
+        if settled {
+            network.requests = 0;
+        }
+        if settled || full || number.wrapping_sub(network.request_from) >= 0x8000 {
+            return Self::listen(rest);
+        }
+        let slot = OWNED_BEACON_SLOTS + usize::from(spread(address, number, SHARED_SLOTS as u16));
+        let rmarker = timing.beacon(slot);
+        let ready = passed.ticks() + timing.transmit.ticks() + timing.to_rmarker.ticks();
+        let spare = RadioDuration::from_ticks(rmarker.ticks() - ready);
+        if spare > WAKE {
+            return Self::listen(spare);
+        }
+        // Whoever collides waits longer each time, one not as long as the other.
+        let patience = spread(number, address, 1 << network.requests.min(3));
+        network.request_from = number.wrapping_add(REQUEST_PATIENCE + patience);
+        network.requests = network.requests.saturating_add(1);
+        if spare < RadioDuration::ZERO {
+            return Self::listen(rest);
+        }
+        let start = Start::At(network.phase.at(rmarker));
+        self.write(Message::Request(self.share));
+        Action::Transmit { frame: self.out.bytes(), start, listen: true }
+    }
+
+    /// In the round slots: a round where one fits in slots of our own, else off until the next of them or the next superframe.
+    fn among_rounds(&mut self, passed: RadioDuration) -> Action<'_> {
+        let timing = self.timing;
+        let Some(network) = &self.network else { return Self::listen(timing.superframe) };
+        let phase = network.phase;
+        let half_guard = timing.guard.ticks() / 2;
+        let length = timing.round(self.round.team.len()).ticks() + half_guard;
+        let earliest = passed.ticks() + timing.transmit.ticks();
+        for (begin, end) in runs(network.owned) {
+            let pulse = earliest.max(timing.round_slot_begin(begin).ticks() + half_guard);
+            if self.round.team.is_empty() || pulse + length > timing.round_slot_begin(end).ticks() {
+                continue;
+            }
+            if pulse - earliest > 2 * WAKE.ticks() {
+                let wake = pulse - timing.transmit.ticks() - WAKE.ticks();
+                return Action::WaitUntil(phase.at(RadioDuration::from_ticks(wake)));
+            }
+            let start = if pulse > earliest {
+                Start::At(phase.at(RadioDuration::from_ticks(pulse + timing.to_rmarker.ticks())))
+            } else {
+                Start::Now
+            };
+            self.doing = Doing::Polling;
+            self.write_poll();
+            return Action::Transmit { frame: self.out.bytes(), start, listen: true };
+        }
+        let wake = timing.superframe.ticks() - WAKE.ticks();
+        Action::WaitUntil(phase.at(RadioDuration::from_ticks(wake)))
+    }
+}
+
+impl Followed {
+    /// Finds out which slots are ours in this superframe: none where the plan may have changed unheard.
+    fn plan(&mut self, config: &TagConfig, timing: &Timing, silent: u16) {
+        let number = self.phase.number;
+        if self.planned == Some(number) {
+            return;
+        }
+        self.owned = match self.membership.in_force() {
+            Some(members) if silent <= HOLDOVER_SUPERFRAMES => {
+                owned_slots(members, config.address, number, timing.round_slots)
+            }
+            Some(_) | None => 0,
+        };
+    }
+}
+
+impl Machine for Tag {
+    fn set_position(&mut self, position_m: Option<[f32; 3]>) {
+        self.position_m = position_m;
+    }
+
+    fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
+        let mut present = now;
+        match event {
+            Event::Started => {
+                self.doing = Doing::Nothing;
+                self.network = None;
+                self.neighbours.forget_clocks();
+            }
+            Event::Sent(departure) => {
+                if self.doing == Doing::Polling {
+                    self.doing = Doing::Collecting;
+                    self.round.poll_tx = departure;
+                }
+            }
+            Event::Received(frame) => {
+                self.hear(&frame);
+                let bytes = frame.bytes.len() as u16 + 2;
+                present = frame.rx_time.plus(self.config.network.phy.time_after_rmarker(bytes));
+            }
+            // The window ended with the round, or the receiver was never on.
+            Event::Timeout | Event::Late | Event::NotSent => match self.doing {
+                Doing::Collecting => self.round.pending = 0,
+                Doing::Polling => self.doing = Doing::Nothing,
+                Doing::Nothing => {}
+            },
+            Event::Corrupt | Event::Woken | Event::Reported => {}
+        }
+        if self.doing == Doing::Collecting {
+            return match self.collect(present) {
+                Some(action) => action,
+                None => self.finish_round(),
+            };
+        }
+        match self.link.take() {
+            Some(link) => Action::Report(Report::Link(link)),
+            None => self.schedule(present),
+        }
+    }
+}
+
+/// Runs of set bits: (first, one past the last).
+fn runs(bits: u64) -> impl Iterator<Item = (usize, usize)> {
+    let mut from = 0;
+    core::iter::from_fn(move || {
+        let rest = bits.checked_shr(from)?;
+        if rest == 0 {
+            return None;
+        }
+        let begin = from + rest.trailing_zeros();
+        let end = begin + (bits >> begin).trailing_ones();
+        from = end;
+        Some((begin as usize, end as usize))
+    })
+}
+
+/// What a rate needs of a superframe.
+fn share_of(rate: Rate, timing: &Timing) -> Share {
+    match rate {
+        Rate::Greedy => Share::Greedy,
+        Rate::Every(period) => {
+            let (period, superframe) = (period.ticks().max(1), timing.superframe.ticks());
+            // At least as often as wanted: slots rounded up, superframes down.
+            match (period / superframe).min(127) as u8 {
+                0 | 1 => Share::Slots(((superframe + period - 1) / period).min(126) as u8),
+                superframes => Share::OneIn(superframes),
+            }
+        }
+    }
 }

@@ -1,6 +1,13 @@
 //! When things happen in native mode: from the frames' time on the air and the quickness of the boards.
+//!
+//! ```text
+//! superframe: | 16 beacon slots, one an anchor | 4 shared slots | round slots, each one poll and eight responses        |
+//! round:      | poll | answer time | response 0 | gap | response 1 | gap | … |
+//! ```
 
-use crate::{PhyConfig, RadioDuration};
+use crate::frame::native::{BEACON_BYTES, OWNED_BEACON_SLOTS, POLL_BYTES, RESPONSE_BYTES};
+use crate::native::MAX_ROUND;
+use crate::{PhyConfig, RadioDuration, RadioInstant};
 
 /// How quick the slowest board of a network is, beside its frames' time on the air; measured on the board, interrupt latency,
 /// bus and computation together.
@@ -34,4 +41,152 @@ pub struct Network {
     pub phy: PhyConfig,
     /// The quickness of the slowest board.
     pub turnaround: Turnaround,
+}
+
+/// Beacon slots that nobody owns: for tags' requests, and beacons of anchors that found no slot of their own.
+pub const SHARED_SLOTS: usize = 4;
+/// All beacon slots.
+pub const BEACON_SLOTS: usize = OWNED_BEACON_SLOTS + SHARED_SLOTS;
+/// The most round slots of a superframe.
+pub const MAX_ROUND_SLOTS: usize = 64;
+
+/// The superframe lasts this long, where the beacon slots leave enough of it.
+const SUPERFRAME: RadioDuration = RadioDuration::from_micros(100_000);
+/// It lasts at least this many times the beacon slots together.
+const BEACON_SHARE: i64 = 4;
+/// Two clocks part by at most this many millionths (±20 ppm each) …
+const DRIFT_PPM: i64 = 40;
+/// … for this many superframes without a beacon heard.
+pub const HOLDOVER_SUPERFRAMES: u16 = 2;
+/// The longest way to another node and back: 450 m, 3 µs.
+const WAY_THERE_AND_BACK: RadioDuration = RadioDuration::from_micros(3);
+
+/// When things happen; the same for all nodes of a [`Network`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Timing {
+    /// From the poll's RMARKER, heard, to that of the first response.
+    pub reply: RadioDuration,
+    /// From one response's RMARKER to the next one's.
+    pub response_slot: RadioDuration,
+    /// From the RMARKER of a response to its end.
+    pub response_tail: RadioDuration,
+    /// From a frame's first pulse to its RMARKER.
+    pub to_rmarker: RadioDuration,
+    /// What two nodes' ideas of a slot's beginning may differ by.
+    pub guard: RadioDuration,
+    /// A beacon slot.
+    pub beacon_slot: RadioDuration,
+    /// A round slot.
+    pub round_slot: RadioDuration,
+    /// Round slots of a superframe, at most [`MAX_ROUND_SLOTS`].
+    pub round_slots: u8,
+    /// A superframe.
+    pub superframe: RadioDuration,
+    /// From a decision to transmit to the first pulse ([`Turnaround::transmit`]).
+    pub transmit: RadioDuration,
+}
+
+const fn sum(a: RadioDuration, b: RadioDuration) -> RadioDuration {
+    RadioDuration::from_ticks(a.ticks() + b.ticks())
+}
+
+const fn times(a: RadioDuration, n: i64) -> RadioDuration {
+    RadioDuration::from_ticks(a.ticks() * n)
+}
+
+impl Timing {
+    /// That of a network.
+    pub const fn of(network: &Network) -> Self {
+        let Network { phy, turnaround, .. } = network;
+        let to_rmarker = phy.time_to_rmarker();
+        let reply = sum(sum(phy.time_after_rmarker(POLL_BYTES), turnaround.answer), to_rmarker);
+        let listen_again = sum(turnaround.listen_again, WAY_THERE_AND_BACK);
+        let response_slot = sum(phy.airtime(RESPONSE_BYTES), listen_again);
+        let response_tail = phy.time_after_rmarker(RESPONSE_BYTES);
+
+        // The guard follows from the superframe's length, which hardly follows from the guard: one step is enough.
+        let beacon_airtime = phy.airtime(BEACON_BYTES).ticks() + listen_again.ticks();
+        let nominal = SUPERFRAME.ticks();
+        let slow = (beacon_airtime + beacon_airtime / 16) * (BEACON_SLOTS as i64) * BEACON_SHARE;
+        let superframe = if slow > nominal { slow } else { nominal };
+        let drift = superframe * (HOLDOVER_SUPERFRAMES as i64 + 1) * DRIFT_PPM / 1_000_000;
+        let guard = RadioDuration::from_ticks(drift + WAY_THERE_AND_BACK.ticks());
+
+        let beacon_slot = RadioDuration::from_ticks(beacon_airtime + guard.ticks());
+        let round = sum(sum(sum(to_rmarker, reply), times(response_slot, MAX_ROUND as i64 - 1)), response_tail);
+        let round_slot = sum(sum(round, turnaround.listen_again), guard);
+        let fit = (superframe - beacon_slot.ticks() * BEACON_SLOTS as i64) / round_slot.ticks();
+        let round_slots = if fit > MAX_ROUND_SLOTS as i64 { MAX_ROUND_SLOTS as u8 } else { fit as u8 };
+        Self {
+            reply,
+            response_slot,
+            response_tail,
+            to_rmarker,
+            guard,
+            beacon_slot,
+            round_slot,
+            round_slots,
+            superframe: RadioDuration::from_ticks(superframe),
+            transmit: turnaround.transmit,
+        }
+    }
+
+    /// From the poll's RMARKER to that of the response in this slot of the round.
+    pub const fn reply_in(&self, slot: usize) -> RadioDuration {
+        sum(self.reply, times(self.response_slot, slot as i64))
+    }
+
+    /// From the first pulse of a poll that names this many anchors to the end of the last response.
+    pub const fn round(&self, anchors: usize) -> RadioDuration {
+        sum(sum(self.to_rmarker, self.reply_in(anchors.saturating_sub(1))), self.response_tail)
+    }
+
+    /// From the beginning of the superframe to the RMARKER of a frame in this beacon slot.
+    pub const fn beacon(&self, slot: usize) -> RadioDuration {
+        let half_guard = RadioDuration::from_ticks(self.guard.ticks() / 2);
+        sum(sum(times(self.beacon_slot, slot as i64), half_guard), self.to_rmarker)
+    }
+
+    /// From the beginning of the superframe to the end of its beacon slots, where the round slots begin.
+    pub const fn rounds(&self) -> RadioDuration {
+        times(self.beacon_slot, BEACON_SLOTS as i64)
+    }
+
+    /// From the beginning of the superframe to that of this round slot (to its end: to the beginning of the next).
+    pub const fn round_slot_begin(&self, slot: usize) -> RadioDuration {
+        sum(self.rounds(), times(self.round_slot, slot as i64))
+    }
+}
+
+/// Where a node is in the course of superframes, in its own clock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Phase {
+    /// Number of the superframe, wrapping.
+    pub number: u16,
+    /// When it began.
+    pub start: RadioInstant,
+}
+
+impl Phase {
+    /// From a beacon: sent in `slot` of superframe `number`, heard at `rx_time`.
+    pub fn from_beacon(timing: &Timing, number: u16, slot: u8, rx_time: RadioInstant) -> Self {
+        let offset = timing.beacon(slot.into()).ticks();
+        Self { number, start: rx_time.plus(RadioDuration::from_ticks(-offset)) }
+    }
+
+    /// Goes on to the superframe that `now` is in; answers how many have begun since.
+    pub fn advance(&mut self, timing: &Timing, now: RadioInstant) -> u16 {
+        let length = timing.superframe.ticks();
+        let begun = (now.since(self.start).ticks().div_euclid(length)).clamp(0, i64::from(u16::MAX));
+        self.number = self.number.wrapping_add(begun as u16);
+        self.start = self.start.plus(RadioDuration::from_ticks(begun * length));
+        begun as u16
+    }
+
+    /// The instant this long after the superframe's beginning.
+    pub fn at(&self, offset: RadioDuration) -> RadioInstant {
+        self.start.plus(offset)
+    }
 }

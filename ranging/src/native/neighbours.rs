@@ -1,0 +1,291 @@
+//! The anchors that a tag hears, and which of them it asks.
+//!
+//! When more are heard than a round has places, those are asked whose ranges tell most about the position: one after the other
+//! the anchor that adds most information to those chosen (the largest determinant of the information matrix Σ w·u·uᵀ, u the
+//! direction to the anchor, w by received power and by how many of its answers come). The last place goes round among the
+//! others, so that a better one is found.
+
+use heapless::Vec;
+
+use super::MAX_ROUND;
+use super::clock::ClockModel;
+use crate::RadioInstant;
+
+/// Anchors that a tag keeps in mind.
+pub const MAX_NEIGHBOURS: usize = 24;
+/// An anchor not heard for this many superframes is forgotten.
+const FORGOTTEN_AFTER: u16 = 6;
+/// Weight of a new reading in the mean power and in the share of answers.
+const SMOOTHING: f32 = 0.1;
+
+/// An anchor that the tag hears.
+#[derive(Clone, Debug)]
+pub struct Neighbour {
+    /// Short address.
+    pub address: u16,
+    /// Where it says it stands, metres.
+    pub position_m: Option<[f32; 3]>,
+    /// Its clock.
+    pub clock: ClockModel,
+    /// The last distance, metres.
+    pub distance_m: Option<f32>,
+    /// Mean received power, dBm.
+    power_dbm: f32,
+    /// Share of polls that were answered.
+    answers: f32,
+    /// Superframes since it was heard.
+    unheard: u16,
+    /// Superframes since it was asked.
+    unasked: u16,
+}
+
+/// The anchors that a tag hears.
+#[derive(Clone, Debug, Default)]
+pub struct Neighbours(Vec<Neighbour, MAX_NEIGHBOURS>);
+
+/// Anchors of a round, in the order of their slots.
+pub type Team = Vec<u16, MAX_ROUND>;
+
+impl Neighbours {
+    /// Nobody.
+    pub const fn new() -> Self {
+        Self(Vec::new())
+    }
+
+    /// How many are heard.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// The anchor of an address.
+    pub fn get_mut(&mut self, address: u16) -> Option<&mut Neighbour> {
+        self.0.iter_mut().find(|anchor| anchor.address == address)
+    }
+
+    /// The clocks are void: the tag's own radio was restarted.
+    pub fn forget_clocks(&mut self) {
+        for anchor in &mut self.0 {
+            anchor.clock = ClockModel::new();
+        }
+    }
+
+    /// `superframes` have begun: forgets who has not been heard.
+    pub fn advance(&mut self, superframes: u16) {
+        for anchor in &mut self.0 {
+            anchor.unheard = anchor.unheard.saturating_add(superframes);
+            anchor.unasked = anchor.unasked.saturating_add(superframes);
+        }
+        self.0.retain(|anchor| anchor.unheard <= FORGOTTEN_AFTER);
+    }
+
+    /// An anchor was heard; a new one takes the place of the weakest where there is no other.
+    pub fn hear(&mut self, address: u16, power_dbm: f32) -> Option<&mut Neighbour> {
+        let known = self.0.iter().position(|anchor| anchor.address == address);
+        let place = match known {
+            Some(place) => place,
+            None => {
+                if self.0.is_full() {
+                    let weakest = self.weakest()?;
+                    if self.0.get(weakest)?.power_dbm >= power_dbm {
+                        return None;
+                    }
+                    self.0.swap_remove(weakest);
+                }
+                let anchor = Neighbour {
+                    address,
+                    position_m: None,
+                    clock: ClockModel::new(),
+                    distance_m: None,
+                    power_dbm,
+                    answers: 1.0,
+                    unheard: 0,
+                    unasked: u16::MAX,
+                };
+                self.0.push(anchor).ok()?;
+                self.0.len() - 1
+            }
+        };
+        let anchor = self.0.get_mut(place)?;
+        if power_dbm.is_finite() {
+            anchor.power_dbm += SMOOTHING * (power_dbm - anchor.power_dbm);
+        }
+        anchor.unheard = 0;
+        Some(anchor)
+    }
+
+    fn weakest(&self) -> Option<usize> {
+        let by_power = |(_, a): &(usize, &Neighbour), (_, b): &(usize, &Neighbour)| a.power_dbm.total_cmp(&b.power_dbm);
+        self.0.iter().enumerate().min_by(by_power).map(|(place, _)| place)
+    }
+
+    /// An anchor was asked, and answered or not.
+    pub fn asked(&mut self, address: u16, answered: bool) {
+        if let Some(anchor) = self.get_mut(address) {
+            anchor.unasked = 0;
+            anchor.answers += SMOOTHING * (f32::from(u8::from(answered)) - anchor.answers);
+        }
+    }
+
+    /// The anchors to ask, at most `places`, seen from `tag_m` where that is known.
+    pub fn choose(&self, places: usize, tag_m: Option<[f32; 3]>) -> Team {
+        let places = places.min(MAX_ROUND);
+        let mut team = Team::new();
+        if self.0.len() <= places {
+            for anchor in self.0.iter().take(MAX_ROUND) {
+                // As many places as a round has.
+                let _ = team.push(anchor.address);
+            }
+            return team;
+        }
+        let mut information = Information::none();
+        while team.len() + 1 < places {
+            let candidates = self.0.iter().filter(|anchor| !team.contains(&anchor.address));
+            let gain = |anchor: &&Neighbour| information.gain(anchor.weight(), anchor.direction_from(tag_m));
+            let Some(best) = candidates.max_by(|a, b| gain(a).total_cmp(&gain(b))) else { break };
+            information.add(best.weight(), best.direction_from(tag_m));
+            let _ = team.push(best.address);
+        }
+        let others = self.0.iter().filter(|anchor| !team.contains(&anchor.address));
+        if let Some(longest_unasked) = others.max_by_key(|anchor| anchor.unasked) {
+            let _ = team.push(longest_unasked.address);
+        }
+        team
+    }
+
+    /// Tells which clock an anchor's stamps are of: for tests.
+    #[cfg(test)]
+    fn place(&mut self, address: u16, power_dbm: f32, position_m: [f32; 3]) {
+        self.hear(address, power_dbm).unwrap().position_m = Some(position_m);
+    }
+}
+
+impl Neighbour {
+    /// What a range to it counts: less with little power, less where answers stay away.
+    fn weight(&self) -> f32 {
+        // From the receiver's limit, some −105 dBm, to where stamps do not get better.
+        ((self.power_dbm + 105.0) / 25.0).clamp(0.05, 1.0) * self.answers.max(0.01)
+    }
+
+    /// Direction to it (not of unit length, any scale): none without both positions.
+    fn direction_from(&self, tag_m: Option<[f32; 3]>) -> Option<[f32; 3]> {
+        let (anchor, tag) = (self.position_m?, tag_m?);
+        Some(core::array::from_fn(|i| anchor[i] - tag[i]))
+    }
+
+    /// A response told of a poll that left at `sent` and came at `heard` of the anchor's clock, and its carrier of the rate.
+    pub fn compare_clocks(&mut self, sent: RadioInstant, heard: RadioInstant, clock_offset_ppm: f32) {
+        self.clock.poll(sent, heard);
+        self.clock.carrier(clock_offset_ppm);
+    }
+}
+
+/// The inverse of the information matrix of the anchors chosen, I/ε where there are none.
+struct Information([[f32; 3]; 3]);
+
+impl Information {
+    fn none() -> Self {
+        const INVERSE: f32 = 1e3;
+        Self([[INVERSE, 0.0, 0.0], [0.0, INVERSE, 0.0], [0.0, 0.0, INVERSE]])
+    }
+
+    /// By how much the determinant grows: det(M + w·u·uᵀ) / det M − 1 = w·uᵀ·M⁻¹·u. The weight alone where there is no
+    /// direction.
+    fn gain(&self, weight: f32, direction: Option<[f32; 3]>) -> f32 {
+        let Some(direction) = direction else { return weight };
+        weight * dot(direction, self.times(direction)) / dot(direction, direction).max(1e-6)
+    }
+
+    /// M + w·u·uᵀ, by Sherman and Morrison.
+    fn add(&mut self, weight: f32, direction: Option<[f32; 3]>) {
+        let Some(direction) = direction else { return };
+        let scaled = self.times(direction);
+        let denominator = dot(direction, direction).max(1e-6) + weight * dot(direction, scaled);
+        for (i, row) in self.0.iter_mut().enumerate() {
+            for (j, entry) in row.iter_mut().enumerate() {
+                *entry -= weight * scaled[i] * scaled[j] / denominator;
+            }
+        }
+    }
+
+    fn times(&self, v: [f32; 3]) -> [f32; 3] {
+        self.0.map(|row| dot(row, v))
+    }
+}
+
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn anchors_around_the_tag_are_preferred_to_many_on_one_side() {
+        let mut anchors = Neighbours::new();
+        for (address, x) in [(1, 9.0), (2, 9.5), (3, 10.0), (4, 10.5)] {
+            anchors.place(address, -75.0, [x, 0.0, 1.0]);
+        }
+        anchors.place(5, -80.0, [0.0, 10.0, 1.0]);
+        anchors.place(6, -80.0, [0.0, 0.0, 4.0]);
+        // Three by geometry, the fourth is one of the others.
+        let team = anchors.choose(4, Some([0.0, 0.0, 1.0]));
+        assert_eq!(team.len(), 4);
+        assert!(team[..3].contains(&5) && team[..3].contains(&6), "{team:?}");
+    }
+
+    #[test]
+    fn the_last_place_goes_round() {
+        let mut anchors = Neighbours::new();
+        for address in 1..=7 {
+            anchors.place(address, -60.0 - f32::from(address), [f32::from(address), 0.0, 0.0]);
+        }
+        let mut seen = std::collections::BTreeSet::new();
+        for _ in 0..8 {
+            let team = anchors.choose(3, None);
+            // By power alone: 1 and 2 are the strongest of −105 … −80 dBm? All are above: weights are equal; any two.
+            assert_eq!(team.len(), 3);
+            for &address in &team {
+                anchors.asked(address, true);
+                seen.insert(address);
+            }
+            anchors.advance(1);
+            for address in 1..=7 {
+                anchors.hear(address, -60.0 - f32::from(address));
+            }
+        }
+        assert_eq!(seen.len(), 7, "{seen:?}");
+    }
+
+    #[test]
+    fn silent_anchors_give_their_place_up() {
+        let mut anchors = Neighbours::new();
+        for address in 1..=4 {
+            anchors.place(address, -75.0, [f32::from(address), 1.0, 0.0]);
+        }
+        for _ in 0..30 {
+            anchors.asked(1, false);
+        }
+        let team = anchors.choose(3, None);
+        assert!(!team[..2].contains(&1), "{team:?}");
+        // Not even heard any more: forgotten.
+        anchors.advance(4);
+        for address in 2..=4 {
+            anchors.hear(address, -75.0);
+        }
+        anchors.advance(4);
+        assert_eq!(anchors.len(), 3);
+    }
+
+    #[test]
+    fn a_stronger_anchor_takes_the_weakest_ones_place() {
+        let mut anchors = Neighbours::new();
+        for address in 0..MAX_NEIGHBOURS as u16 {
+            assert!(anchors.hear(address, -70.0 - f32::from(address)).is_some());
+        }
+        assert!(anchors.hear(100, -99.0).is_none());
+        assert!(anchors.hear(101, -60.0).is_some());
+        assert!(anchors.get_mut(MAX_NEIGHBOURS as u16 - 1).is_none());
+        assert_eq!(anchors.len(), MAX_NEIGHBOURS);
+    }
+}

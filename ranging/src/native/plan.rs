@@ -1,0 +1,218 @@
+//! Who may range when: a network's list of members, and the plan of round slots that follows from it.
+//!
+//! Beacons carry the list; every node makes the same plan of it, so no slot needs to be told. A changed list counts from a
+//! superframe far enough ahead for every node to have heard it; until then the former list does.
+
+use heapless::Vec;
+
+use crate::frame::native::{MAX_MEMBERS, Member, Share};
+use crate::native::timing::MAX_ROUND_SLOTS;
+
+/// A changed list counts this many superframes after it was first told.
+pub const NOTICE_SUPERFRAMES: u8 = 4;
+
+/// Members by address, each once.
+pub type Members = Vec<Member, MAX_MEMBERS>;
+
+/// The list of members as a node knows it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Membership {
+    /// Number of the list.
+    version: u8,
+    /// The newest list.
+    members: Members,
+    /// The list before, as long as it counts; `None` where it is not known, too.
+    former: Option<Members>,
+    /// Superframes until the newest list counts.
+    countdown: u8,
+}
+
+impl Membership {
+    /// Number of the newest list.
+    pub const fn version(&self) -> u8 {
+        self.version
+    }
+
+    /// The newest list.
+    pub const fn members(&self) -> &Members {
+        &self.members
+    }
+
+    /// Superframes until the newest list counts.
+    pub const fn countdown(&self) -> u8 {
+        self.countdown
+    }
+
+    /// The list that counts now, where it is known.
+    pub const fn in_force(&self) -> Option<&Members> {
+        if self.countdown == 0 { Some(&self.members) } else { self.former.as_ref() }
+    }
+
+    /// `superframes` have begun.
+    pub fn advance(&mut self, superframes: u16) {
+        self.countdown = u16::from(self.countdown).saturating_sub(superframes) as u8;
+        if self.countdown == 0 {
+            self.former = None;
+        }
+    }
+
+    /// A list that counts in `countdown` superframes. `anew`: whatever was known is of another network.
+    pub fn hear(&mut self, version: u8, countdown: u8, members: &Members, anew: bool) {
+        let newer = (1..0x80).contains(&version.wrapping_sub(self.version));
+        if anew || newer {
+            let former = if anew { None } else { self.in_force().cloned() };
+            let countdown = countdown.min(NOTICE_SUPERFRAMES);
+            *self = Self { version, members: members.clone(), former: former.filter(|_| countdown > 0), countdown };
+        }
+    }
+
+    /// The coordinator changes the list: with notice, but at once where there was nobody whose slots could be taken.
+    pub fn change(&mut self, members: &Members) {
+        let notice = if self.members.is_empty() { 0 } else { NOTICE_SUPERFRAMES };
+        self.hear(self.version.wrapping_add(1), notice, members, false);
+    }
+}
+
+/// Whether a tag is in a list.
+pub fn lists(members: &Members, tag: u16) -> bool {
+    members.iter().any(|member| member.tag == tag)
+}
+
+/// The round slots that `tag` owns in a superframe: bit i for slot i.
+///
+/// Slots are dealt in turn to the members that want one more, beginning with another member each superframe; when fewer are
+/// wanted than there are, they lie evenly in the superframe. All nodes compute this alike, from a list and a number.
+pub fn owned_slots(members: &Members, tag: u16, superframe: u16, slots: u8) -> u64 {
+    let slots = slots.min(MAX_ROUND_SLOTS as u8);
+    let mut wanted: Vec<(u16, u8), MAX_MEMBERS> = Vec::new();
+    for (place, member) in members.iter().enumerate() {
+        let slots = match member.share {
+            Share::Release => 0,
+            Share::Slots(n) => n,
+            Share::Greedy => u8::MAX,
+            Share::OneIn(n) => u8::from(superframe.wrapping_add(place as u16).is_multiple_of(u16::from(n))),
+        };
+        if slots > 0 {
+            // As many places as members: it fits.
+            let _ = wanted.push((member.tag, slots));
+        }
+    }
+    let demand: u16 = wanted.iter().map(|&(_, slots)| u16::from(slots)).sum();
+    let dealt = demand.min(slots.into());
+    let mut owned = 0;
+    let mut turn = if wanted.is_empty() { 0 } else { usize::from(superframe) % wanted.len() };
+    for deal in 0..dealt {
+        // As long as less is dealt than is wanted, somebody wants.
+        while let Some((_, 0)) = wanted.get(turn) {
+            turn = (turn + 1) % wanted.len();
+        }
+        let Some((owner, wants)) = wanted.get_mut(turn) else { break };
+        *wants -= 1;
+        if *owner == tag {
+            owned |= 1 << (u32::from(deal) * u32::from(slots) / u32::from(dealt));
+        }
+        turn = (turn + 1) % wanted.len();
+    }
+    owned
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn list(shares: &[Share]) -> Members {
+        shares.iter().enumerate().map(|(tag, &share)| Member { tag: tag as u16, share }).collect()
+    }
+
+    fn plan(members: &Members, superframe: u16, slots: u8) -> std::vec::Vec<u64> {
+        members.iter().map(|member| owned_slots(members, member.tag, superframe, slots)).collect()
+    }
+
+    #[test]
+    fn a_lone_greedy_tag_owns_every_slot() {
+        assert_eq!(plan(&list(&[Share::Greedy]), 5, 37), [(1 << 37) - 1]);
+        assert_eq!(plan(&list(&[Share::Greedy]), 5, 64), [u64::MAX]);
+        assert_eq!(plan(&list(&[Share::Greedy]), 5, 0), [0]);
+    }
+
+    #[test]
+    fn no_slot_has_two_owners_and_none_is_lost() {
+        for slots in [1, 5, 37, 64] {
+            for tags in 1..=MAX_MEMBERS {
+                let members = list(&std::vec![Share::Greedy; tags]);
+                for superframe in [0, 1, 1000, u16::MAX] {
+                    let mut all = 0u64;
+                    for owned in plan(&members, superframe, slots) {
+                        assert_eq!(all & owned, 0, "{tags} tags, {slots} slots, superframe {superframe}");
+                        all |= owned;
+                    }
+                    assert_eq!(all.count_ones(), u32::from(slots));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn shares_are_fair_over_superframes() {
+        // 15 tags, 37 slots: 37 / 15 = 2.47 a superframe; over 150 superframes 370 each.
+        let members = list(&[Share::Greedy; 15]);
+        let mut counts = [0u32; 15];
+        for superframe in 0..150 {
+            for (count, owned) in counts.iter_mut().zip(plan(&members, superframe, 37)) {
+                *count += owned.count_ones();
+            }
+        }
+        assert_eq!(counts, [370; 15]);
+        // 24 tags, 10 slots: nobody starves, 10 / 24 a superframe.
+        let members = list(&[Share::Greedy; 24]);
+        let mut counts = [0u32; 24];
+        for superframe in 0..240 {
+            for (count, owned) in counts.iter_mut().zip(plan(&members, superframe, 10)) {
+                *count += owned.count_ones();
+            }
+        }
+        assert_eq!(counts, [100; 24]);
+    }
+
+    #[test]
+    fn modest_tags_get_what_they_ask_for_and_greedy_ones_the_rest() {
+        let members = list(&[Share::Slots(2), Share::Greedy, Share::OneIn(4), Share::Release]);
+        let mut counts = [0u32; 4];
+        for superframe in 0..40 {
+            for (count, owned) in counts.iter_mut().zip(plan(&members, superframe, 37)) {
+                *count += owned.count_ones();
+            }
+        }
+        assert_eq!(counts, [80, 40 * 37 - 80 - 10, 10, 0]);
+    }
+
+    #[test]
+    fn wanted_slots_lie_evenly() {
+        // Two of 36: slots 0 and 18.
+        assert_eq!(plan(&list(&[Share::Slots(2)]), 0, 36), [1 | 1 << 18]);
+    }
+
+    #[test]
+    fn a_changed_list_counts_after_its_notice() {
+        let mut membership = Membership::default();
+        let [old, new] = [list(&[Share::Greedy]), list(&[Share::Greedy, Share::Slots(1)])];
+        membership.change(&old);
+        assert_eq!(membership.in_force(), Some(&old), "nobody's slots were taken");
+        membership.change(&new);
+        assert_eq!((membership.in_force(), membership.countdown()), (Some(&old), 4));
+        membership.advance(3);
+        assert_eq!(membership.in_force(), Some(&old));
+        membership.advance(1);
+        assert_eq!(membership.in_force(), Some(&new));
+
+        // One who comes in between knows the new list, but not the one that counts.
+        let mut newcomer = Membership::default();
+        newcomer.hear(2, 3, &new, true);
+        assert_eq!(newcomer.in_force(), None);
+        newcomer.advance(3);
+        assert_eq!(newcomer.in_force(), Some(&new));
+        // An older list, still relayed by somebody, changes nothing.
+        newcomer.hear(1, 0, &old, false);
+        assert_eq!(newcomer.members(), &new);
+    }
+}
