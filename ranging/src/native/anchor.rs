@@ -181,8 +181,8 @@ impl Anchor {
         let rmarker = timing.beacon(slot.into());
         let ready = passed + timing.transmit.ticks() + timing.to_rmarker.ticks();
         let spare = RadioDuration::from_ticks(rmarker.ticks() - ready);
-        if spare > WAKE {
-            return Self::listen(spare);
+        if spare.ticks() > 2 * WAKE.ticks() {
+            return Self::listen(RadioDuration::from_ticks(spare.ticks() - WAKE.ticks()));
         }
         if spare < RadioDuration::ZERO {
             network.skip();
@@ -209,8 +209,8 @@ impl Machine for Anchor {
             }
             Event::Received(frame) => {
                 self.hear(&frame);
-                let bytes = frame.bytes.len() as u16 + 2;
-                present = frame.rx_time.plus(self.config.network.phy.time_after_rmarker(bytes));
+                let tail = self.config.network.phy.time_after_rmarker(frame.bytes.len() as u16 + 2);
+                present = frame.rx_time.plus(tail).plus(self.timing.reading);
             }
             Event::Sent(_)
             | Event::NotSent

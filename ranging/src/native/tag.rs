@@ -348,8 +348,8 @@ impl Tag {
         let rmarker = timing.beacon(slot);
         let ready = passed.ticks() + timing.transmit.ticks() + timing.to_rmarker.ticks();
         let spare = RadioDuration::from_ticks(rmarker.ticks() - ready);
-        if spare > WAKE {
-            return Self::listen(spare);
+        if spare.ticks() > 2 * WAKE.ticks() {
+            return Self::listen(RadioDuration::from_ticks(spare.ticks() - WAKE.ticks()));
         }
         // Whoever collides waits longer each time, one not as long as the other.
         let patience = spread(number, address, 1 << network.requests.min(3));
@@ -431,8 +431,8 @@ impl Machine for Tag {
             }
             Event::Received(frame) => {
                 self.hear(&frame);
-                let bytes = frame.bytes.len() as u16 + 2;
-                present = frame.rx_time.plus(self.config.network.phy.time_after_rmarker(bytes));
+                let tail = self.config.network.phy.time_after_rmarker(frame.bytes.len() as u16 + 2);
+                present = frame.rx_time.plus(tail).plus(self.timing.reading);
             }
             // The window ended with the round, or the receiver was never on.
             Event::Timeout | Event::Late | Event::NotSent => match self.doing {

@@ -85,6 +85,8 @@ pub struct Timing {
     pub superframe: RadioDuration,
     /// From a decision to transmit to the first pulse ([`Turnaround::transmit`]).
     pub transmit: RadioDuration,
+    /// From the end of a frame until the node has it: the rest of [`Turnaround::answer`].
+    pub reading: RadioDuration,
 }
 
 const fn sum(a: RadioDuration, b: RadioDuration) -> RadioDuration {
@@ -106,14 +108,15 @@ impl Timing {
         let response_tail = phy.time_after_rmarker(RESPONSE_BYTES);
 
         // The guard follows from the superframe's length, which hardly follows from the guard: one step is enough.
-        let beacon_airtime = phy.airtime(BEACON_BYTES).ticks() + listen_again.ticks();
+        // Who has heard the beacon of one slot must be able to send that of the next.
+        let beacon = phy.airtime(BEACON_BYTES).ticks() + turnaround.answer.ticks() + WAY_THERE_AND_BACK.ticks();
         let nominal = SUPERFRAME.ticks();
-        let slow = (beacon_airtime + beacon_airtime / 16) * (BEACON_SLOTS as i64) * BEACON_SHARE;
+        let slow = (beacon + beacon / 16) * (BEACON_SLOTS as i64) * BEACON_SHARE;
         let superframe = if slow > nominal { slow } else { nominal };
         let drift = superframe * (HOLDOVER_SUPERFRAMES as i64 + 1) * DRIFT_PPM / 1_000_000;
         let guard = RadioDuration::from_ticks(drift + WAY_THERE_AND_BACK.ticks());
 
-        let beacon_slot = RadioDuration::from_ticks(beacon_airtime + guard.ticks());
+        let beacon_slot = RadioDuration::from_ticks(beacon + guard.ticks());
         let round = sum(sum(sum(to_rmarker, reply), times(response_slot, MAX_ROUND as i64 - 1)), response_tail);
         let round_slot = sum(sum(round, turnaround.listen_again), guard);
         let fit = (superframe - beacon_slot.ticks() * BEACON_SLOTS as i64) / round_slot.ticks();
@@ -129,6 +132,7 @@ impl Timing {
             round_slots,
             superframe: RadioDuration::from_ticks(superframe),
             transmit: turnaround.transmit,
+            reading: RadioDuration::from_ticks(turnaround.answer.ticks() - turnaround.transmit.ticks()),
         }
     }
 

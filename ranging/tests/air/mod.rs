@@ -1,0 +1,433 @@
+//! A small deterministic air for the exchanges: nodes with drifting 40-bit clocks, flight times, collisions, loss; no chip.
+//!
+//! Time is true time in seconds since the beginning. A node executes its machine's actions as a radio would: delayed starts
+//! snap to 512 ticks, a start too near is late, a receiver hears one frame at a time and hands it over after reading it.
+#![allow(dead_code, reason = "each test file uses a part of it")]
+
+use std::collections::VecDeque;
+
+use rand::{Rng, SeedableRng};
+use rand_distr::{Distribution, Normal};
+use rand_pcg::Pcg64;
+use ranging::exchange::{Action, Event, Link, Machine, Range, Report};
+use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
+
+pub const TICKS: f64 = 63_897_600_000.0;
+/// Metres a second in air.
+pub const LIGHT: f64 = 299_792_458.0 / 1.000_293;
+/// From the end of a frame until the node has read it, and from a command until the first pulse can leave: together less than
+/// the 250 µs that a DWM1001 is given for an answer.
+const READING: f64 = 120e-6;
+const STARTING: f64 = 100e-6;
+/// From the end of one frame until a receiver told to stay on hears the next.
+const LISTEN_AGAIN: f64 = 30e-6;
+/// Transmitting antenna delay of every node, ticks.
+pub const ANTENNA_DELAY: i64 = 16_436;
+
+/// A machine that may be replaced or switched off between steps.
+pub type Boxed = Box<dyn FnMut(RadioInstant, Event<'_>) -> Owned>;
+
+/// An action that owns what it refers to.
+#[derive(Clone, Debug)]
+pub enum Owned {
+    Transmit { frame: Vec<u8>, start: Start, listen: bool },
+    Receive { start: Start, window: RadioDuration, keep_listening: bool },
+    WaitUntil(RadioInstant),
+    Round { number: u16, asked: u8, ranges: Vec<Range> },
+    Link(Link),
+}
+
+impl From<Action<'_>> for Owned {
+    fn from(action: Action<'_>) -> Self {
+        match action {
+            Action::Transmit { frame, start, listen } => Self::Transmit { frame: frame.to_vec(), start, listen },
+            Action::Receive { start, window, keep_listening } => Self::Receive { start, window, keep_listening },
+            Action::WaitUntil(instant) => Self::WaitUntil(instant),
+            Action::Report(Report::Round(round)) => {
+                Self::Round { number: round.number, asked: round.asked, ranges: round.ranges.to_vec() }
+            }
+            Action::Report(Report::Link(link)) => Self::Link(link),
+        }
+    }
+}
+
+pub fn boxed(mut machine: impl Machine + 'static) -> Boxed {
+    Box::new(move |now, event| machine.step(now, event).into())
+}
+
+/// What a node reported, and when.
+#[derive(Clone, Debug)]
+pub struct Reported {
+    pub time: f64,
+    pub node: usize,
+    pub what: What,
+}
+
+#[derive(Clone, Debug)]
+pub enum What {
+    Round { number: u16, asked: u8, ranges: Vec<Range> },
+    Link(Link),
+}
+
+/// A frame on the air.
+#[derive(Clone, Debug)]
+pub struct Flight {
+    pub sender: usize,
+    pub begin: f64,
+    pub rmarker: f64,
+    pub end: f64,
+    pub bytes: Vec<u8>,
+}
+
+struct Node {
+    machine: Option<Boxed>,
+    position: [f64; 3],
+    /// Fast by this fraction.
+    drift: f64,
+    /// The clock's count at true time 0.
+    start: u64,
+    state: State,
+    /// The receiver is on since then.
+    listening: Option<f64>,
+    /// Frames heard and not yet handed over, with the time at which they can be: (when, outcome).
+    heard: VecDeque<(f64, Heard)>,
+}
+
+enum State {
+    /// Steps the machine at this time with this event.
+    Step(f64, Plain),
+    /// Waits for a frame until then.
+    Listening {
+        until: f64,
+        keep: bool,
+    },
+    /// Transmits: (end, departure in its clock, whether to listen then).
+    Transmitting {
+        end: f64,
+        departure: RadioInstant,
+        listen: bool,
+    },
+    Off,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Plain {
+    Started,
+    Sent(RadioInstant),
+    Timeout,
+    Late,
+    Woken,
+    Reported,
+}
+
+enum Heard {
+    Frame { bytes: Vec<u8>, rx_time: RadioInstant, diagnostics: Diagnostics },
+    Corrupt,
+}
+
+/// The world.
+pub struct Air {
+    pub rng: Pcg64,
+    pub phy: PhyConfig,
+    /// Probability that a frame does not reach a node.
+    pub loss: f64,
+    /// Probability that a frame reaches a node broken.
+    pub corruption: f64,
+    /// Standard deviation of reception stamps, ticks.
+    pub stamp_noise: f64,
+    /// Standard deviation of the carrier's reading, ppm.
+    pub carrier_noise: f64,
+    pub power_dbm: f32,
+    pub now: f64,
+    pub reports: Vec<Reported>,
+    /// Every frame ever sent.
+    pub sent: Vec<Flight>,
+    pub collisions: usize,
+    nodes: Vec<Node>,
+    flying: Vec<Flight>,
+}
+
+impl Air {
+    pub fn new(phy: PhyConfig, seed: u64) -> Self {
+        Self {
+            rng: Pcg64::seed_from_u64(seed),
+            phy,
+            loss: 0.0,
+            corruption: 0.0,
+            stamp_noise: 6.4,
+            carrier_noise: 0.2,
+            power_dbm: -77.0,
+            now: 0.0,
+            reports: Vec::new(),
+            sent: Vec::new(),
+            collisions: 0,
+            nodes: Vec::new(),
+            flying: Vec::new(),
+        }
+    }
+
+    pub fn add(&mut self, position: [f64; 3], drift_ppm: f64, machine: Boxed) -> usize {
+        let start = self.rng.random_range(0..1 << 40);
+        let begin = self.now;
+        self.nodes.push(Node {
+            machine: Some(machine),
+            position,
+            drift: drift_ppm * 1e-6,
+            start,
+            state: State::Step(begin, Plain::Started),
+            listening: None,
+            heard: VecDeque::new(),
+        });
+        self.nodes.len() - 1
+    }
+
+    /// Makes a node's clock read `ticks` now.
+    pub fn set_clock(&mut self, node: usize, ticks: u64) {
+        let now = self.now;
+        let node = &mut self.nodes[node];
+        let elapsed = (now * TICKS * (1.0 + node.drift)) as u64;
+        node.start = ticks.wrapping_sub(elapsed) & ((1 << 40) - 1);
+    }
+
+    pub fn move_to(&mut self, node: usize, position: [f64; 3]) {
+        self.nodes[node].position = position;
+    }
+
+    pub fn distance(&self, a: usize, b: usize) -> f64 {
+        let (a, b) = (self.nodes[a].position, self.nodes[b].position);
+        (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
+    }
+
+    pub fn switch_off(&mut self, node: usize) {
+        let node = &mut self.nodes[node];
+        (node.machine, node.listening, node.state) = (None, None, State::Off);
+        node.heard.clear();
+    }
+
+    /// Switches a node on (again): another clock count, everything forgotten.
+    pub fn switch_on(&mut self, node: usize, machine: Boxed) {
+        self.switch_off(node);
+        let start = self.rng.random_range(0..1 << 40);
+        let now = self.now;
+        let node = &mut self.nodes[node];
+        (node.machine, node.start, node.state) = (Some(machine), start, State::Step(now, Plain::Started));
+    }
+
+    pub fn local(&self, node: usize, time: f64) -> RadioInstant {
+        let node = &self.nodes[node];
+        RadioInstant::from_ticks(node.start.wrapping_add((time * TICKS * (1.0 + node.drift)).round() as i64 as u64))
+    }
+
+    /// The true time of an instant of a node's clock near `near`.
+    fn global(&self, node: usize, instant: RadioInstant, near: f64) -> f64 {
+        let ahead = instant.since(self.local(node, near)).ticks();
+        near + ahead as f64 / (TICKS * (1.0 + self.nodes[node].drift))
+    }
+
+    pub fn run_until(&mut self, end: f64) {
+        loop {
+            let next_node = (0..self.nodes.len()).map(|node| (self.due(node), node));
+            let (node_time, node) = next_node.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::INFINITY, 0));
+            let arrivals = self.flying.iter().enumerate().map(|(i, flight)| (flight.end + 2e-6, i));
+            let (flight_time, flight) = arrivals.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::INFINITY, 0));
+            if node_time.min(flight_time) > end {
+                self.now = end;
+                return;
+            }
+            self.now = node_time.min(flight_time);
+            if flight_time <= node_time {
+                self.land(flight);
+            } else {
+                self.wake(node);
+            }
+        }
+    }
+
+    /// When something happens at a node.
+    fn due(&self, node: usize) -> f64 {
+        let node = &self.nodes[node];
+        match &node.state {
+            State::Step(time, _) => *time,
+            State::Transmitting { end, .. } => *end,
+            State::Listening { until, .. } => node.heard.front().map_or(*until, |(ready, _)| ready.max(0.0)),
+            State::Off => f64::INFINITY,
+        }
+    }
+
+    fn wake(&mut self, node: usize) {
+        let now = self.now;
+        let local = self.local(node, now);
+        let this = &mut self.nodes[node];
+        match std::mem::replace(&mut this.state, State::Off) {
+            State::Off => {}
+            State::Step(_, plain) => {
+                let event = match plain {
+                    Plain::Started => Event::Started,
+                    Plain::Sent(departure) => Event::Sent(departure),
+                    Plain::Timeout => Event::Timeout,
+                    Plain::Late => Event::Late,
+                    Plain::Woken => Event::Woken,
+                    Plain::Reported => Event::Reported,
+                };
+                self.step(node, local, event);
+            }
+            State::Transmitting { departure, listen, .. } => {
+                this.listening = listen.then_some(now + 5e-6);
+                self.step(node, departure, Event::Sent(departure));
+            }
+            State::Listening { keep, .. } => match this.heard.pop_front() {
+                None => {
+                    this.listening = None;
+                    self.step(node, local, Event::Timeout);
+                }
+                Some((_, heard)) => {
+                    if !keep {
+                        this.listening = None;
+                        this.heard.clear();
+                    }
+                    match heard {
+                        Heard::Corrupt => self.step(node, local, Event::Corrupt),
+                        Heard::Frame { bytes, rx_time, diagnostics } => {
+                            let frame = RxFrame { bytes: &bytes, rx_time, diagnostics };
+                            self.step(node, rx_time, Event::Received(frame));
+                        }
+                    }
+                }
+            },
+        }
+    }
+
+    fn step(&mut self, node: usize, local: RadioInstant, event: Event<'_>) {
+        let now = self.now;
+        let Some(machine) = &mut self.nodes[node].machine else { return };
+        let action = machine(local, event);
+        let state = match action {
+            Owned::Round { number, asked, ranges } => {
+                self.reports.push(Reported { time: now, node, what: What::Round { number, asked, ranges } });
+                State::Step(now, Plain::Reported)
+            }
+            Owned::Link(link) => {
+                self.reports.push(Reported { time: now, node, what: What::Link(link) });
+                State::Step(now, Plain::Reported)
+            }
+            Owned::WaitUntil(instant) => {
+                self.nodes[node].listening = None;
+                self.nodes[node].heard.clear();
+                // Woken by a slow clock of 32 768 Hz: up to 30 µs late.
+                let late = self.rng.random_range(0.0..30e-6);
+                State::Step(self.global(node, instant, now).max(now) + late, Plain::Woken)
+            }
+            Owned::Receive { start, window, keep_listening } => {
+                let on = match start {
+                    Start::Now => now,
+                    Start::At(instant) => self.global(node, instant, now),
+                };
+                if on < now {
+                    State::Step(now, Plain::Late)
+                } else {
+                    self.nodes[node].listening.get_or_insert(on + 5e-6);
+                    State::Listening { until: on + window.ticks() as f64 / TICKS, keep: keep_listening }
+                }
+            }
+            Owned::Transmit { frame, start, listen } => self.transmit(node, frame, start, listen),
+        };
+        self.nodes[node].state = state;
+    }
+
+    fn transmit(&mut self, node: usize, bytes: Vec<u8>, start: Start, listen: bool) -> State {
+        let now = self.now;
+        self.nodes[node].listening = None;
+        self.nodes[node].heard.clear();
+        let seconds = |duration: RadioDuration| duration.ticks() as f64 / TICKS;
+        let lead = seconds(self.phy.time_to_rmarker());
+        let departure = match start {
+            Start::Now => self.local(node, now + STARTING + lead),
+            Start::At(at) => at.snapped().plus(RadioDuration::from_ticks(ANTENNA_DELAY)),
+        };
+        let rmarker = self.global(node, departure, now);
+        let begin = rmarker - lead;
+        if begin < now + STARTING - 1e-9 {
+            return State::Step(now, Plain::Late);
+        }
+        let end = rmarker + seconds(self.phy.time_after_rmarker(bytes.len() as u16 + 2));
+        let flight = Flight { sender: node, begin, rmarker, end, bytes };
+        self.sent.push(flight.clone());
+        self.flying.push(flight);
+        State::Transmitting { end, departure, listen }
+    }
+
+    /// A frame has passed all nodes.
+    fn land(&mut self, index: usize) {
+        let flight = self.flying[index].clone();
+        for node in 0..self.nodes.len() {
+            if node == flight.sender {
+                continue;
+            }
+            let way = self.distance(node, flight.sender) / LIGHT;
+            let (begin, end) = (flight.begin + way, flight.end + way);
+            let Some(since) = self.nodes[node].listening else { continue };
+            // A third of the preamble is enough.
+            if since > begin + (flight.rmarker - flight.begin) * 0.6 {
+                continue;
+            }
+            let overlaps = |other: &Flight| {
+                let way = self.distance(node, other.sender) / LIGHT;
+                other.sender != flight.sender && other.begin + way < end && other.end + way > begin
+            };
+            let recent = self.sent.iter().rev().take(64);
+            let collision = recent.clone().any(overlaps);
+            let corrupted = self.rng.random_bool(self.corruption);
+            if self.rng.random_bool(self.loss) {
+                continue;
+            }
+            let ready = end + READING;
+            let heard = if collision {
+                self.collisions += 1;
+                Heard::Corrupt
+            } else if corrupted {
+                Heard::Corrupt
+            } else {
+                let noise = Normal::new(0.0, self.stamp_noise).unwrap().sample(&mut self.rng);
+                let rx_time = self.local(node, flight.rmarker + way + noise / TICKS);
+                let offset = (1.0 + self.nodes[flight.sender].drift) / (1.0 + self.nodes[node].drift) - 1.0;
+                let reading = Normal::new(offset * 1e6, self.carrier_noise).unwrap().sample(&mut self.rng);
+                let diagnostics = Diagnostics {
+                    rx_power_dbm: self.power_dbm,
+                    first_path_power_dbm: self.power_dbm - 2.0,
+                    clock_offset_ppm: reading as f32,
+                    ..Diagnostics::default()
+                };
+                Heard::Frame { bytes: flight.bytes.clone(), rx_time, diagnostics }
+            };
+            let keeps = !matches!(self.nodes[node].state, State::Listening { keep: false, .. });
+            let this = &mut self.nodes[node];
+            // Two receive buffers: the third frame before the first is read is lost.
+            if this.heard.len() < 2 {
+                let previous = this.heard.back().map_or(0.0, |(ready, _)| *ready);
+                this.heard.push_back((ready.max(previous + READING), heard));
+            }
+            this.listening = keeps.then_some(end + LISTEN_AGAIN);
+        }
+        self.flying.remove(index);
+    }
+
+    /// Rounds that a node reported from then on: (time, ranges).
+    pub fn rounds(&self, node: usize, from: f64) -> Vec<(f64, Vec<Range>)> {
+        let of = |report: &Reported| match &report.what {
+            What::Round { ranges, .. } if report.node == node && report.time >= from => {
+                Some((report.time, ranges.clone()))
+            }
+            What::Round { .. } | What::Link(_) => None,
+        };
+        self.reports.iter().filter_map(of).collect()
+    }
+
+    /// Changes that a node reported: (time, change).
+    pub fn links(&self, node: usize) -> Vec<(f64, Link)> {
+        let of = |report: &Reported| match report.what {
+            What::Link(link) if report.node == node => Some((report.time, link)),
+            What::Link(_) | What::Round { .. } => None,
+        };
+        self.reports.iter().filter_map(of).collect()
+    }
+}
