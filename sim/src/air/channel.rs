@@ -1,0 +1,273 @@
+//! The channel impulse response that a receiver gathers, and what its diagnostics say of it.
+//!
+//! The accumulator holds pulses at the first path and at its echoes, with noise. Its energy and the first path's are those
+//! from which the user manual's formulae (4.7.1, 4.7.2) get the received and the first-path power back:
+//! `C · 2¹⁷ = Σ |h|² = N² · 10^((P + A) / 10)` and `F₁² + F₂² + F₃² = N² · 10^((P₁ + A) / 10)`, where P is the chip's own
+//! estimate: it reads low above −88 dBm or so (figure 22 of the manual).
+
+use super::Reception;
+use super::phy::{Phy, Prf, Sfd, SfdKind};
+use crate::random::mix;
+use std::f64::consts::TAU;
+
+/// Echoes beside the first path.
+const ECHOES: usize = 6;
+/// Samples from the detected edge to the pulse's peak: with any fraction of the edge's place, nearly all of the pulse then
+/// lies in the three samples of which the first-path power is made.
+const PEAK_AFTER_EDGE: f64 = 1.6;
+/// The accumulator stops when its energy reaches this CIR_PWR: what recordings of strong signals with long preambles show.
+const FULL_CIR_POWER: f64 = 12_000.0;
+/// Received power against the chip's estimate of it, dBm (user manual, figure 22); straight on beyond the last.
+const ESTIMATE_16: [(f64, f64); 5] = [(-90.0, -90.0), (-85.0, -87.5), (-77.0, -85.0), (-69.5, -82.5), (-64.0, -80.0)];
+const ESTIMATE_64: [(f64, f64); 6] =
+    [(-90.0, -90.0), (-86.5, -87.5), (-83.5, -85.0), (-80.0, -82.5), (-72.5, -80.0), (-60.0, -77.5)];
+
+/// One path in the accumulator.
+#[derive(Clone, Copy, Debug, Default)]
+struct Arrival {
+    /// Where its pulse peaks, samples.
+    peak: f64,
+    re: f64,
+    im: f64,
+    amplitude: f64,
+}
+
+/// An accumulator, sample by sample, and its summary.
+#[derive(Clone, Debug)]
+pub struct Response {
+    arrivals: [Arrival; ECHOES + 1],
+    pulse_width: f64,
+    noise_seed: u64,
+    /// Samples: 992 or 1016.
+    pub length: usize,
+    /// Deviation of the noise in each of the real and imaginary parts.
+    pub noise: f64,
+    /// Place of the detected edge of the first path, samples.
+    pub first_path: f64,
+    /// CIR_PWR.
+    pub cir_power: u16,
+    /// RXPACC.
+    pub rxpacc: u16,
+    /// RXPACC_NOSAT.
+    pub rxpacc_nosat: u16,
+}
+
+impl Response {
+    /// What a receiver gathered of a frame.
+    pub fn of(reception: &Reception) -> Self {
+        let Phy { prf, channel, sfd, .. } = reception.phy;
+        let constant_db = match prf {
+            Prf::Mhz16 => 113.77,
+            Prf::Mhz64 => 121.74,
+        };
+        let link = &reception.link;
+        let estimate_dbm = estimated_dbm(prf, link.power_dbm);
+        let first_dbm = link.first_path_dbm + estimate_dbm - link.power_dbm;
+        let unit = 10f64.powf((estimate_dbm + constant_db) / 10.0);
+        let gathered = f64::from(reception.symbols.max(1));
+        let full = (FULL_CIR_POWER * 131_072.0 / unit).sqrt().floor().max(1.0);
+        let adjustment = sfd_adjustment(sfd);
+        let nosat = (reception.symbols + adjustment).min(0xFFF);
+        let (n, rxpacc) = if gathered > full { (full, full as u16) } else { (gathered, nosat) };
+        let energy = n * n * unit;
+        let first_energy = (n * n * 10f64.powf((first_dbm + constant_db) / 10.0)).min(energy);
+
+        // A spread of 1 sample is 2.35 ns at half height: 500 MHz.
+        let pulse_width = if Phy::is_wide(channel) { 0.6 } else { 1.0 };
+        let first_path = 742.0 + unit_of(mix(reception.noise_seed ^ 0xF1)) * 9.0;
+        let first_path = (first_path * 64.0).floor() / 64.0;
+        let mut response = Self {
+            arrivals: [Arrival::default(); ECHOES + 1],
+            pulse_width,
+            noise_seed: reception.noise_seed,
+            length: if matches!(prf, Prf::Mhz16) { 992 } else { 1016 },
+            noise: 0.0,
+            first_path,
+            cir_power: (energy / 131_072.0).round().min(65_535.0) as u16,
+            rxpacc,
+            rxpacc_nosat: nosat,
+        };
+        let head: f64 = (1..=3).map(|k| response.pulse(first_path.floor() + f64::from(k), first_path).powi(2)).sum();
+        let first = (first_energy / head).sqrt();
+        response.place_arrivals(link.place, first, energy - first * first * response.pulse_energy());
+        let peak = response.arrivals.iter().fold(0.0, |m: f64, a| m.max(a.amplitude));
+        response.noise = (2.2 * n.sqrt()).hypot(0.003 * peak) / 2f64.sqrt();
+        response
+    }
+
+    /// The sample at `index`: real and imaginary part.
+    pub fn sample(&self, index: usize) -> [i16; 2] {
+        let at = index as f64;
+        let random = mix(self.noise_seed ^ (index as u64).wrapping_mul(0x1000_0001));
+        let (radius, angle) = ((-2.0 * (1.0 - unit_of(random)).ln()).sqrt(), TAU * unit_of(mix(random)));
+        let (mut re, mut im) = (self.noise * radius * angle.cos(), self.noise * radius * angle.sin());
+        for arrival in &self.arrivals {
+            let x = (at - arrival.peak) / self.pulse_width;
+            if x.abs() < 6.0 {
+                let height = (-0.5 * x * x).exp();
+                re += arrival.re * height;
+                im += arrival.im * height;
+            }
+        }
+        [re.round() as i16, im.round() as i16]
+    }
+
+    /// Magnitude of the sample at `index`.
+    pub fn magnitude(&self, index: usize) -> u16 {
+        let [re, im] = self.sample(index);
+        f64::from(re).hypot(f64::from(im)).round() as u16
+    }
+
+    /// Magnitudes one, two and three samples beyond the integer part of the first path's place.
+    pub fn first_path_amplitudes(&self) -> [u16; 3] {
+        let edge = self.first_path as usize;
+        [edge + 1, edge + 2, edge + 3].map(|i| self.magnitude(i))
+    }
+
+    /// Place and magnitude of the strongest sample.
+    pub fn peak(&self) -> (u16, u16) {
+        let strongest = self.arrivals.iter().max_by(|a, b| a.amplitude.total_cmp(&b.amplitude));
+        let index = strongest.map_or(0.0, |a| a.peak.round()) as u16;
+        (index, self.magnitude(usize::from(index)))
+    }
+
+    fn pulse(&self, at: f64, edge: f64) -> f64 {
+        let x = (at - edge - PEAK_AFTER_EDGE) / self.pulse_width;
+        (-0.5 * x * x).exp()
+    }
+
+    /// Energy of a pulse of height 1.
+    fn pulse_energy(&self) -> f64 {
+        std::f64::consts::PI.sqrt() * self.pulse_width
+    }
+
+    fn place_arrivals(&mut self, place: u64, first: f64, echo_energy: f64) {
+        let phase = |k: u64| TAU * unit_of(mix(self.noise_seed ^ (0xA0 + k)));
+        let arrival = |peak: f64, amplitude: f64, phase: f64| Arrival {
+            peak,
+            re: amplitude * phase.cos(),
+            im: amplitude * phase.sin(),
+            amplitude,
+        };
+        let edge = self.first_path + PEAK_AFTER_EDGE;
+        self.arrivals[0] = arrival(edge, first, phase(0));
+        let echoes: [(f64, f64); ECHOES] = std::array::from_fn(|k| {
+            let random = mix(place ^ (k as u64 + 1));
+            // From 5 samples on, 20 more in the mean, weaker with the delay: a room's 20 ns of spread.
+            let delay = 5.0 - 20.0 * (1.0 - unit_of(random)).ln();
+            (delay.min(200.0), (-delay / 40.0).exp() * (0.3 + unit_of(mix(random))))
+        });
+        let sum: f64 = echoes.iter().map(|e| e.1 * e.1).sum::<f64>() * self.pulse_energy();
+        let scale = (echo_energy.max(0.0) / sum).sqrt();
+        for (k, (delay, weight)) in echoes.into_iter().enumerate() {
+            self.arrivals[k + 1] = arrival(edge + delay, scale * weight, phase(k as u64 + 1));
+        }
+    }
+}
+
+/// What the chip makes of a received power.
+pub fn estimated_dbm(prf: Prf, power_dbm: f64) -> f64 {
+    let table: &[(f64, f64)] = match prf {
+        Prf::Mhz16 => &ESTIMATE_16,
+        Prf::Mhz64 => &ESTIMATE_64,
+    };
+    if power_dbm <= table[0].0 {
+        return power_dbm;
+    }
+    let above = table.iter().position(|t| power_dbm <= t.0).unwrap_or(table.len() - 1);
+    let (a, b) = (table[above - 1], table[above]);
+    a.1 + (b.1 - a.1) * (power_dbm - a.0) / (b.0 - a.0)
+}
+
+/// By how much RXPACC counts the delimiter too (user manual, table 18).
+fn sfd_adjustment(sfd: Sfd) -> u16 {
+    match (sfd.kind, sfd.symbols) {
+        (SfdKind::Ieee, 64) => 64,
+        (SfdKind::Ieee, _) => 5,
+        (SfdKind::Decawave, 64) => 82,
+        (SfdKind::Decawave, 16) => 18,
+        (SfdKind::Decawave, _) => 10,
+        (SfdKind::User, _) => 0,
+    }
+}
+
+/// A hash as a number from 0 to 1, 1 excluded.
+fn unit_of(hash: u64) -> f64 {
+    (hash >> 11) as f64 / (1u64 << 53) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::air::{Link, Payload, Rate, Sight};
+    use crate::time::TrueTime;
+    use std::rc::Rc;
+
+    fn reception(power_dbm: f64, first_path_dbm: f64, symbols: u16, noise_seed: u64) -> Reception {
+        let sfd = Sfd { kind: SfdKind::Ieee, symbols: 8 };
+        let (prf, rate) = (Prf::Mhz64, Rate::Kbps6800);
+        Reception {
+            bytes: Rc::from([]),
+            phy: Phy { channel: 5, code: 9, prf, rate, preamble: 128, sfd, long_frames: false },
+            ranging: true,
+            marker: TrueTime::ZERO,
+            stamp_error_ps: 0.0,
+            link: Link { power_dbm, first_path_dbm, delay_ps: 0.0, distance_m: 1.0, sight: Sight::Clear, place: 99 },
+            sender_ppm: 0.0,
+            symbols,
+            payload: Payload::Good,
+            noise_seed,
+        }
+    }
+
+    #[test]
+    fn the_manuals_formulae_give_the_powers_back() {
+        for seed in 0..50 {
+            let r = Response::of(&reception(-92.0, -94.0, 114, seed));
+            assert_eq!((r.rxpacc, r.rxpacc_nosat), (119, 119));
+            let n = f64::from(r.rxpacc) - 5.0;
+            let rx = 10.0 * (f64::from(r.cir_power) * 131_072.0 / (n * n)).log10() - 121.74;
+            assert!((rx + 92.0).abs() < 0.1, "{rx}");
+            let f: f64 = r.first_path_amplitudes().iter().map(|&f| f64::from(f).powi(2)).sum();
+            let fp = 10.0 * (f / (n * n)).log10() - 121.74;
+            assert!((fp + 94.0).abs() < 0.6, "{fp}");
+        }
+    }
+
+    #[test]
+    fn the_samples_have_the_energy_that_cir_power_states() {
+        let mut ratio = 0.0;
+        for seed in 0..40 {
+            let mut heard = reception(-80.0, -83.0, 114, seed);
+            heard.link.place = seed;
+            let r = Response::of(&heard);
+            let noise = 2.0 * r.noise * r.noise * r.length as f64;
+            let energy: f64 = (0..r.length).map(|i| f64::from(r.magnitude(i)).powi(2)).sum::<f64>() - noise;
+            ratio += energy / (f64::from(r.cir_power) * 131_072.0) / 40.0;
+        }
+        // Echoes that overlap add up or cancel with their phases; in the mean they do neither.
+        assert!((ratio - 1.0).abs() < 0.1, "{ratio}");
+    }
+
+    #[test]
+    fn strong_signals_are_underestimated_as_the_manual_draws_it() {
+        // User manual, figure 22, PRF 64: −72.5 dBm reads −80, −60 dBm reads −77.5.
+        assert_eq!(estimated_dbm(Prf::Mhz64, -72.5), -80.0);
+        assert_eq!(estimated_dbm(Prf::Mhz64, -60.0), -77.5);
+        assert_eq!(estimated_dbm(Prf::Mhz64, -101.0), -101.0);
+        assert_eq!(estimated_dbm(Prf::Mhz16, -64.0), -80.0);
+        // Beyond, with the last slope of 2.5 in 12.5 dB.
+        assert!((estimated_dbm(Prf::Mhz64, -50.0) + 75.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn long_preambles_fill_the_accumulator_before_they_end() {
+        let r = Response::of(&reception(-75.0, -77.0, 1010, 3));
+        assert!(r.rxpacc < r.rxpacc_nosat);
+        assert_eq!(r.rxpacc_nosat, 1015);
+        let n = f64::from(r.rxpacc);
+        let rx = 10.0 * (f64::from(r.cir_power) * 131_072.0 / (n * n)).log10() - 121.74;
+        // −75 dBm lies a third of the way from −80 to −72.5: the estimate is −82.5 + 2.5 · 2/3.
+        assert!((rx + 80.833).abs() < 0.1, "{rx}");
+    }
+}

@@ -1,0 +1,121 @@
+//! A port of the air: one antenna with its receiver, whoever is behind it.
+
+use super::phy::{Prf, Rate, Sfd};
+use super::propagation::Link;
+use crate::random::Stream;
+use crate::time::TrueTime;
+use std::rc::Rc;
+
+/// A port's number.
+pub type PortId = u32;
+
+/// Where a node is.
+#[derive(Clone)]
+pub enum Path {
+    /// Always there; metres.
+    Fixed([f64; 3]),
+    /// Straight between way-points (seconds, metres), at the first before, at the last after.
+    Ways(Rc<[(f64, [f64; 3])]>),
+    /// Wherever a function of the time in seconds says.
+    Function(Rc<dyn Fn(f64) -> [f64; 3]>),
+}
+
+impl Path {
+    /// The position at `time`, metres.
+    pub fn at(&self, time: TrueTime) -> [f64; 3] {
+        match self {
+            Self::Fixed(position) => *position,
+            Self::Ways(ways) => between(ways, time.as_secs_f64()),
+            Self::Function(f) => f(time.as_secs_f64()),
+        }
+    }
+
+    pub(crate) fn is_fixed(&self) -> bool {
+        matches!(self, Self::Fixed(_))
+    }
+}
+
+fn between(ways: &[(f64, [f64; 3])], seconds: f64) -> [f64; 3] {
+    let next = ways.partition_point(|w| w.0 <= seconds);
+    match (next.checked_sub(1).and_then(|i| ways.get(i)), ways.get(next)) {
+        (Some(a), Some(b)) => {
+            let part = (seconds - a.0) / (b.0 - a.0);
+            std::array::from_fn(|i| a.1[i] + part * (b.1[i] - a.1[i]))
+        }
+        (Some(only), None) | (None, Some(only)) => only.1,
+        (None, None) => [0.0; 3],
+    }
+}
+
+/// What a receiver is set to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RxSettings {
+    /// Channel.
+    pub channel: u8,
+    /// Preamble code.
+    pub code: u8,
+    /// Pulse repetition frequency.
+    pub prf: Prf,
+    /// Delimiter it waits for.
+    pub sfd: Sfd,
+    /// Whether it is set to 110 kbit/s; the header tells the other two rates apart.
+    pub slow: bool,
+    /// Whether it reads the header as Decawave's long-frame mode has it.
+    pub long_frames: bool,
+    /// Preamble acquisition chunk, symbols.
+    pub pac: u16,
+    /// Symbols from the found preamble until it gives up on the delimiter.
+    pub sfd_timeout: u16,
+}
+
+impl RxSettings {
+    /// Symbols from the start of a preamble until it is found: two chunks but for two symbols, so that a preamble of 128
+    /// leaves 114 for the accumulator, as recordings have it (RXPACC = 119 with the delimiter's part).
+    pub const fn detection_symbols(&self) -> u16 {
+        2 * self.pac - 2
+    }
+
+    pub(super) fn could_hear(&self, channel: u8, code: u8, prf: Prf) -> bool {
+        self.channel == channel && self.code == code && self.prf == prf
+    }
+
+    pub(super) fn finds_sfd(&self, sfd: Sfd, rate: Rate) -> bool {
+        self.sfd == sfd && self.slow == matches!(rate, Rate::Kbps110)
+    }
+}
+
+/// The frame a receiver is at.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lock {
+    pub(super) frame: u32,
+    pub(super) link: Link,
+    /// When the preamble was found.
+    pub(super) found: TrueTime,
+    /// Preamble symbols gathered until the delimiter.
+    pub(super) symbols: u16,
+    /// Whether the delimiter was lost under another frame.
+    pub(super) drowned: bool,
+}
+
+pub(super) struct Port {
+    pub(super) path: Path,
+    pub(super) listening: Option<(RxSettings, TrueTime)>,
+    /// Counts the times the receiver was switched on or off: events of an earlier time are stale.
+    pub(super) session: u32,
+    pub(super) lock: Option<Lock>,
+    pub(super) random: Stream,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn way_points_are_joined_straight() {
+        let path = Path::Ways(Rc::from([(1.0, [0.0, 0.0, 1.0]), (3.0, [4.0, -2.0, 1.0])]));
+        let at = |s| path.at(TrueTime::from_secs_f64(s));
+        assert_eq!(at(0.0), [0.0, 0.0, 1.0]);
+        assert_eq!(at(1.5), [1.0, -0.5, 1.0]);
+        assert_eq!(at(9.0), [4.0, -2.0, 1.0]);
+    }
+}

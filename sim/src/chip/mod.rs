@@ -1,0 +1,351 @@
+//! A DW1000 at register level: what a host sees through SPI and the IRQ pin, what the air hears.
+//!
+//! Source: the DW1000 user manual; where it is silent, the constants below say what is assumed. Not modelled: automatic
+//! acknowledgement, GPIO, external synchronisation, sniff mode, the DIS_* switches of SYS_CFG but for the receive buffers.
+
+mod bits;
+mod bus;
+mod filter;
+mod power;
+mod receive;
+mod registers;
+mod transmit;
+
+pub(crate) use bus::{Address, Header};
+
+use crate::air::{AirClient, Heard, PortId, Response};
+use crate::clock::{Clock, ClockConfig, Count};
+use crate::irq::IrqLine;
+use crate::kernel::Event;
+use crate::random::{Purpose, Stream, stream};
+use crate::time::TrueTime;
+use crate::world::World;
+use bits::{config, status};
+use power::Power;
+use rand::Rng;
+use receive::{ReceiveSet, Receiver};
+use registers::{Memory, file};
+use std::rc::Rc;
+use transmit::Transmission;
+
+/// From reset, power-up or wake-up until the crystal runs and the chip answers, microseconds.
+const CRYSTAL_START_US: u64 = 3_000;
+/// From then until the clock PLL has locked, microseconds.
+const PLL_LOCK_US: u64 = 40;
+/// From TXSTRT until the first preamble symbol, microseconds; a delayed start nearer than this raises TXPUTE.
+const TX_START_US: u64 = 10;
+/// From RXENAB until the receiver hears, microseconds.
+const RX_START_US: u64 = 16;
+/// From the end of a transmission until the receiver hears, with WAIT4RESP and no W4R_TIM; and for automatic re-enabling.
+const RX_TURN_US: u64 = 10;
+/// Time the LDE microcode takes to load.
+const LDE_LOAD_US: u64 = 150;
+
+const MASK_40: u64 = (1 << 40) - 1;
+/// Ticks of a chip's microsecond unit (512 counts at 499.2 MHz = 1.0256 µs): RX_FWTO, W4R_TIM.
+const UNIT_TICKS: u64 = 65_536;
+
+/// What a chip is born as.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ChipConfig {
+    /// Its oscillator.
+    pub clock: ClockConfig,
+    /// The counter at power-up; `None` draws one, so that nodes differ and counters wrap.
+    pub counter: Option<u64>,
+    /// 64-bit identifier in its one-time memory (0: none was written).
+    pub eui: u64,
+    /// Part identifier in its one-time memory.
+    pub part: u32,
+    /// Crystal trim in its one-time memory (0: none).
+    pub trim: u8,
+    /// True delay from the chip to the antenna in sending, ticks.
+    pub tx_antenna_ticks: f64,
+    /// True delay from the antenna to the chip in receiving, ticks.
+    pub rx_antenna_ticks: f64,
+    /// Gain of the antenna, dBi.
+    pub antenna_dbi: f64,
+    /// Temperature, °C; a degree moves a range by 2.15 mm.
+    pub temperature_c: f64,
+    /// Supply, volts; a volt moves a range by 5.35 cm.
+    pub supply_v: f64,
+}
+
+impl Default for ChipConfig {
+    fn default() -> Self {
+        Self {
+            clock: ClockConfig::crystal(0.0),
+            counter: None,
+            eui: 0,
+            part: 0,
+            trim: 0,
+            tx_antenna_ticks: 16_436.0,
+            rx_antenna_ticks: 16_436.0,
+            antenna_dbi: 0.0,
+            temperature_c: 23.0,
+            supply_v: 3.3,
+        }
+    }
+}
+
+/// What a host did that a chip would not have taken.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ChipStatistics {
+    /// SPI transactions.
+    pub transactions: u64,
+    /// Bytes on the bus, headers included.
+    pub spi_bytes: u64,
+    /// Transactions faster than the chip could follow in its state.
+    pub too_fast: u64,
+    /// Transactions with a chip that was off, in reset, starting or asleep.
+    pub deaf: u64,
+    /// TXSTRT or RXENAB while it was neither idle nor able.
+    pub not_idle: u64,
+    /// Frames stamped wrongly because the receiver was not reset after an error.
+    pub bad_stamps: u64,
+    /// Delayed starts that came too late.
+    pub late: u64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct ChipEvent {
+    what: What,
+    generation: u32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum What {
+    CrystalRuns,
+    PllLocks,
+    SleepEnds,
+    TransmitterOn,
+    Marker,
+    TransmissionEnds,
+    ReceiverOn,
+    /// The start is far: look again nearer to it.
+    Recheck,
+    Reject,
+    FrameTimeout,
+    PreambleTimeout,
+}
+
+/// What makes an event stale: a counter a line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Line {
+    Power,
+    Trx,
+    Wait,
+}
+
+impl What {
+    const fn line(self) -> Line {
+        match self {
+            Self::CrystalRuns | Self::PllLocks | Self::SleepEnds => Line::Power,
+            Self::TransmitterOn
+            | Self::Marker
+            | Self::TransmissionEnds
+            | Self::ReceiverOn
+            | Self::Recheck
+            | Self::Reject
+            | Self::PreambleTimeout => Line::Trx,
+            Self::FrameTimeout => Line::Wait,
+        }
+    }
+}
+
+/// What transmitter and receiver are at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Trx {
+    Idle,
+    TxWait,
+    Tx,
+    RxWait,
+    Rx,
+}
+
+/// The event counters of DIG_DIAG, by offset.
+#[derive(Clone, Copy)]
+enum Counter {
+    HeaderError = 0x04,
+    ReedSolomon = 0x06,
+    FcsGood = 0x08,
+    FcsError = 0x0A,
+    Rejected = 0x0C,
+    Overrun = 0x0E,
+    SfdTimeout = 0x10,
+    PreambleTimeout = 0x12,
+    FrameTimeout = 0x14,
+    Sent = 0x16,
+    HalfPeriod = 0x18,
+    PowerUp = 0x1A,
+}
+
+/// The chip.
+pub struct Chip {
+    node: u32,
+    port: PortId,
+    config: ChipConfig,
+    clock: Clock,
+    /// What the clock showed when the counter stood at zero.
+    counter_zero: Count,
+    memory: Memory,
+    status: u64,
+    trx: Trx,
+    power: Power,
+    lines: [u32; 3],
+    transmission: Option<Transmission>,
+    receiver: Receiver,
+    sets: [ReceiveSet; 2],
+    /// The set the host reads.
+    host: usize,
+    /// The set the chip fills.
+    ic: usize,
+    response: Option<Response>,
+    random: Stream,
+    irq: Rc<IrqLine>,
+    statistics: ChipStatistics,
+}
+
+impl Chip {
+    pub(crate) fn new(node: u32, port: PortId, seed: u64, config: ChipConfig, irq: Rc<IrqLine>) -> Self {
+        let mut birth = stream(seed, Purpose::Birth, u64::from(node));
+        let drawn: u64 = birth.random();
+        // The clock starts so far on that its own zero is never reached backwards.
+        let first = (config.counter.unwrap_or(drawn) & MASK_40) + (1 << 40);
+        let clock =
+            Clock::new(config.clock, Count::from_ticks(first), stream(seed, Purpose::Oscillator, u64::from(node)));
+        Self {
+            node,
+            port,
+            config,
+            clock,
+            counter_zero: Count::from_ticks(1 << 40),
+            memory: Memory::reset(),
+            status: 0,
+            trx: Trx::Idle,
+            power: Power::off(),
+            lines: [0; 3],
+            transmission: None,
+            receiver: Receiver::default(),
+            sets: [ReceiveSet::new(), ReceiveSet::new()],
+            host: 0,
+            ic: 0,
+            response: None,
+            random: birth,
+            irq,
+            statistics: ChipStatistics::default(),
+        }
+    }
+
+    /// What the host did wrong, and how much it used the bus.
+    pub fn statistics(&self) -> ChipStatistics {
+        self.statistics
+    }
+
+    /// The counter at `time`, 40 bits, whole ticks.
+    pub fn counter(&mut self, time: TrueTime) -> u64 {
+        self.ticks(time) & MASK_40
+    }
+
+    /// How far the chip's clock is off at `time`, parts per million.
+    pub fn clock_ppm(&mut self, time: TrueTime) -> f64 {
+        self.clock.ppm_at(time)
+    }
+
+    /// Changes the temperature around the chip.
+    pub fn set_temperature(&mut self, celsius: f64) {
+        self.config.temperature_c = celsius;
+    }
+
+    pub(crate) fn handle(&mut self, world: &World, event: ChipEvent) {
+        if self.lines[event.what.line() as usize] != event.generation {
+            return;
+        }
+        match event.what {
+            What::CrystalRuns => self.crystal_runs(world),
+            What::PllLocks => self.pll_locks(world),
+            What::SleepEnds => self.wake(world),
+            What::TransmitterOn => self.transmitter_on(world),
+            What::Marker => self.marker(world),
+            What::TransmissionEnds => self.transmission_ends(world),
+            What::ReceiverOn => self.receiver_on(world),
+            What::Recheck => self.recheck(world),
+            What::Reject => self.reject(world),
+            What::FrameTimeout => self.frame_timeout(world),
+            What::PreambleTimeout => self.preamble_timeout(world),
+        }
+        self.update_irq(world);
+    }
+
+    fn schedule(&self, world: &World, at: TrueTime, what: What) {
+        let event = ChipEvent { what, generation: self.lines[what.line() as usize] };
+        world.kernel().schedule(at, Event::Chip { node: self.node, event });
+    }
+
+    fn schedule_in(&self, world: &World, micros: u64, what: What) {
+        self.schedule(world, world.now() + std::time::Duration::from_micros(micros), what);
+    }
+
+    /// Makes what was scheduled on `line` stale.
+    fn cancel(&mut self, line: Line) {
+        let generation = &mut self.lines[line as usize];
+        *generation = generation.wrapping_add(1);
+    }
+
+    /// Ticks of the counter since it was zero, unwrapped.
+    fn ticks(&mut self, time: TrueTime) -> u64 {
+        Count(self.clock.count_at(time).0.wrapping_sub(self.counter_zero.0)).ticks()
+    }
+
+    /// When the unwrapped counter shows `ticks`.
+    fn time_of(&mut self, ticks: f64) -> TrueTime {
+        self.clock.time_of(self.counter_zero.plus_ticks(ticks))
+    }
+
+    /// Ticks from now until the counter shows `wanted` (40 bits) less `lead`; negative if that is past.
+    fn ticks_until(&mut self, now: TrueTime, wanted: u64, lead: u64) -> i64 {
+        let ahead = wanted.wrapping_sub(lead).wrapping_sub(self.ticks(now)) & MASK_40;
+        ((ahead << 24) as i64) >> 24
+    }
+
+    fn configuration(&self) -> u32 {
+        self.memory.u32(file::SYS_CFG, 0)
+    }
+
+    fn configured(&self, bit: u32) -> bool {
+        self.configuration() & bit != 0
+    }
+
+    fn count(&mut self, counter: Counter) {
+        if self.memory.u8(file::DIG_DIAG, 0) & 1 != 0 {
+            let value = (self.memory.u16(file::DIG_DIAG, counter as usize) + 1) & 0xFFF;
+            self.memory.write(file::DIG_DIAG, counter as usize, &value.to_le_bytes());
+        }
+    }
+
+    /// SYS_STATUS as the host reads it.
+    fn status_word(&self) -> u64 {
+        let mut word = self.status | self.sets[self.host].status | self.transmit_progress();
+        if self.host == 1 {
+            word |= status::HSRBP;
+        }
+        if self.ic == 1 {
+            word |= status::ICRBP;
+        }
+        let mask = u64::from(self.memory.u32(file::SYS_MASK, 0));
+        word | u64::from(word & mask & !1 != 0)
+    }
+
+    fn update_irq(&self, world: &World) {
+        let active = self.power.answers() && self.status_word() & 1 != 0;
+        let level = active == self.configured(config::HIRQ_POL);
+        // A chip that is off or asleep lets the line fall.
+        self.irq.set(world, level && self.power.answers());
+    }
+}
+
+impl AirClient for Chip {
+    fn on_air(&mut self, world: &World, now: TrueTime, heard: Heard) {
+        self.hear(world, now, heard);
+        self.update_irq(world);
+    }
+}

@@ -1,0 +1,352 @@
+//! The transmitter: from TXSTRT to TXFRS.
+
+use super::bits::{channel, config, control, status};
+use super::registers::file;
+use super::{Chip, Counter, Line, MASK_40, TX_START_US, Trx, What};
+use crate::air::{Phy, Prf, Rate, Sfd, SfdKind, TxStart};
+use crate::clock::TICKS_PER_PS;
+use crate::time::{PS_PER_S, TrueTime};
+use crate::world::World;
+use crc::{CRC_16_KERMIT, CRC_16_MCRF4XX, Crc};
+use std::rc::Rc;
+
+/// The check of IEEE 802.15.4, and the same from FCS_INIT2F's seed.
+const CHECK: Crc<u16> = Crc::<u16>::new(&CRC_16_KERMIT);
+const CHECK_FROM_ONES: Crc<u16> = Crc::<u16>::new(&CRC_16_MCRF4XX);
+/// Delayed starts ignore the low nine bits.
+const STEP: u64 = 512;
+/// Starts farther off than this are looked at again: the oscillator's wandering is not known that far ahead.
+const FAR_TICKS: i64 = 63_897_600 * 200;
+/// Power density at which the recommended gains arrive: −41.3 dBm/MHz over 500 MHz.
+const REFERENCE_DBM: f64 = -14.3;
+
+/// A frame being sent.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Transmission {
+    phy: Phy,
+    /// The counter at the RMARKER, unwrapped ticks, before the antenna delay.
+    marker: u64,
+    /// Check bytes included.
+    length: usize,
+    listen_after: bool,
+    suppress_check: bool,
+    frame: Option<u32>,
+    /// Status bits reached.
+    progress: u64,
+}
+
+impl Transmission {
+    /// The host has cleared these status bits.
+    pub(super) fn clear(&mut self, bits: u64) {
+        self.progress &= !bits;
+    }
+}
+
+/// What FCS a frame of these bytes has.
+pub(super) fn check_of(bytes: &[u8], from_ones: bool) -> u16 {
+    if from_ones { CHECK_FROM_ONES.checksum(bytes) } else { CHECK.checksum(bytes) }
+}
+
+impl Chip {
+    /// SYS_CTRL was written.
+    pub(super) fn command(&mut self, world: &World, command: u32) {
+        if command & control::TRXOFF != 0 {
+            self.idle(world);
+        }
+        if command & control::HRBPT != 0 {
+            self.swing_host();
+        }
+        if command & control::TXSTRT != 0 {
+            self.start_transmission(world, command);
+        } else if command & control::RXENAB != 0 {
+            self.enable_receiver(world, command & control::RXDLYE != 0);
+        }
+    }
+
+    /// Transmitter and receiver off, at once.
+    pub(super) fn idle(&mut self, world: &World) {
+        if let Some(Transmission { progress, .. }) = self.transmission.take() {
+            self.status |= progress;
+        }
+        if self.trx == Trx::Rx {
+            world.air().deafen(self.port);
+        }
+        self.trx = Trx::Idle;
+        self.cancel(Line::Trx);
+        self.cancel(Line::Wait);
+    }
+
+    /// Bits of SYS_STATUS that the running transmission has set so far.
+    pub(super) fn transmit_progress(&self) -> u64 {
+        self.transmission.map_or(0, |t| t.progress)
+    }
+
+    fn start_transmission(&mut self, world: &World, command: u32) {
+        let Some(phy) = self.transmit_phy().filter(|_| self.trx == Trx::Idle && self.on_pll()) else {
+            self.statistics.not_idle += 1;
+            return;
+        };
+        let now = world.now();
+        let lead = TX_START_US * 638_976 / 10;
+        let marker = if command & control::TXDLYS != 0 {
+            let wanted = self.memory.u40(file::DX_TIME) & !(STEP - 1);
+            let preamble_in = self.ticks_until(now, wanted, phy.shr_ticks());
+            if preamble_in < 0 {
+                self.late(Counter::HalfPeriod, status::HPDWARN);
+            } else if (preamble_in as u64) < lead {
+                self.late(Counter::PowerUp, status::TXPUTE);
+            }
+            let ticks = self.ticks(now);
+            ticks + (wanted.wrapping_sub(ticks) & MASK_40)
+        } else {
+            (self.ticks(now) + lead + phy.shr_ticks()).next_multiple_of(STEP)
+        };
+        let fctrl = self.memory.u32(file::TX_FCTRL, 0);
+        let length = (fctrl & if phy.long_frames { 0x3FF } else { 0x7F }) as usize;
+        self.cancel(Line::Trx);
+        self.trx = Trx::TxWait;
+        self.transmission = Some(Transmission {
+            phy,
+            marker,
+            length,
+            listen_after: command & control::WAIT4RESP != 0,
+            suppress_check: command & control::SFCST != 0,
+            frame: None,
+            progress: 0,
+        });
+        self.recheck(world);
+    }
+
+    pub(super) fn late(&mut self, counter: Counter, bit: u64) {
+        self.status |= bit;
+        self.statistics.late += 1;
+        self.count(counter);
+    }
+
+    /// Schedules the start that is waited for, or another look at it.
+    pub(super) fn recheck(&mut self, world: &World) {
+        let (start, what) = match (self.trx, self.transmission) {
+            (Trx::TxWait, Some(t)) => {
+                ((t.marker as f64) - t.phy.shr_ticks() as f64 + self.tx_delay(), What::TransmitterOn)
+            }
+            (Trx::RxWait, _) => (self.receiver.on_at as f64, What::ReceiverOn),
+            _ => return,
+        };
+        let now = world.now();
+        let far = start - self.ticks(now) as f64 > FAR_TICKS as f64;
+        if far {
+            self.schedule(world, now.plus_ps(PS_PER_S / 10), What::Recheck);
+        } else {
+            let at = self.time_of(start);
+            self.schedule(world, at, what);
+        }
+    }
+
+    /// Ticks from the chip to the antenna.
+    fn tx_delay(&self) -> f64 {
+        self.config.tx_antenna_ticks + self.delay_drift()
+    }
+
+    /// Ticks that temperature and supply add to each of the two delays: 2.15 mm/°C and 5.35 cm/V of range.
+    pub(super) fn delay_drift(&self) -> f64 {
+        let metres = 0.00215 * (self.config.temperature_c - 23.0) + 0.0535 * (self.config.supply_v - 3.3);
+        metres / crate::air::SPEED_OF_LIGHT * 1e12 * TICKS_PER_PS
+    }
+
+    pub(super) fn transmitter_on(&mut self, world: &World) {
+        let Some(mut t) = self.transmission else { return };
+        self.trx = Trx::Tx;
+        t.progress = status::TXFRB;
+        let now = world.now();
+        let marker = self.time_of(t.marker as f64 + self.tx_delay());
+        let start = TxStart {
+            phy: t.phy,
+            ranging: self.memory.u32(file::TX_FCTRL, 0) & (1 << 15) != 0,
+            start: now,
+            marker,
+            power_dbm: self.radiated_dbm(&t) + self.config.antenna_dbi,
+            sender_ppm: self.clock.ppm_at(now),
+        };
+        t.frame = Some(world.air().transmit(world.kernel(), self.port, start));
+        self.transmission = Some(t);
+        self.schedule(world, marker, What::Marker);
+    }
+
+    pub(super) fn marker(&mut self, world: &World) {
+        let Some(mut t) = self.transmission else { return };
+        t.progress |= status::TXPRS;
+        self.transmission = Some(t);
+        let antenna = u64::from(self.memory.u16(file::TX_ANTD, 0));
+        let mut stamp = [0; 10];
+        stamp[..5].copy_from_slice(&((t.marker + antenna) & MASK_40).to_le_bytes()[..5]);
+        stamp[5..].copy_from_slice(&(t.marker & MASK_40).to_le_bytes()[..5]);
+        self.memory.write(file::TX_TIME, 0, &stamp);
+        let ends = t.marker + t.phy.phr_ticks() + t.phy.payload_ticks(t.length);
+        let end = self.time_of(ends as f64 + self.tx_delay());
+        if let Some(frame) = t.frame {
+            let bytes = self.outgoing(&t);
+            world.air().fill(frame, bytes, end);
+        }
+        self.schedule(world, end, What::TransmissionEnds);
+    }
+
+    /// The frame's bytes out of the buffer, with check bytes. A frame of fewer than two bytes has nothing but its check.
+    fn outgoing(&self, t: &Transmission) -> Rc<[u8]> {
+        let offset = (self.memory.u32(file::TX_FCTRL, 0) >> 22) as usize;
+        let buffer = self.memory.file(file::TX_BUFFER);
+        let byte = |i: usize| buffer.get(offset + i).copied().unwrap_or(0);
+        let mut bytes: Vec<u8> = (0..t.length.max(1)).map(byte).collect();
+        if !t.suppress_check && t.length >= 2 {
+            let body = t.length - 2;
+            let check = check_of(&bytes[..body], self.configured(config::FCS_INIT2F));
+            bytes[body..].copy_from_slice(&check.to_le_bytes());
+        }
+        Rc::from(bytes)
+    }
+
+    pub(super) fn transmission_ends(&mut self, world: &World) {
+        let Some(t) = self.transmission.take() else { return };
+        self.status |= t.progress | status::TXPHS | status::TXFRS;
+        self.count(Counter::Sent);
+        self.trx = Trx::Idle;
+        if t.listen_after {
+            self.listen_after_sending(world);
+        } else if self.memory.u32(file::PMSC, 4) & (1 << 11) != 0 {
+            self.sleep(world);
+        }
+    }
+
+    /// What CHAN_CTRL and TX_FCTRL say; `None` if they name nothing that exists.
+    fn transmit_phy(&self) -> Option<Phy> {
+        let channels = self.memory.u32(file::CHAN_CTRL, 0);
+        let fctrl = self.memory.u32(file::TX_FCTRL, 0);
+        let rate = match (fctrl >> 13) & 3 {
+            0 => Rate::Kbps110,
+            1 => Rate::Kbps850,
+            2 => Rate::Kbps6800,
+            _ => return None,
+        };
+        let preamble = match (fctrl >> 18) & 0xF {
+            // TXPSR in the low two bits, PE above (user manual, table 16).
+            0b0001 => 64,
+            0b0101 => 128,
+            0b1001 => 256,
+            0b1101 => 512,
+            0b0010 => 1024,
+            0b0110 => 1536,
+            0b1010 => 2048,
+            0b0011 => 4096,
+            _ => return None,
+        };
+        Some(Phy {
+            channel: self.channel((channels & 0xF) as u8)?,
+            code: ((channels >> 22) & 0x1F) as u8,
+            prf: prf((fctrl >> 16) & 3)?,
+            rate,
+            preamble,
+            sfd: self.sfd(channels & channel::TNSSFD != 0, rate),
+            long_frames: self.configuration() & config::PHR_MODE == config::PHR_MODE,
+        })
+    }
+
+    pub(super) fn channel(&self, number: u8) -> Option<u8> {
+        matches!(number, 1..=5 | 7).then_some(number)
+    }
+
+    /// The delimiter that CHAN_CTRL and SFD_LENGTH choose at a rate (user manual, table 21).
+    pub(super) fn sfd(&self, user: bool, rate: Rate) -> Sfd {
+        let decawave = self.memory.u32(file::CHAN_CTRL, 0) & channel::DWSFD != 0;
+        let length = u16::from(self.memory.u8(file::USR_SFD, 0));
+        let kind = match (decawave, user) {
+            (true, _) => SfdKind::Decawave,
+            (false, true) => SfdKind::User,
+            (false, false) => SfdKind::Ieee,
+        };
+        let symbols = match (rate, kind) {
+            (Rate::Kbps110, _) => 64,
+            (_, SfdKind::Ieee) => 8,
+            (_, SfdKind::Decawave | SfdKind::User) => length.clamp(8, 64),
+        };
+        Sfd { kind, symbols }
+    }
+
+    /// Radiated power before the antenna's gain: the recommended gain of channel and PRF gives the legal limit.
+    fn radiated_dbm(&self, t: &Transmission) -> f64 {
+        let register = self.memory.u32(file::TX_POWER, 0);
+        let micros = t.phy.frame_ticks(t.length) as f64 / 63_897.6;
+        let smart = !self.configured(config::DIS_STXP) && t.phy.rate == Rate::Kbps6800;
+        // Smart: BOOSTNORM, BOOSTP500, BOOSTP250, BOOSTP125 by the frame's length. Manual: TXPOWPHR (and TXPOWSD).
+        let byte = match (smart, micros) {
+            (true, m) if m < 125.0 => 3,
+            (true, m) if m < 250.0 => 2,
+            (true, m) if m < 500.0 => 1,
+            (true, _) => 0,
+            (false, _) => 2,
+        };
+        let gain = gain_db((register >> (8 * byte)) as u8);
+        let wide_db = if Phy::is_wide(t.phy.channel) { 2.6 } else { 0.0 };
+        REFERENCE_DBM + wide_db + gain - gain_db(recommended_gain(t.phy.channel, t.phy.prf))
+    }
+}
+
+/// What two bits of TX_FCTRL or CHAN_CTRL say.
+pub(super) fn prf(bits: u32) -> Option<Prf> {
+    match bits {
+        1 => Some(Prf::Mhz16),
+        2 => Some(Prf::Mhz64),
+        _ => None,
+    }
+}
+
+/// A byte of TX_POWER: 3 dB steps down from 18 dB in the upper three bits (111: off), half decibels up in the lower five.
+fn gain_db(byte: u8) -> f64 {
+    match byte >> 5 {
+        7 => -60.0,
+        coarse => 18.0 - 3.0 * f64::from(coarse) + 0.5 * f64::from(byte & 0x1F),
+    }
+}
+
+/// TX_POWER without smart power, one of its equal bytes (user manual, table 20).
+const fn recommended_gain(channel: u8, prf: Prf) -> u8 {
+    match (channel, prf) {
+        (1 | 2, Prf::Mhz16) => 0x75,
+        (1 | 2, Prf::Mhz64) => 0x67,
+        (3, Prf::Mhz16) => 0x6F,
+        (3, Prf::Mhz64) => 0x8B,
+        (4, Prf::Mhz16) => 0x5F,
+        (4, Prf::Mhz64) => 0x9A,
+        (7, Prf::Mhz16) => 0x92,
+        (7, Prf::Mhz64) => 0xD1,
+        (_, Prf::Mhz16) => 0x48,
+        (_, Prf::Mhz64) => 0x85,
+    }
+}
+
+/// The instant of `micros` chip units after `now`.
+pub(super) fn units_after(now: TrueTime, units: u64) -> TrueTime {
+    now.plus_ps((units as f64 * super::UNIT_TICKS as f64 / TICKS_PER_PS) as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn smart_power_adds_three_decibels_a_step() {
+        // User manual, table 19, channel 5: 0x0E082848 at PRF 16, 0x25456585 at PRF 64, against the manual setting.
+        for (register, reference) in [(0x0E08_2848u32, 0x48), (0x2545_6585, 0x85)] {
+            let above: Vec<f64> = (0..4).map(|i| gain_db((register >> (8 * i)) as u8) - gain_db(reference)).collect();
+            assert_eq!(above, [0.0, 3.0, 6.0, 9.0]);
+        }
+    }
+
+    #[test]
+    fn check_bytes_of_a_known_frame() {
+        // The check value of CRC-16/KERMIT for "123456789" is 0x2189 (catalogue of parametrised CRC algorithms).
+        assert_eq!(check_of(b"123456789", false), 0x2189);
+        // A frame with its check appended leaves zero.
+        let mut frame = vec![0x41, 0x88, 0x01, 0xCA, 0xDE];
+        frame.extend(check_of(&frame, false).to_le_bytes());
+        assert_eq!(check_of(&frame, false), 0);
+    }
+}

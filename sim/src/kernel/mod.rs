@@ -1,0 +1,113 @@
+//! Virtual time: an event queue ordered by (time, sequence) and a single-threaded executor for the nodes' async code.
+//!
+//! Time moves only when nothing is left to do at the present instant. Events of equal time happen in the order in which they
+//! were scheduled, so that a run depends on its seed and on nothing else.
+
+mod executor;
+mod queue;
+mod timer;
+
+pub(crate) use executor::Executor;
+pub use executor::TaskId;
+pub use timer::Sleep;
+
+use crate::air::AirEvent;
+use crate::chip::ChipEvent;
+use crate::time::TrueTime;
+use crate::world::World;
+use queue::Queue;
+use std::cell::{Cell, RefCell};
+use std::task::Waker;
+use timer::Timers;
+
+/// What happens at an instant.
+pub(crate) enum Event {
+    /// A sleeping future's time has come.
+    Timer(timer::Key),
+    /// Something in the chip of a node.
+    Chip { node: u32, event: ChipEvent },
+    /// A frame reaches a point of its course at a receiver.
+    Air(AirEvent),
+    /// The scenario does something.
+    Call(Box<dyn FnOnce(&World)>),
+}
+
+/// The clock, the queue and the tasks.
+pub(crate) struct Kernel {
+    now: Cell<TrueTime>,
+    horizon: Cell<TrueTime>,
+    queue: RefCell<Queue>,
+    timers: RefCell<Timers>,
+    pub(crate) executor: Executor,
+}
+
+impl Kernel {
+    pub(crate) fn new() -> Self {
+        Self {
+            now: Cell::new(TrueTime::ZERO),
+            horizon: Cell::new(TrueTime::ZERO),
+            queue: RefCell::new(Queue::new()),
+            timers: RefCell::new(Timers::default()),
+            executor: Executor::new(),
+        }
+    }
+
+    pub(crate) fn now(&self) -> TrueTime {
+        self.now.get()
+    }
+
+    pub(crate) fn schedule(&self, at: TrueTime, event: Event) {
+        self.queue.borrow_mut().push(at.max(self.now.get()), event);
+    }
+
+    /// Wakes `waker` at `at`.
+    pub(crate) fn schedule_wake(&self, at: TrueTime, waker: &Waker) -> timer::Key {
+        let key = self.timers.borrow_mut().arm(self.executor.wake_for(waker));
+        self.schedule(at, Event::Timer(key));
+        key
+    }
+
+    pub(crate) fn fire_timer(&self, key: timer::Key) {
+        if let Some(wake) = self.timers.borrow_mut().fire(key) {
+            self.executor.wake(wake);
+        }
+    }
+
+    pub(crate) fn retarget(&self, key: timer::Key, waker: &Waker) {
+        self.timers.borrow_mut().retarget(key, self.executor.wake_for(waker));
+    }
+
+    pub(crate) fn disarm(&self, key: timer::Key) {
+        self.timers.borrow_mut().disarm(key);
+    }
+
+    /// Moves time to `at` if nothing at all happens up to and at that instant, and tells whether it did. A transfer that
+    /// nobody can disturb thus ends within its poll, as with a driver that waits for its bus.
+    pub(crate) fn advance_if_quiet(&self, at: TrueTime) -> bool {
+        let quiet = at <= self.horizon.get() && self.executor.is_idle() && self.queue.borrow().head() > at;
+        if quiet {
+            self.now.set(at);
+        }
+        quiet
+    }
+
+    /// The next event up to the horizon; moves time to it.
+    pub(crate) fn next_event(&self) -> Option<Event> {
+        let mut queue = self.queue.borrow_mut();
+        if queue.head() > self.horizon.get() {
+            return None;
+        }
+        let (at, event) = queue.pop()?;
+        self.now.set(at);
+        Some(event)
+    }
+
+    pub(crate) fn set_horizon(&self, horizon: TrueTime) {
+        self.horizon.set(horizon);
+    }
+
+    /// Lets the time of the horizon come, after its last event.
+    pub(crate) fn arrive_at_horizon(&self) {
+        self.now.set(self.now.get().max(self.horizon.get()));
+    }
+}

@@ -1,0 +1,58 @@
+//! The event queue: a heap ordered by time, then by the order of scheduling.
+
+use super::Event;
+use crate::time::TrueTime;
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+
+pub(super) struct Queue {
+    heap: BinaryHeap<Entry>,
+    sequence: u64,
+}
+
+struct Entry {
+    at: TrueTime,
+    sequence: u64,
+    event: Event,
+}
+
+impl Queue {
+    pub(super) fn new() -> Self {
+        Self { heap: BinaryHeap::with_capacity(256), sequence: 0 }
+    }
+
+    pub(super) fn push(&mut self, at: TrueTime, event: Event) {
+        self.heap.push(Entry { at, sequence: self.sequence, event });
+        self.sequence += 1;
+    }
+
+    pub(super) fn pop(&mut self) -> Option<(TrueTime, Event)> {
+        self.heap.pop().map(|e| (e.at, e.event))
+    }
+
+    /// When the next event happens.
+    pub(super) fn head(&self) -> TrueTime {
+        self.heap.peek().map_or(TrueTime::NEVER, |e| e.at)
+    }
+}
+
+impl Ord for Entry {
+    /// Reversed: the heap gives its greatest first.
+    fn cmp(&self, other: &Self) -> Ordering {
+        (other.at, other.sequence).cmp(&(self.at, self.sequence))
+    }
+}
+
+impl PartialOrd for Entry {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Entry {
+    fn eq(&self, other: &Self) -> bool {
+        self.sequence == other.sequence
+    }
+}
+
+impl Eq for Entry {}

@@ -1,0 +1,186 @@
+//! The SPI bus between a processor and its chip, as `embedded-hal-async` has it.
+//!
+//! A transaction takes the board's overhead and eight clocks a byte of virtual time. Data is read, and writes take effect, at
+//! its end; SYS_TIME alone is that of the first data byte. A transaction that the chip cannot follow (too fast before the PLL
+//! has locked, above 20 MHz at any time) reads garbage and writes nothing.
+
+use crate::chip::{Address, Chip, Header};
+use crate::time::TrueTime;
+use crate::world::World;
+use embedded_hal::spi::{ErrorType, Operation};
+use embedded_hal_async::spi::SpiDevice;
+use std::cell::{Cell, RefCell};
+use std::convert::Infallible;
+use std::future::poll_fn;
+use std::rc::Rc;
+use std::task::Poll;
+
+/// What a processor holds of the bus.
+pub struct SimSpi {
+    world: World,
+    chip: Rc<RefCell<Chip>>,
+    clock: SpiClock,
+    overhead_ps: u64,
+}
+
+/// Sets the bus clock; applications keep a clone and speed up once the PLL has locked.
+#[derive(Clone, Debug)]
+pub struct SpiClock(Rc<Cell<u32>>);
+
+impl SpiClock {
+    /// The clock, Hz.
+    pub fn hz(&self) -> u32 {
+        self.0.get()
+    }
+
+    /// Changes the clock, Hz; 0 counts as 1.
+    pub fn set_hz(&self, hz: u32) {
+        self.0.set(hz.max(1));
+    }
+}
+
+impl SimSpi {
+    pub(crate) fn new(world: World, chip: Rc<RefCell<Chip>>, hz: u32, overhead_ns: u32) -> Self {
+        let clock = SpiClock(Rc::new(Cell::new(hz.max(1))));
+        Self { world, chip, clock, overhead_ps: u64::from(overhead_ns) * 1000 }
+    }
+
+    /// The bus clock.
+    pub fn clock(&self) -> SpiClock {
+        self.clock.clone()
+    }
+
+    /// Picoseconds that `bytes` bytes take on the bus.
+    fn bus_ps(&self, bytes: usize) -> u64 {
+        bytes as u64 * 8_000_000_000_000 / u64::from(self.clock.hz())
+    }
+
+    /// Waits until `until`; within the poll if nothing else can happen.
+    async fn pass(&self, until: TrueTime) {
+        let mut armed = None;
+        poll_fn(|cx| {
+            let kernel = self.world.kernel();
+            if kernel.now() >= until || (armed.is_none() && kernel.advance_if_quiet(until)) {
+                return Poll::Ready(());
+            }
+            match armed {
+                Some(key) => kernel.retarget(key, cx.waker()),
+                None => armed = Some(kernel.schedule_wake(until, cx.waker())),
+            }
+            Poll::Pending
+        })
+        .await;
+    }
+
+    fn apply(&self, operations: &mut [Operation<'_, u8>], bytes: usize, selected_ps: u64) {
+        let mut chip = self.chip.borrow_mut();
+        if !chip.transacted(&self.world, bytes, selected_ps, self.clock.hz()) {
+            garble(operations);
+            return;
+        }
+        let end = self.world.now();
+        let mut header = Header::default();
+        let mut address: Option<Address> = None;
+        let mut pushed = 0;
+        for operation in operations {
+            let read_at = |left: usize| TrueTime::from_ps(end.as_ps().saturating_sub(self.bus_ps(left)));
+            match operation {
+                Operation::Write(sent) => {
+                    let body = parse(&mut header, &mut address, sent, &mut pushed);
+                    advance(&mut chip, &self.world, &mut address, body);
+                }
+                Operation::Read(into) => fetch(&mut chip, &mut address, read_at(bytes - pushed), into),
+                Operation::Transfer(into, sent) => {
+                    let before = pushed;
+                    let body = parse(&mut header, &mut address, sent, &mut pushed);
+                    let skipped = (pushed - before).min(into.len());
+                    let (_, data) = into.split_at_mut(skipped);
+                    exchange(&mut chip, &self.world, &mut address, read_at(bytes - pushed), data, body);
+                }
+                Operation::TransferInPlace(both) => {
+                    let before = pushed;
+                    let sent: Vec<u8> = both.to_vec();
+                    let body = parse(&mut header, &mut address, &sent, &mut pushed);
+                    let (_, data) = both.split_at_mut(pushed - before);
+                    exchange(&mut chip, &self.world, &mut address, read_at(bytes - pushed), data, body);
+                }
+                Operation::DelayNs(_) => {}
+            }
+        }
+    }
+}
+
+/// Takes the header's bytes off what is sent; the rest is data.
+fn parse<'a>(header: &mut Header, address: &mut Option<Address>, sent: &'a [u8], pushed: &mut usize) -> &'a [u8] {
+    let mut rest = sent;
+    while let (None, [first, tail @ ..]) = (*address, rest) {
+        *address = header.push(*first);
+        *pushed += 1;
+        rest = tail;
+    }
+    rest
+}
+
+fn advance(chip: &mut Chip, world: &World, address: &mut Option<Address>, data: &[u8]) {
+    if let Some(at) = address.as_mut().filter(|_| !data.is_empty()) {
+        if at.write {
+            chip.write(world, *at, data);
+        }
+        at.offset += data.len();
+    }
+}
+
+fn fetch(chip: &mut Chip, address: &mut Option<Address>, time: TrueTime, into: &mut [u8]) {
+    into.fill(0);
+    if let Some(at) = address.as_mut().filter(|a| !a.write) {
+        chip.read(*at, time, into);
+        at.offset += into.len();
+    }
+}
+
+fn exchange(
+    chip: &mut Chip,
+    world: &World,
+    address: &mut Option<Address>,
+    time: TrueTime,
+    into: &mut [u8],
+    body: &[u8],
+) {
+    match address {
+        Some(Address { write: true, .. }) => advance(chip, world, address, body),
+        Some(Address { write: false, .. }) | None => fetch(chip, address, time, into),
+    }
+}
+
+/// What a host reads when the chip missed clock edges or does not drive the line: bits that mean nothing.
+fn garble(operations: &mut [Operation<'_, u8>]) {
+    for operation in operations {
+        match operation {
+            Operation::Read(into) | Operation::Transfer(into, _) | Operation::TransferInPlace(into) => into.fill(0xA5),
+            Operation::Write(_) | Operation::DelayNs(_) => {}
+        }
+    }
+}
+
+impl ErrorType for SimSpi {
+    type Error = Infallible;
+}
+
+impl SpiDevice for SimSpi {
+    async fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
+        let (mut bytes, mut delay_ps) = (0, 0);
+        for operation in operations.iter() {
+            match operation {
+                Operation::Read(into) => bytes += into.len(),
+                Operation::Write(sent) => bytes += sent.len(),
+                Operation::Transfer(into, sent) => bytes += into.len().max(sent.len()),
+                Operation::TransferInPlace(both) => bytes += both.len(),
+                Operation::DelayNs(ns) => delay_ps += u64::from(*ns) * 1000,
+            }
+        }
+        let selected_ps = self.bus_ps(bytes) + delay_ps;
+        self.pass(self.world.now().plus_ps(self.overhead_ps + selected_ps)).await;
+        self.apply(operations, bytes, selected_ps);
+        Ok(())
+    }
+}

@@ -1,0 +1,413 @@
+//! The world: virtual time, the air, the nodes and their tasks.
+//!
+//! ```
+//! use embedded_hal_async::spi::SpiDevice;
+//! use sim::{AirConfig, NodeConfig, Path, TrueTime, World};
+//!
+//! let world = World::new(1, AirConfig::default());
+//! let node = world.add_node(NodeConfig::at([1.0, 2.0, 0.5]));
+//! node.boot(|mut peripherals| async move {
+//!     peripherals.delay.pause_ms(5).await;
+//!     let mut id = [0; 4];
+//!     peripherals.spi.transaction(&mut [
+//!         embedded_hal::spi::Operation::Write(&[0x00]),
+//!         embedded_hal::spi::Operation::Read(&mut id),
+//!     ]).await.unwrap();
+//!     assert_eq!(u32::from_le_bytes(id), 0xDECA_0130);
+//! });
+//! world.run_until(TrueTime::from_secs_f64(0.1));
+//! ```
+
+use crate::air::{Air, AirClient, AirConfig, AirStatistics, Path, PortId, Sniffed};
+use crate::board::BoardProfile;
+use crate::chip::{Chip, ChipConfig, ChipStatistics};
+use crate::irq::{IrqLine, IrqPin};
+use crate::kernel::{Event, Kernel, Sleep, TaskId};
+use crate::random::{Purpose, Stream, stream};
+use crate::spi::SimSpi;
+use crate::time::TrueTime;
+use embedded_hal::digital::{ErrorType, OutputPin};
+use embedded_hal_async::delay::DelayNs;
+use std::cell::{Cell, RefCell, RefMut};
+use std::convert::Infallible;
+use std::future::Future;
+use std::pin::Pin;
+use std::rc::{Rc, Weak};
+use std::task::{Context, Poll, Waker};
+use std::time::Duration;
+
+/// The simulation; clones share it.
+#[derive(Clone)]
+pub struct World(Rc<Shared>);
+
+struct Shared {
+    seed: u64,
+    kernel: Kernel,
+    air: RefCell<Air>,
+    nodes: RefCell<Vec<Node>>,
+    clients: RefCell<Vec<Rc<RefCell<dyn AirClient>>>>,
+}
+
+/// What a node is.
+#[derive(Clone)]
+pub struct NodeConfig {
+    /// Where it is, and goes.
+    pub path: Path,
+    /// Its chip and oscillator.
+    pub chip: ChipConfig,
+    /// Its processor.
+    pub board: BoardProfile,
+}
+
+impl NodeConfig {
+    /// A DWM1001 with a perfect crystal that stays at `position`, metres.
+    pub fn at(position: [f64; 3]) -> Self {
+        Self { path: Path::Fixed(position), chip: ChipConfig::default(), board: BoardProfile::DWM1001 }
+    }
+
+    /// The same with an oscillator that is `ppm` off and wanders as crystals do.
+    pub fn with_crystal(mut self, ppm: f64) -> Self {
+        self.chip.clock = crate::clock::ClockConfig::crystal(ppm);
+        self
+    }
+}
+
+type Firmware = Rc<dyn Fn(Peripherals) -> Pin<Box<dyn Future<Output = ()>>>>;
+
+/// A node: a processor, a bus, a chip.
+#[derive(Clone)]
+pub struct Node {
+    world: Weak<Shared>,
+    chip: Rc<RefCell<Chip>>,
+    irq: Rc<IrqLine>,
+    board: BoardProfile,
+    firmware: Rc<RefCell<Option<Firmware>>>,
+    tasks: Rc<RefCell<Vec<TaskId>>>,
+    powered: Rc<Cell<bool>>,
+    port: PortId,
+}
+
+/// What a board gives its application.
+pub struct Peripherals {
+    /// The bus to the chip.
+    pub spi: SimSpi,
+    /// The chip's IRQ line.
+    pub irq: IrqPin,
+    /// The chip's RSTn.
+    pub reset: ResetPin,
+    /// Waits.
+    pub delay: SimDelay,
+    /// The node, for tasks of its own.
+    pub node: Node,
+}
+
+impl World {
+    /// An empty world. Equal seeds and equal calls give equal runs.
+    pub fn new(seed: u64, air: AirConfig) -> Self {
+        let air = RefCell::new(Air::new(air, seed));
+        Self(Rc::new(Shared {
+            seed,
+            kernel: Kernel::new(),
+            air,
+            nodes: RefCell::default(),
+            clients: RefCell::default(),
+        }))
+    }
+
+    /// True time.
+    pub fn now(&self) -> TrueTime {
+        self.0.kernel.now()
+    }
+
+    /// Random numbers for a scenario or an application.
+    pub fn random(&self, index: u64) -> Stream {
+        stream(self.0.seed, Purpose::Scenario, index)
+    }
+
+    /// Adds a node with its supply on: the chip starts now.
+    pub fn add_node(&self, config: NodeConfig) -> Node {
+        let number = self.0.nodes.borrow().len() as u32;
+        let irq = Rc::new(IrqLine::new(config.board.interrupt_latency_ns));
+        let port = self.air().add_port(config.path);
+        let chip = Rc::new(RefCell::new(Chip::new(number, port, self.0.seed, config.chip, irq.clone())));
+        self.0.clients.borrow_mut().push(chip.clone());
+        let node = Node {
+            world: Rc::downgrade(&self.0),
+            chip,
+            irq,
+            board: config.board,
+            firmware: Rc::default(),
+            tasks: Rc::default(),
+            powered: Rc::new(Cell::new(true)),
+            port,
+        };
+        node.chip.borrow_mut().set_supply(self, true);
+        self.0.nodes.borrow_mut().push(node.clone());
+        node
+    }
+
+    /// Adds whoever is on the air without a board, as `client` makes it for the port it gets.
+    pub(crate) fn add_client<C: AirClient + 'static>(
+        &self,
+        path: Path,
+        client: impl FnOnce(PortId) -> Rc<RefCell<C>>,
+    ) -> (PortId, Rc<RefCell<C>>) {
+        let port = self.air().add_port(path);
+        let client = client(port);
+        self.0.clients.borrow_mut().push(client.clone());
+        (port, client)
+    }
+
+    /// The seed.
+    pub fn seed(&self) -> u64 {
+        self.0.seed
+    }
+
+    /// A processor's delay.
+    pub fn delay(&self) -> SimDelay {
+        SimDelay { world: self.clone() }
+    }
+
+    /// Runs a future beside the nodes.
+    pub fn spawn(&self, future: impl Future<Output = ()> + 'static) -> TaskId {
+        self.0.kernel.executor.spawn(future)
+    }
+
+    /// Drops a task where it stands.
+    pub fn abort(&self, task: TaskId) {
+        self.0.kernel.executor.abort(task);
+    }
+
+    /// Does something at an instant: a fault, a change of the air.
+    pub fn at(&self, time: TrueTime, action: impl FnOnce(&World) + 'static) {
+        self.0.kernel.schedule(time, Event::Call(Box::new(action)));
+    }
+
+    /// Waits until an instant of true time.
+    pub fn sleep_until(&self, time: TrueTime) -> Sleep {
+        Sleep::new(self.clone(), time)
+    }
+
+    /// Lets everything happen up to and at `time`.
+    pub fn run_until(&self, time: TrueTime) {
+        let kernel = &self.0.kernel;
+        kernel.set_horizon(time);
+        kernel.executor.run_ready();
+        while let Some(event) = kernel.next_event() {
+            self.dispatch(event);
+            kernel.executor.run_ready();
+        }
+        kernel.arrive_at_horizon();
+    }
+
+    /// Lets everything happen until `future` is done, and gives its output; `None` if it waits for what can never happen.
+    ///
+    /// For tests and blocking drivers; nodes run with [`Node::boot`].
+    pub fn block_on<T>(&self, future: impl Future<Output = T>) -> Option<T> {
+        let mut future = std::pin::pin!(future);
+        let mut context = Context::from_waker(Waker::noop());
+        let kernel = &self.0.kernel;
+        kernel.set_horizon(TrueTime::NEVER);
+        kernel.executor.run_ready();
+        loop {
+            if let Poll::Ready(output) = future.as_mut().poll(&mut context) {
+                return Some(output);
+            }
+            kernel.executor.run_ready();
+            self.dispatch(kernel.next_event()?);
+            kernel.executor.run_ready();
+        }
+    }
+
+    /// Lets everything happen for a while.
+    pub fn run_for(&self, duration: Duration) {
+        self.run_until(self.now() + duration);
+    }
+
+    /// The air.
+    pub fn air(&self) -> RefMut<'_, Air> {
+        self.0.air.borrow_mut()
+    }
+
+    /// What happened on the air so far.
+    pub fn statistics(&self) -> AirStatistics {
+        self.air().statistics()
+    }
+
+    /// Calls `sniffer` for each frame on the air, in the order of their RMARKERs.
+    pub fn sniff(&self, sniffer: impl FnMut(&Sniffed) + 'static) {
+        self.air().sniff(sniffer);
+    }
+
+    pub(crate) fn kernel(&self) -> &Kernel {
+        &self.0.kernel
+    }
+
+    fn dispatch(&self, event: Event) {
+        match event {
+            Event::Timer(key) => self.0.kernel.fire_timer(key),
+            Event::Chip { node, event } => {
+                let chip = self.0.nodes.borrow()[node as usize].chip.clone();
+                chip.borrow_mut().handle(self, event);
+            }
+            Event::Air(event) => {
+                let heard = self.air().step(&self.0.kernel, event);
+                if let Some(heard) = heard {
+                    let client = self.0.clients.borrow()[event.port as usize].clone();
+                    client.borrow_mut().on_air(self, self.now(), heard);
+                }
+            }
+            Event::Call(action) => action(self),
+        }
+    }
+}
+
+impl Node {
+    fn world(&self) -> Option<World> {
+        self.world.upgrade().map(World)
+    }
+
+    /// A set of peripherals: what a test drives by hand.
+    ///
+    /// # Panics
+    /// If the world is gone.
+    pub fn peripherals(&self) -> Peripherals {
+        let world = self.world().expect("a node outlived its world");
+        let board = &self.board;
+        Peripherals {
+            spi: SimSpi::new(world.clone(), self.chip.clone(), board.spi_hz, board.transaction_overhead_ns),
+            irq: IrqPin::new(world.clone(), self.irq.clone()),
+            reset: ResetPin { world: world.clone(), chip: self.chip.clone() },
+            delay: SimDelay { world },
+            node: self.clone(),
+        }
+    }
+
+    /// Runs `firmware` now, and again from its beginning whenever the node is switched on or reset.
+    pub fn boot<F: Future<Output = ()> + 'static>(&self, firmware: impl Fn(Peripherals) -> F + 'static) {
+        *self.firmware.borrow_mut() = Some(Rc::new(move |p| Box::pin(firmware(p))));
+        self.restart();
+    }
+
+    /// Runs a task that ends with the node's supply.
+    pub fn spawn(&self, future: impl Future<Output = ()> + 'static) {
+        if let Some(world) = self.world() {
+            self.tasks.borrow_mut().push(world.spawn(future));
+        }
+    }
+
+    /// Supply off: tasks and registers are gone, what is on the air breaks off.
+    pub fn power_off(&self) {
+        self.powered.set(false);
+        self.halt();
+        if let Some(world) = self.world() {
+            self.chip.borrow_mut().set_supply(&world, false);
+        }
+    }
+
+    /// Supply on: chip and firmware start.
+    pub fn power_on(&self) {
+        if let Some(world) = self.world()
+            && !self.powered.replace(true)
+        {
+            self.chip.borrow_mut().set_supply(&world, true);
+            self.restart();
+        }
+    }
+
+    /// The processor's reset: its firmware starts anew, the chip stays as it is.
+    pub fn reset_processor(&self) {
+        if self.powered.get() {
+            self.restart();
+        }
+    }
+
+    /// Where the node is, metres.
+    pub fn position(&self) -> [f64; 3] {
+        self.world().map_or([0.0; 3], |w| {
+            let now = w.now();
+            w.air().position(self.port, now)
+        })
+    }
+
+    /// Its number on the air, as in [`Sniffed::sender`].
+    pub fn port(&self) -> PortId {
+        self.port
+    }
+
+    /// What the firmware did to its chip.
+    pub fn chip_statistics(&self) -> ChipStatistics {
+        self.chip.borrow().statistics()
+    }
+
+    /// The chip itself, for what only a simulation can know.
+    pub fn chip(&self) -> RefMut<'_, Chip> {
+        self.chip.borrow_mut()
+    }
+
+    fn restart(&self) {
+        self.halt();
+        let firmware = self.firmware.borrow().clone();
+        if let Some(firmware) = firmware.filter(|_| self.powered.get()) {
+            self.spawn(firmware(self.peripherals()));
+        }
+    }
+
+    fn halt(&self) {
+        let tasks = std::mem::take(&mut *self.tasks.borrow_mut());
+        if let Some(world) = self.world() {
+            tasks.into_iter().for_each(|t| world.abort(t));
+        }
+    }
+}
+
+/// RSTn: an open drain, pulled low or let go.
+pub struct ResetPin {
+    world: World,
+    chip: Rc<RefCell<Chip>>,
+}
+
+impl ErrorType for ResetPin {
+    type Error = Infallible;
+}
+
+impl OutputPin for ResetPin {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.chip.borrow_mut().set_reset(&self.world, true);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.chip.borrow_mut().set_reset(&self.world, false);
+        Ok(())
+    }
+}
+
+/// Waits in virtual time; true time, as a processor's crystal errs by parts per million.
+#[derive(Clone)]
+pub struct SimDelay {
+    world: World,
+}
+
+impl SimDelay {
+    /// Waits `ms` milliseconds; unlike the trait's methods it counts from the call, not from the first poll.
+    pub fn pause_ms(&self, ms: u64) -> Sleep {
+        self.pause(Duration::from_millis(ms))
+    }
+
+    /// Waits from the call on.
+    pub fn pause(&self, duration: Duration) -> Sleep {
+        self.world.sleep_until(self.world.now() + duration)
+    }
+
+    /// The world, for true time.
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+}
+
+impl DelayNs for SimDelay {
+    async fn delay_ns(&mut self, ns: u32) {
+        self.pause(Duration::from_nanos(u64::from(ns))).await;
+    }
+}
