@@ -113,6 +113,7 @@ pub use configuration::{Config, DEFAULT_ANTENNA_DELAY, FrameFilter, TxPower};
 pub use sensors::Sensors;
 pub use sleep::{Wake, WakeBy};
 
+use crate::node::Restart;
 use crate::radio::MAX_FRAME;
 use crate::{Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
 use bus::Bus;
@@ -298,5 +299,18 @@ where
 
     async fn idle(&mut self) -> Result<(), Self::Error> {
         self.ensure_off().await
+    }
+}
+
+impl<S, I, R, D> Restart for Dw1000<S, I, R, D>
+where
+    S: ClockedSpi,
+    I: Wait,
+    R: ResetLine,
+    D: DelayNs,
+    S::Error: core::fmt::Debug,
+{
+    async fn restart(&mut self) -> Result<(), Self::Error> {
+        self.init().await
     }
 }
