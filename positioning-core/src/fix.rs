@@ -96,86 +96,122 @@ impl core::fmt::Display for NoFix {
 
 impl core::error::Error for NoFix {}
 
-/// How a method weighed its ranges, in whichever form it has the weights.
-#[derive(Clone, Copy)]
-pub(crate) enum Weighing<'a, T> {
-    /// All alike.
-    Equal,
-    /// By 1 ⁄ σᵢ².
-    Uncertainty(&'a PerSample<T>),
-    /// By βᵢ.
-    Beta(&'a PerSample<T>),
-}
-
 /// A range that misses the position by more than this was not used by a method that weighs, metres: the thesis' own bound
 /// between direct and blocked (table 8-9).
 const USED_M: f64 = 0.45;
 /// A range that ends this far short of the position cannot meet the others, metres.
 const SHORT_M: f64 = 1.0;
-/// A weight counts as at least this part of the greatest one in the covariance, so that a lone favourite leaves a matrix
-/// that can be inverted.
-const LEAST_WEIGHT: f64 = 1.0e-4;
+/// A quality below this leaves room for ranges that cannot meet.
+const POOR_QUALITY: f64 = 0.55;
 
-/// Judges a position and gives it its covariance.
-///
-/// The covariance is the sandwich H⁻¹ (Σ wᵢ² sᵢ² uᵢ uᵢᵀ) H⁻¹ with H = Σ wᵢ uᵢ uᵢᵀ (White, Econometrica 48, 1980), which is right
-/// for any weights; sᵢ² pools the squared residual, enlarged by N ⁄ (N − D), with the variance a range in line of sight has.
-#[inline(always)]
-pub(crate) fn conclude<T: Real, const D: usize>(
+/// [`conclude`] for a method that weighs all ranges alike, and so has used all of them.
+#[inline(never)]
+pub(crate) fn conclude_equal<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     layout: &Layout<T, D>,
     position: Vector<T, D>,
-    weighing: Weighing<'_, T>,
 ) -> Result<Fix<T, D>, NoFix> {
-    if !position.iter().all(|component| component.is_finite()) {
-        return Err(NoFix::Diverged);
-    }
-    let count = T::of(samples.len() as f64);
-    let freedom = count / (count - T::of(D as f64));
-    let weight = |i: usize| match weighing {
-        Weighing::Equal => T::ONE,
-        Weighing::Uncertainty(sigma) => T::ONE / sigma[i].squared(),
-        Weighing::Beta(beta) => beta[i],
-    };
-    let mut least_weight = T::ZERO;
-    for i in 0..samples.len().min(MAX_ANCHORS) {
-        least_weight = least_weight.at_least(T::of(LEAST_WEIGHT) * weight(i));
-    }
-    let (mut hessian, mut geometry) = ([[T::ZERO; D]; D], [[T::ZERO; D]; D]);
-    let (mut used, mut short, mut quality) = (0_u16, 0, T::ZERO);
-    for (i, sample) in samples.iter().enumerate().take(MAX_ANCHORS) {
+    let all = AnchorSet(((1_u32 << samples.len().min(MAX_ANCHORS)) - 1) as u16);
+    Ok(Fix { used: all, ..conclude(samples, layout, position, core::iter::repeat(T::ONE))? })
+}
+
+/// [`conclude`] for a method that weighed its ranges by `weights`.
+#[inline(never)]
+pub(crate) fn conclude_weighted<T: Real, const D: usize>(
+    samples: &[RangeSample<T, D>],
+    layout: &Layout<T, D>,
+    position: Vector<T, D>,
+    weights: &PerSample<T>,
+) -> Result<Fix<T, D>, NoFix> {
+    conclude(samples, layout, position, weights.iter().copied())
+}
+
+/// Judges a position and gives it its covariance, the sandwich H⁻¹ M H⁻¹ with H = Σ wᵢ uᵢ uᵢᵀ and M = Σ wᵢ² sᵢ² uᵢ uᵢᵀ (White,
+/// Econometrica 48, 1980), which is right for any weights; sᵢ² pools the squared residual, enlarged by N ⁄ (N − D), with the
+/// variance a range in line of sight has.
+#[inline(always)]
+fn conclude<T: Real, const D: usize>(
+    samples: &[RangeSample<T, D>],
+    layout: &Layout<T, D>,
+    position: Vector<T, D>,
+    weights: impl Iterator<Item = T>,
+) -> Result<Fix<T, D>, NoFix> {
+    let count = T::count(samples.len());
+    let freedom = count / (count - T::count(D));
+    let (mut hessian, mut scatter, mut geometry) = ([[T::ZERO; D]; D], [[T::ZERO; D]; D], [[T::ZERO; D]; D]);
+    let (mut used, mut bit, mut quality) = (0_u32, 1_u32, T::ZERO);
+    for (sample, weight) in samples.iter().zip(weights) {
         let (unit, residual) = sight(sample, layout, &position);
-        add_outer(&mut hessian, weight(i).at_least(least_weight), &unit);
+        let (square, nominal) = (residual.squared(), sample.sigma.squared());
         add_outer(&mut geometry, T::ONE, &unit);
-        if matches!(weighing, Weighing::Equal) || residual.abs() <= T::of(USED_M) {
-            used |= 1 << i;
+        add_outer(&mut hessian, weight, &unit);
+        add_outer(&mut scatter, weight.squared() * (freedom * square + nominal), &unit);
+        if square <= T::of(USED_M * USED_M) {
+            used |= bit;
         }
-        if residual < -T::of(SHORT_M) {
-            short += 1;
-        }
-        let wide = T::of(9.0) * sample.sigma.squared();
-        quality += wide / (wide + residual.squared());
+        bit <<= 1;
+        let wide = T::of(9.0) * nominal;
+        quality += wide / (wide + square);
     }
-    if 2 * short > samples.len() {
-        return Err(NoFix::RangesDisjoint);
+    quality /= count;
+    let doubtful = quality < T::of(POOR_QUALITY);
+    if doubtful && cannot_meet(samples, layout, &position) {
+        return Err(blame(samples, NoFix::RangesDisjoint));
     }
-    let hessian = Ldl::new(hessian).ok_or(NoFix::Diverged)?;
-    let dilution = Ldl::new(geometry).ok_or(NoFix::Diverged)?.inverse();
-    // A sum of outer products, and not a product of matrices, stays positive whatever `f32` loses.
-    let mut covariance = [[T::ZERO; D]; D];
-    for (i, sample) in samples.iter().enumerate().take(MAX_ANCHORS) {
-        let (unit, residual) = sight(sample, layout, &position);
-        let gain = hessian.solve(unit.map(|component| weight(i).at_least(least_weight) * component));
-        add_outer_full(&mut covariance, freedom * residual.squared() + sample.sigma.squared(), &gain);
+    let (Some(dilution), Some(hessian)) = (Ldl::new(geometry), Ldl::new(hessian)) else {
+        return Err(blame(samples, NoFix::Diverged));
+    };
+    let dilution = dilution.inverse();
+    let mut covariance = sandwich(&hessian, scatter);
+    // Whatever was wrong with a sample has reached this sum.
+    let health = (0..D).fold(quality, |sum, axis| sum + covariance[axis][axis]);
+    if !health.is_finite() {
+        return Err(blame(samples, NoFix::Diverged));
     }
     widen_to_mirror(&mut covariance, samples, layout, &position);
     Ok(Fix {
         position,
         covariance,
         dilution_of_precision: core::array::from_fn(|axis| dilution[axis][axis].sqrt()),
-        used: AnchorSet(used),
-        quality: quality / count,
+        used: AnchorSet(used as u16),
+        quality,
     })
+}
+
+/// The reason for a failure: the samples, where one is not a measurement at all, else `otherwise`. Asked only once something
+/// went wrong, so that good samples are not examined twice.
+#[inline(never)]
+pub(crate) fn blame<T: Real, const D: usize>(samples: &[RangeSample<T, D>], otherwise: NoFix) -> NoFix {
+    if samples.iter().all(RangeSample::is_sane) { otherwise } else { NoFix::NotFinite }
+}
+
+/// Whether more than half of the ranges end short of the position.
+#[inline(never)]
+fn cannot_meet<T: Real, const D: usize>(
+    samples: &[RangeSample<T, D>],
+    layout: &Layout<T, D>,
+    position: &Vector<T, D>,
+) -> bool {
+    let short = samples.iter().filter(|sample| sight(sample, layout, position).1 < -T::of(SHORT_M)).count();
+    2 * short > samples.len()
+}
+
+/// H⁻¹ M H⁻¹ as a sum of outer products, one for each column that is peeled off M (whose lower triangle is given), so that it
+/// stays positive whatever `f32` loses.
+#[inline(always)]
+fn sandwich<T: Real, const D: usize>(hessian: &Ldl<T, D>, mut m: Matrix<T, D>) -> Matrix<T, D> {
+    let mut product = [[T::ZERO; D]; D];
+    for column in 0..D {
+        let pivot = m[column][column];
+        if pivot > T::ZERO {
+            let inverse = T::ONE / pivot;
+            let peel: Vector<T, D> =
+                core::array::from_fn(|row| if row < column { T::ZERO } else { m[row][column] * inverse });
+            add_outer_full(&mut product, pivot, &hessian.solve(peel));
+            add_outer(&mut m, -pivot, &peel);
+        }
+    }
+    product
 }
 
 /// The direction from the anchor to the position, and the residual of the range.
@@ -190,13 +226,13 @@ fn sight<T: Real, const D: usize>(
     position: &Vector<T, D>,
 ) -> (Vector<T, D>, T) {
     let across = sub(position, &sample.anchor);
-    let distance = dot(&across, &across).at_least(T::EPSILON.squared()).sqrt();
+    let distance = (dot(&across, &across) + T::EPSILON.squared()).sqrt();
     let scale = T::ONE / distance;
     let unit = across.map(|component| component * scale);
-    let residual = sample.distance() - distance;
-    match layout {
-        Layout::Full => (unit, residual),
-        Layout::Flat { normal, .. } => {
+    let residual = sample.range - distance;
+    match layout.normal() {
+        None => (unit, residual),
+        Some(normal) => {
             let least = (T::of(0.5) * sample.sigma * scale).at_most(T::ONE).sqrt();
             let component = dot(&unit, normal);
             (add_scaled(&unit, component.at_least(least) - component, normal), residual)
@@ -212,7 +248,7 @@ pub(crate) fn widen_to_mirror<T: Real, const D: usize>(
     layout: &Layout<T, D>,
     position: &Vector<T, D>,
 ) {
-    if let Layout::Flat { normal, side_known: false } = layout {
+    if let (Layout::Flat { side_known: false, .. }, Some(normal)) = (layout, layout.normal()) {
         let height = dot(normal, &sub(position, &centroid(samples)));
         let variance = T::of(2.0) * height.squared();
         add_outer_full(covariance, variance, normal);

@@ -1,7 +1,8 @@
-//! How the anchors lie: whether they determine a position at all, and which way it may be mirrored.
+//! The first look at the samples: whether the anchors determine a position at all, which way it may be mirrored, the
+//! bounding box that every better method starts from, and the reference anchor of the closed forms. One pass gives it all.
 
 use crate::linalg::{Matrix, Vector, add_outer, add_scaled, dot, sub, symmetric_eigen};
-use crate::{Constraints, NoFix, RangeSample, Real, Side};
+use crate::{Constraints, MAX_ANCHORS, NoFix, RangeSample, Real, Side};
 
 /// Anchors closer together than this are one place, metres.
 const COINCIDENT_M: f64 = 0.01;
@@ -10,6 +11,17 @@ const COLLINEAR: f64 = 0.01;
 /// Anchors are on a plane when their spread across it is less than this part of the lesser spread within it: a height from
 /// such anchors is worse than the reach of the ranges by a factor of twenty.
 const COPLANAR: f64 = 0.05;
+
+/// What is known before any method runs.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Survey<T, const D: usize> {
+    /// How the anchors lie.
+    pub(crate) layout: Layout<T, D>,
+    /// The centre of the bounding box (6-4), across the anchors' plane where they lie on one.
+    pub(crate) boxed: Vector<T, D>,
+    /// The sample of least range (6-16).
+    pub(crate) reference: usize,
+}
 
 /// The arrangement of anchors that determine a position.
 #[derive(Clone, Copy, Debug)]
@@ -26,42 +38,81 @@ pub(crate) enum Layout<T, const D: usize> {
 }
 
 /// The mean of the anchors' places.
-#[inline(always)]
 pub(crate) fn centroid<T: Real, const D: usize>(samples: &[RangeSample<T, D>]) -> Vector<T, D> {
     let mut sum = [T::ZERO; D];
     for sample in samples {
         sum = add_scaled(&sum, T::ONE, &sample.anchor);
     }
-    let share = T::ONE / T::of(samples.len() as f64);
+    let share = T::ONE / T::count(samples.len());
     sum.map(|component| component * share)
 }
 
-impl<T: Real, const D: usize> Layout<T, D> {
-    /// Classifies the anchors by the eigenvalues of their scatter matrix.
-    #[inline(always)]
+impl<T: Real, const D: usize> Survey<T, D> {
+    /// Looks at samples in any order.
+    #[inline(never)]
     pub(crate) fn of(samples: &[RangeSample<T, D>], constraints: &Constraints<T, D>) -> Result<Self, NoFix> {
-        let centre = centroid(samples);
+        if samples.len() > MAX_ANCHORS {
+            return Err(NoFix::TooManyAnchors);
+        }
+        let (Some(first), true) = (samples.first(), samples.len() > D) else {
+            return Err(NoFix::TooFewAnchors);
+        };
+        // The scatter of the anchors about the first one: as singular as that about their middle.
         let mut scatter: Matrix<T, D> = [[T::ZERO; D]; D];
-        let share = T::ONE / T::of(samples.len() as f64);
-        for sample in samples {
-            add_outer(&mut scatter, share, &sub(&sample.anchor, &centre));
+        let (mut low, mut high) = (first.anchor, first.anchor);
+        for axis in 0..D {
+            low[axis] -= first.range;
+            high[axis] += first.range;
         }
-        let coincident = T::of(COINCIDENT_M).squared();
-        let collinear = T::of(COLLINEAR).squared();
-        if D == 2 {
-            // For λ₀ ≪ λ₁, det ⁄ trace² is λ₀ ⁄ λ₁: no eigenvalues needed.
-            let trace = scatter[0][0] + scatter[1][1];
-            if trace < coincident {
-                return Err(NoFix::CoincidentAnchors);
+        let (mut reference, mut least) = (0, first.range);
+        for (i, sample) in samples.iter().enumerate().skip(1) {
+            add_outer(&mut scatter, T::ONE, &sub(&sample.anchor, &first.anchor));
+            for axis in 0..D {
+                low[axis] = low[axis].at_least(sample.anchor[axis] - sample.range);
+                high[axis] = high[axis].at_most(sample.anchor[axis] + sample.range);
             }
-            let det = scatter[0][0] * scatter[1][1] - scatter[1][0].squared();
-            return if det > collinear * trace.squared() { Ok(Self::Full) } else { Err(NoFix::CollinearAnchors) };
+            if sample.range < least {
+                (reference, least) = (i, sample.range);
+            }
         }
-        let (values, vectors) = symmetric_eigen(&scatter);
-        if values[D - 1] < coincident {
+        let half = T::of(0.5);
+        let boxed = core::array::from_fn(|axis| half * (low[axis] + high[axis]));
+        let layout = Layout::of(samples, &scatter, constraints)?;
+        Ok(Self { layout, boxed: layout.lift(boxed, samples), reference })
+    }
+}
+
+impl<T: Real, const D: usize> Layout<T, D> {
+    /// Classifies the anchors by the eigenvalues of their scatter about the first one.
+    #[inline(always)]
+    fn of(
+        samples: &[RangeSample<T, D>],
+        scatter: &Matrix<T, D>,
+        constraints: &Constraints<T, D>,
+    ) -> Result<Self, NoFix> {
+        let collinear = T::of(COLLINEAR).squared();
+        let trace = (0..D).fold(T::ZERO, |sum, axis| sum + scatter[axis][axis]);
+        if trace < T::count(samples.len()) * T::of(COINCIDENT_M).squared() {
             return Err(NoFix::CoincidentAnchors);
         }
-        if values[1] <= collinear * values[D - 1] {
+        if D == 2 {
+            // For λ₀ ≪ λ₁, det ⁄ trace² is λ₀ ⁄ λ₁: no eigenvalues needed.
+            let det = scatter[0][0] * scatter[1][1] - scatter[1][0].squared();
+            return if det < collinear * trace.squared() { Err(NoFix::CollinearAnchors) } else { Ok(Self::Full) };
+        }
+        Self::of_space(samples, constraints)
+    }
+
+    /// The same for three dimensions, where the anchors may lie on a plane.
+    #[inline(never)]
+    fn of_space(samples: &[RangeSample<T, D>], constraints: &Constraints<T, D>) -> Result<Self, NoFix> {
+        let centre = centroid(samples);
+        let mut scatter: Matrix<T, D> = [[T::ZERO; D]; D];
+        for sample in samples {
+            add_outer(&mut scatter, T::ONE, &sub(&sample.anchor, &centre));
+        }
+        let (values, vectors) = symmetric_eigen(&scatter);
+        if values[1] <= T::of(COLLINEAR).squared() * values[D - 1] {
             return Err(NoFix::CollinearAnchors);
         }
         if values[0] > T::of(COPLANAR).squared() * values[1] {
@@ -76,22 +127,39 @@ impl<T: Real, const D: usize> Layout<T, D> {
         Ok(Self::Flat { normal, side_known })
     }
 
-    /// Moves a point to where the ranges want it across the anchors' plane: to the height h over their middle, where h² is
-    /// the mean of what Pythagoras leaves of each range. A point among anchors that span the space stays.
-    pub(crate) fn lift(&self, point: Vector<T, D>, samples: &[RangeSample<T, D>]) -> Vector<T, D> {
+    /// The normal where the anchors lie on a plane; in two dimensions the compiler knows that they never do.
+    #[inline(always)]
+    pub(crate) fn normal(&self) -> Option<&Vector<T, D>> {
         match self {
-            Self::Full => point,
-            Self::Flat { normal, .. } => {
-                let height = dot(normal, &sub(&point, &centroid(samples)));
-                let foot = add_scaled(&point, -height, normal);
-                let mut sum = T::ZERO;
-                for sample in samples {
-                    let across = sub(&foot, &sample.anchor);
-                    sum += sample.distance().squared() - dot(&across, &across);
-                }
-                let height = (sum.at_least(T::ZERO) / T::of(samples.len() as f64)).sqrt();
-                add_scaled(&foot, height, normal)
-            }
+            Self::Flat { normal, .. } if D > 2 => Some(normal),
+            Self::Flat { .. } | Self::Full => None,
         }
     }
+
+    /// Moves a point to where the ranges want it across the anchors' plane: to the height h over their middle, where h² is
+    /// the mean of what Pythagoras leaves of each range. A point among anchors that span the space stays.
+    #[inline(always)]
+    pub(crate) fn lift(&self, point: Vector<T, D>, samples: &[RangeSample<T, D>]) -> Vector<T, D> {
+        match self.normal() {
+            Some(normal) => lift_along(normal, point, samples),
+            None => point,
+        }
+    }
+}
+
+#[inline(never)]
+fn lift_along<T: Real, const D: usize>(
+    normal: &Vector<T, D>,
+    point: Vector<T, D>,
+    samples: &[RangeSample<T, D>],
+) -> Vector<T, D> {
+    let height = dot(normal, &sub(&point, &centroid(samples)));
+    let foot = add_scaled(&point, -height, normal);
+    let mut sum = T::ZERO;
+    for sample in samples {
+        let across = sub(&foot, &sample.anchor);
+        sum += sample.range.squared() - dot(&across, &across);
+    }
+    let height = (sum.at_least(T::ZERO) / T::count(samples.len())).sqrt();
+    add_scaled(&foot, height, normal)
 }

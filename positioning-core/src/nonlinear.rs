@@ -3,12 +3,10 @@
 //! The thesis searches a 0.1 m grid; here a damped Gauss-Newton iteration finds the same minimum without the grid's step.
 //! The grid's bounds matter as much as its step, so a known area of the tag is kept: see [`Constraints::area`].
 
-use crate::bounding_box;
-use crate::fix::{Weighing, conclude};
-use crate::geometry::Layout;
+use crate::fix::{blame, conclude_equal, conclude_weighted};
+use crate::geometry::Survey;
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_scaled, dot, sub};
-use crate::linear::{DIRECT_M, PerSample, b_wls_position, least, solve_linear, uncertainties};
-use crate::sample::check;
+use crate::linear::{DIRECT_M, PerSample, b_wls_position, greatest, precisions, solve_linear};
 use crate::{Area, Constraints, Fix, MAX_ANCHORS, NoFix, RangeSample, Real};
 
 /// The iteration ends when a step is shorter than this, metres.
@@ -35,12 +33,11 @@ fn model<T: Real, const D: usize>(
     let mut model = Model { cost: T::ZERO, hessian: [[T::ZERO; D]; D], descent: [T::ZERO; D] };
     for (sample, &beta) in samples.iter().zip(beta) {
         let across = sub(position, &sample.anchor);
-        let square = dot(&across, &across);
         // On top of an anchor no direction is better than another: any finite one will do.
-        let distance = square.at_least(T::EPSILON.squared()).sqrt();
+        let distance = (dot(&across, &across) + T::EPSILON.squared()).sqrt();
         let scale = T::ONE / distance;
         let unit = across.map(|component| component * scale);
-        let residual = sample.distance() - distance;
+        let residual = sample.range - distance;
         model.cost += beta * residual.squared();
         add_outer(&mut model.hessian, beta, &unit);
         model.descent = add_scaled(&model.descent, beta * residual, &unit);
@@ -80,10 +77,11 @@ pub(crate) fn minimise<T: Real, const D: usize>(
         }
     }
     let Some((_, mut position)) = best else {
-        return Err(NoFix::Diverged);
+        return Err(blame(samples, NoFix::Diverged));
     };
     let mut here = model(samples, beta, &position);
-    let mut step = gauss_newton_step(&mut here, &position, constraints)?;
+    let diverged = || blame(samples, NoFix::Diverged);
+    let mut step = gauss_newton_step(&mut here, &position, constraints).ok_or_else(diverged)?;
     for _ in 0..MAX_STEPS {
         let next = constraints.inside(add_scaled(&position, T::ONE, &step));
         let moved = sub(&next, &position);
@@ -92,7 +90,7 @@ pub(crate) fn minimise<T: Real, const D: usize>(
         if there.cost <= here.cost * (T::ONE + T::of(8.0) * T::EPSILON) {
             position = next;
             here = there;
-            step = gauss_newton_step(&mut here, &position, constraints)?;
+            step = gauss_newton_step(&mut here, &position, constraints).ok_or_else(diverged)?;
         } else {
             step = step.map(|component| component * T::of(0.5));
         }
@@ -107,7 +105,7 @@ fn gauss_newton_step<T: Real, const D: usize>(
     model: &mut Model<T, D>,
     position: &Vector<T, D>,
     constraints: &Constraints<T, D>,
-) -> Result<Vector<T, D>, NoFix> {
+) -> Option<Vector<T, D>> {
     if let Some(area) = &constraints.area {
         hold_bounds(model, position, area);
     }
@@ -116,16 +114,16 @@ fn gauss_newton_step<T: Real, const D: usize>(
     for axis in 0..D {
         model.hessian[axis][axis] += T::of(1.0e-5) * trace;
     }
-    Ok(Ldl::new(model.hessian).ok_or(NoFix::Diverged)?.solve(model.descent))
+    Some(Ldl::new(model.hessian)?.solve(model.descent))
 }
 
 /// The starts of every method: the bounding box, which no blocked range fools, and the closed form, which is exact where the
 /// ranges are, even far outside the anchors.
 fn starts<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
-    layout: &Layout<T, D>,
+    survey: &Survey<T, D>,
 ) -> Result<[Vector<T, D>; 2], NoFix> {
-    Ok([layout.lift(bounding_box::centre(samples), samples), solve_linear(samples, layout, None)?])
+    Ok([survey.boxed, solve_linear(samples, survey, None)?])
 }
 
 /// Nonlinear least squares, all ranges alike (6-5).
@@ -136,11 +134,10 @@ pub fn nls<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
 ) -> Result<Fix<T, D>, NoFix> {
-    check(samples)?;
-    let layout = Layout::of(samples, constraints)?;
+    let survey = Survey::of(samples, constraints)?;
     let beta = [T::ONE; MAX_ANCHORS];
-    let position = minimise(samples, &beta, &starts(samples, &layout)?, constraints)?;
-    conclude(samples, &layout, position, Weighing::Equal)
+    let position = minimise(samples, &beta, &starts(samples, &survey)?, constraints)?;
+    conclude_equal(samples, &survey.layout, position)
 }
 
 /// Nonlinear least squares that knows the truth about the line of sight (6-17): blocked ranges weigh 0.005. An oracle, the
@@ -152,25 +149,20 @@ pub fn nls_ccv<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
 ) -> Result<Fix<T, D>, NoFix> {
-    check(samples)?;
+    let survey = Survey::of(samples, constraints)?;
     let mut beta = [T::ONE; MAX_ANCHORS];
     for (beta, sample) in beta.iter_mut().zip(samples) {
         if !sample.los.ok_or(NoFix::SightUnknown)? {
             *beta = T::of(BLOCKED_WEIGHT);
         }
     }
-    let layout = Layout::of(samples, constraints)?;
-    let position = minimise(samples, &beta, &starts(samples, &layout)?, constraints)?;
-    conclude(samples, &layout, position, Weighing::Beta(&beta))
+    let position = minimise(samples, &beta, &starts(samples, &survey)?, constraints)?;
+    conclude_weighted(samples, &survey.layout, position, &beta)
 }
 
 /// βᵢ = 1 ⁄ |σᵢ| (6-18).
-fn reciprocal<T: Real>(sigma: &PerSample<T>, count: usize) -> PerSample<T> {
-    let mut beta = [T::ZERO; MAX_ANCHORS];
-    for (beta, &sigma) in beta.iter_mut().zip(sigma).take(count) {
-        *beta = T::ONE / sigma;
-    }
-    beta
+fn reciprocal_deviations<T: Real>(precisions: &PerSample<T>) -> PerSample<T> {
+    precisions.map(T::sqrt)
 }
 
 /// Nonlinear least squares weighted by the bounding box, β = 1 ⁄ |σ| (6-18, 6-19).
@@ -181,12 +173,11 @@ pub fn bb_nls<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
 ) -> Result<Fix<T, D>, NoFix> {
-    check(samples)?;
-    let layout = Layout::of(samples, constraints)?;
-    let starts = starts(samples, &layout)?;
-    let beta = reciprocal(&uncertainties(samples, &starts[0]), samples.len());
+    let survey = Survey::of(samples, constraints)?;
+    let starts = starts(samples, &survey)?;
+    let beta = reciprocal_deviations(&precisions(samples, &starts[0]));
     let position = minimise(samples, &beta, &starts, constraints)?;
-    conclude(samples, &layout, position, Weighing::Beta(&beta))
+    conclude_weighted(samples, &survey.layout, position, &beta)
 }
 
 /// BB-NLS that treats the ranges judged direct alike (6-20).
@@ -200,19 +191,19 @@ pub fn bb_nls_c<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
 ) -> Result<Fix<T, D>, NoFix> {
-    check(samples)?;
-    let layout = Layout::of(samples, constraints)?;
-    let starts = starts(samples, &layout)?;
-    let mut sigma = uncertainties(samples, &starts[0]);
-    let least = least(&sigma, samples.len());
-    for (sigma, sample) in sigma.iter_mut().zip(samples) {
-        if *sigma * sample.distance() <= T::of(DIRECT_M) {
-            *sigma = least;
+    let survey = Survey::of(samples, constraints)?;
+    let starts = starts(samples, &survey)?;
+    let mut precisions = precisions(samples, &starts[0]);
+    let greatest = greatest(&precisions);
+    for (precision, sample) in precisions.iter_mut().zip(samples) {
+        // |σ| d ≤ 0.45.
+        if sample.range.squared() <= *precision * T::of(DIRECT_M * DIRECT_M) {
+            *precision = greatest;
         }
     }
-    let beta = reciprocal(&sigma, samples.len());
+    let beta = reciprocal_deviations(&precisions);
     let position = minimise(samples, &beta, &starts, constraints)?;
-    conclude(samples, &layout, position, Weighing::Beta(&beta))
+    conclude_weighted(samples, &survey.layout, position, &beta)
 }
 
 /// Nonlinear least squares weighted by B-WLS, β = 1 ⁄ |σ| (6-21, 6-11).
@@ -223,11 +214,10 @@ pub fn bb_nls_r<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
 ) -> Result<Fix<T, D>, NoFix> {
-    check(samples)?;
-    let layout = Layout::of(samples, constraints)?;
-    let start = b_wls_position(samples, &layout)?;
-    let beta = reciprocal(&uncertainties(samples, &start), samples.len());
-    let starts = [start, layout.lift(bounding_box::centre(samples), samples)];
+    let survey = Survey::of(samples, constraints)?;
+    let start = b_wls_position(samples, &survey)?;
+    let beta = reciprocal_deviations(&precisions(samples, &start));
+    let starts = [start, survey.boxed];
     let position = minimise(samples, &beta, &starts, constraints)?;
-    conclude(samples, &layout, position, Weighing::Beta(&beta))
+    conclude_weighted(samples, &survey.layout, position, &beta)
 }

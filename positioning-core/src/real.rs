@@ -39,6 +39,8 @@ pub trait Real:
 
     /// A constant of a formula, written as `f64` and rounded to the scalar.
     fn of(value: f64) -> Self;
+    /// A count, exactly: through 32-bit integers, for which an FPU of single precision has an instruction.
+    fn count(number: usize) -> Self;
     /// The value as `f64`, exactly.
     fn to_f64(self) -> f64;
     /// Square root, correctly rounded; NaN below zero.
@@ -81,6 +83,10 @@ impl Real for f32 {
         value as f32
     }
     #[inline(always)]
+    fn count(number: usize) -> Self {
+        number as u32 as f32
+    }
+    #[inline(always)]
     fn to_f64(self) -> f64 {
         f64::from(self)
     }
@@ -114,6 +120,10 @@ impl Real for f64 {
     #[inline(always)]
     fn of(value: f64) -> Self {
         value
+    }
+    #[inline(always)]
+    fn count(number: usize) -> Self {
+        f64::from(number as u32)
     }
     #[inline(always)]
     fn to_f64(self) -> f64 {

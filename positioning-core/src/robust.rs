@@ -2,21 +2,20 @@
 //!
 //! A range is dᵢ = ‖z − aᵢ‖ + b + eᵢ. The bias b, an antenna delay that was never calibrated, has a zero-mean prior. The
 //! error eᵢ is direct (narrow, about zero) or blocked (wide, about a positive mean: nothing outruns light), each by
-//! a bell (1 + z ⁄ k)⁻ᵏ, z = ½ (e ⁄ s)², that is, Student's shape: a Gaussian near its middle, a heavy tail for the wild, and no
-//! exponential to compute. The model of Alavi and Pahlavan (IEEE Commun. Lett. 10, 2006; equations 7-2 to 7-5) is its pattern.
+//! a bell (1 + x² ⁄ 16)⁻⁸, x the error in units of its deviation: Student's shape, a Gaussian near its middle, a heavier tail for
+//! the wild, and no exponential to compute. The model of Alavi and Pahlavan (IEEE Commun. Lett. 10, 2006; equations 7-2 to 7-5)
+//! is its pattern.
 //!
 //! Expectation-maximisation (each step a weighted Gauss-Newton step, the bias eliminated by its Schur complement, the narrow
-//! part widened at first) runs from four starts, since the posterior has several modes: bounding box, B-WLS, LLS, and the
-//! middle of the anchors. The two modes of most evidence (Laplace's approximation) are refined and averaged by it: the mean of
-//! the posterior errs less than its mode, and their distance is part of the covariance.
+//! part widened at first) runs from three starts, since the posterior has several modes: B-WLS, LLS, and the middle of the
+//! anchors; starts that meet go on as one. The two modes of most evidence (Laplace's approximation) are refined and averaged
+//! by it: the mean of the posterior errs less than its mode, and their distance is part of the covariance.
 
-use crate::bounding_box;
-use crate::fix::{Weighing, conclude, widen_to_mirror};
-use crate::geometry::{Layout, centroid};
+use crate::fix::{blame, conclude_weighted, widen_to_mirror};
+use crate::geometry::{Survey, centroid};
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_outer_full, add_scaled, dot, sub};
-use crate::linear::{PerSample, solve_linear, uncertainties};
-use crate::sample::check;
-use crate::{Constraints, Fix, MAX_ANCHORS, NoFix, RangeSample, Real};
+use crate::linear::{PerSample, b_wls_position, solve_linear};
+use crate::{Constraints, Fix, NoFix, RangeSample, Real};
 
 /// Deviation of a direct range beside its own `sigma`: a surveyed anchor, its antenna and the air add to the radio's noise.
 const DIRECT_SCALE: f64 = 1.1;
@@ -24,29 +23,78 @@ const DIRECT_SCALE: f64 = 1.1;
 const BLOCKED_MEAN_M: f64 = 0.9;
 /// Deviation of a blocked range, metres.
 const BLOCKED_SIGMA_M: f64 = 0.65;
-/// Prior probability that a range is blocked.
-const BLOCKED_PRIOR: f64 = 0.5;
-/// Density of a range that is neither, per metre.
-const WILD_DENSITY: f64 = 1.0e-4;
+/// With this many ranges to spare, a range is as likely blocked as direct; with fewer, less likely in proportion. With none
+/// to spare nothing could tell one from the other, and every range is taken for direct.
+const SPARE_RANGES: f64 = 3.0;
+/// Density of a range that is neither, per metre, beside the 1 of the direct part's whole.
+const WILD_DENSITY: f64 = 2.0e-4;
 /// Prior deviation of the common bias, metres.
 const BIAS_SIGMA_M: f64 = 0.12;
-/// How much the narrow part is widened in the steps from a start, so that a start far away still feels its pull.
-const WIDENING: [f64; 4] = [3.0, 2.0, 1.4, 1.0];
-/// Steps of the two modes that are kept.
-const REFINE_STEPS: usize = 2;
+/// How much the narrow part is widened in the first steps from a start, so that it feels the pull of modes far away.
+const APPROACH: [f64; 2] = [3.0, 2.0];
+/// The same in the steps that follow, unless another start has arrived at the same place.
+const ENTRY: [f64; 2] = [1.4, 1.0];
 /// The longest step, metres.
 const STEP_LIMIT_M: f64 = 1.0;
-/// The steps count a range's responsibility as certain and so overrate the information (Louis, J. R. Stat. Soc. B 44, 1982);
-/// this factor on the covariance brings 95 % ellipses to hold 90-99 % of the truth, simulated and recorded.
-const INFLATION: f64 = 1.5;
 /// Modes closer than this are one, metres.
-const SAME_MODE_M: f64 = 0.1;
+const SAME_MODE_M: f64 = 0.2;
+/// A mode with less than this part of the best one's evidence is dropped before it is refined: its ln.
+const LEAST_LOG_EVIDENCE: f64 = -5.0;
+/// The steps count a range's part in the mixture as certain and so overrate the information (Louis, J. R. Stat. Soc. B 44,
+/// 1982); this factor on the covariance brings 95 % ellipses to hold 90-99 % of the truth, simulated and recorded.
+const INFLATION: f64 = 1.5;
+
+/// The posterior mean under the mixture: the default, without knowing which ranges are blocked.
+///
+/// # Errors
+/// See [`NoFix`].
+pub fn robust<T: Real, const D: usize>(
+    samples: &[RangeSample<T, D>],
+    constraints: &Constraints<T, D>,
+) -> Result<Fix<T, D>, NoFix> {
+    let survey = Survey::of(samples, constraints)?;
+    let spare = T::count(samples.len() - D - 1);
+    let posterior =
+        Posterior { samples, constraints, odds: spare.at_most(T::of(SPARE_RANGES)) * T::of(1.0 / SPARE_RANGES) };
+    let starts = [
+        b_wls_position(samples, &survey).ok(),
+        solve_linear(samples, &survey, None).ok(),
+        Some(survey.layout.lift(centroid(samples), samples)),
+    ];
+    let Best { first, second } = posterior.search(starts);
+    let diverged = || blame(samples, NoFix::Diverged);
+    let first = first.ok_or_else(diverged)?;
+    let second = second.filter(|second| second.log_evidence - first.log_evidence > T::of(LEAST_LOG_EVIDENCE));
+    let first = posterior.mode(first.next).ok_or_else(diverged)?;
+    let second = second.and_then(|found| posterior.mode(found.next)).filter(|mode| !mode.state.is_near(&first.state));
+
+    // The second mode's share of the posterior, and the way to it.
+    let (share, apart) = second.map_or((T::ZERO, [T::ZERO; D]), |second| {
+        let share = T::ONE / (T::ONE + (first.log_evidence - second.log_evidence).exp());
+        (share, sub(&second.state.position, &first.state.position))
+    });
+    let position = add_scaled(&first.state.position, share, &apart);
+    let weights = posterior.direct_probabilities(&State { position, bias: first.state.bias });
+
+    let mut fix = conclude_weighted(samples, &survey.layout, position, &weights)?;
+    fix.covariance = first.information.inverse().map(|row| row.map(|element| T::of(INFLATION) * element));
+    add_outer_full(&mut fix.covariance, share * (T::ONE - share), &apart);
+    widen_to_mirror(&mut fix.covariance, samples, &survey.layout, &position);
+    Ok(fix)
+}
 
 /// A position and the common bias.
 #[derive(Clone, Copy)]
 struct State<T, const D: usize> {
     position: Vector<T, D>,
     bias: T,
+}
+
+impl<T: Real, const D: usize> State<T, D> {
+    fn is_near(&self, other: &Self) -> bool {
+        let apart = sub(&self.position, &other.position);
+        dot(&apart, &apart) < T::of(SAME_MODE_M).squared()
+    }
 }
 
 /// The posterior near a state.
@@ -66,45 +114,59 @@ struct Expansion<T, const D: usize> {
 }
 
 impl<T: Real, const D: usize> Expansion<T, D> {
-    /// ln of the posterior mass of the mode: Laplace's approximation, up to a constant.
-    fn log_evidence(&self) -> T {
-        self.log_posterior - T::of(0.5) * (self.information.determinant() * self.bias_information).ln()
+    /// ln of the posterior mass about the state; `None` where it is not finite.
+    fn log_evidence(&self) -> Option<T> {
+        let determinant = self.information.determinant() * self.bias_information;
+        let log_evidence = self.log_posterior - T::of(0.5) * determinant.ln();
+        log_evidence.is_finite().then_some(log_evidence)
     }
 }
 
-/// Student's bell (1 + z ⁄ 4)⁻⁴ and its own weight 1 ⁄ (1 + z ⁄ 4).
-#[inline(always)]
-fn narrow_bell<T: Real>(z: T) -> (T, T) {
-    let t = T::ONE / (T::ONE + T::of(0.25) * z);
-    (t.squared().squared(), t)
+/// A mode of the posterior.
+struct Mode<T, const D: usize> {
+    state: State<T, D>,
+    /// Information about the position, factored.
+    information: Ldl<T, D>,
+    /// ln of the posterior mass (Laplace's approximation), up to a constant.
+    log_evidence: T,
 }
 
-/// (1 + z ⁄ 2)⁻² above the mean and (1 + z ⁄ 8)⁻⁸ below it, with their own weights.
-#[inline(always)]
-fn wide_bell<T: Real>(z: T, above: bool) -> (T, T) {
-    if above {
-        let t = T::ONE / (T::ONE + T::of(0.5) * z);
-        (t.squared(), t)
-    } else {
-        let t = T::ONE / (T::ONE + T::of(0.125) * z);
-        (t.squared().squared().squared(), t)
-    }
+/// A state near a mode, and the next one.
+#[derive(Clone, Copy)]
+struct Found<T, const D: usize> {
+    state: State<T, D>,
+    next: State<T, D>,
+    /// As a mode's.
+    log_evidence: T,
 }
 
-/// Probability that each range is direct, at `state`.
-fn direct_probabilities<T: Real, const D: usize>(samples: &[RangeSample<T, D>], state: &State<T, D>) -> PerSample<T> {
-    let mut probabilities = [T::ZERO; MAX_ANCHORS];
-    for (probability, sample) in probabilities.iter_mut().zip(samples) {
-        let across = sub(&state.position, &sample.anchor);
-        let residual = sample.distance() - dot(&across, &across).sqrt() - state.bias;
-        *probability = Share::of(residual, T::of(DIRECT_SCALE) * sample.sigma).direct;
+/// The two finds of most evidence that are not the same mode.
+struct Best<T, const D: usize> {
+    first: Option<Found<T, D>>,
+    second: Option<Found<T, D>>,
+}
+
+impl<T: Real, const D: usize> Best<T, D> {
+    fn offer(&mut self, found: Found<T, D>) {
+        match &self.first {
+            Some(first) if first.state.is_near(&found.state) => {
+                if found.log_evidence > first.log_evidence {
+                    self.first = Some(found);
+                }
+            }
+            Some(first) if first.log_evidence >= found.log_evidence => {
+                if self.second.as_ref().is_none_or(|second| found.log_evidence > second.log_evidence) {
+                    self.second = Some(found);
+                }
+            }
+            Some(_) | None => self.second = self.first.replace(found),
+        }
     }
-    probabilities
 }
 
 /// How a residual is shared between the parts of the mixture.
 struct Share<T> {
-    /// The mixture's density, in units of the narrow part's greatest.
+    /// The mixture's density, per metre, divided by the prior of a direct range.
     density: T,
     /// Probability of the narrow part.
     direct: T,
@@ -115,16 +177,15 @@ struct Share<T> {
 }
 
 impl<T: Real> Share<T> {
+    /// Of a residual (metres) of a range with this deviation (metres), blocked or direct with these odds.
     #[inline(always)]
-    fn of(residual: T, sigma: T) -> Self {
+    fn of(residual: T, sigma: T, odds: T) -> Self {
         let inverse = T::ONE / sigma;
-        let half = T::of(0.5);
-        let (narrow, narrow_weight) = narrow_bell(half * (residual * inverse).squared());
-        let beyond = (residual - T::of(BLOCKED_MEAN_M)) * T::of(1.0 / BLOCKED_SIGMA_M);
-        let (wide, wide_weight) = wide_bell(half * beyond.squared(), beyond > T::ZERO);
-        // Both densities are divided by the narrow part's greatest, (1 − prior) ⁄ sigma.
-        let wide = T::of(BLOCKED_PRIOR / (1.0 - BLOCKED_PRIOR) / BLOCKED_SIGMA_M) * sigma * wide;
-        let density = narrow + wide + T::of(WILD_DENSITY / (1.0 - BLOCKED_PRIOR)) * sigma;
+        let (narrow, narrow_weight) = bell(residual * inverse);
+        let (wide, wide_weight) = bell((residual - T::of(BLOCKED_MEAN_M)) * T::of(1.0 / BLOCKED_SIGMA_M));
+        let narrow = narrow * inverse;
+        let wide = odds * T::of(1.0 / BLOCKED_SIGMA_M) * wide;
+        let density = narrow + wide + T::of(WILD_DENSITY);
         let share = T::ONE / density;
         let direct = narrow * share;
         Self {
@@ -136,170 +197,136 @@ impl<T: Real> Share<T> {
     }
 }
 
-/// Expands the posterior at `state`, the narrow part widened by `widening`.
-fn expand<T: Real, const D: usize>(
-    samples: &[RangeSample<T, D>],
-    state: &State<T, D>,
-    widening: T,
-) -> Option<Expansion<T, D>> {
-    let prior = T::of(1.0 / (BIAS_SIGMA_M * BIAS_SIGMA_M));
-    let scale = T::of(DIRECT_SCALE) * widening;
-    let mut hessian: Matrix<T, D> = [[T::ZERO; D]; D];
-    let mut cross = [T::ZERO; D];
-    let mut descent = [T::ZERO; D];
-    let mut bias_information = prior;
-    let mut bias_descent = -prior * state.bias;
-    let mut log_posterior = -T::of(0.5) * prior * state.bias.squared();
-    // A product of densities, and its logarithm only when it leaves the range that `f32` keeps.
-    let mut product = T::ONE;
-    for sample in samples {
-        let across = sub(&state.position, &sample.anchor);
-        let distance = dot(&across, &across).at_least(T::EPSILON.squared()).sqrt();
-        let inverse = T::ONE / distance;
-        let unit = across.map(|component| component * inverse);
-        let residual = sample.distance() - distance - state.bias;
-        let share = Share::of(residual, scale * sample.sigma);
-        product *= share.density;
-        if product < T::of(1.0e-24) {
-            log_posterior += product.ln();
-            product = T::ONE;
-        }
-        let precision = share.direct_precision + share.blocked_precision;
-        let pull = precision * residual - share.blocked_precision * T::of(BLOCKED_MEAN_M);
-        add_outer(&mut hessian, precision, &unit);
-        cross = add_scaled(&cross, precision, &unit);
-        descent = add_scaled(&descent, pull, &unit);
-        bias_information += precision;
-        bias_descent += pull;
-    }
-    log_posterior += product.ln();
-    let inverse = T::ONE / bias_information;
-    add_outer(&mut hessian, -inverse, &cross);
-    // Where one precise range outweighs all others, a hundred metres of prior keep the matrix invertible.
-    for axis in 0..D {
-        hessian[axis][axis] += T::of(1.0e-4) + T::of(1.0e-5) * hessian[axis][axis].abs();
-    }
-    descent = add_scaled(&descent, -inverse * bias_descent, &cross);
-    let information = Ldl::new(hessian)?;
-    Some(Expansion { log_posterior, information, bias_information, cross, descent, bias_descent })
+/// Student's bell (1 + x² ⁄ 16)⁻⁸ and the weight 1 ⁄ (1 + x² ⁄ 16) by which its pull falls behind a Gaussian's.
+#[inline(always)]
+fn bell<T: Real>(x: T) -> (T, T) {
+    let weight = T::ONE / (T::ONE + T::of(0.0625) * x.squared());
+    (weight.squared().squared().squared(), weight)
 }
 
-/// One step of expectation-maximisation: `state`, moved to where `here`, the expansion at it, points.
-fn advance<T: Real, const D: usize>(
-    state: &State<T, D>,
-    here: &Expansion<T, D>,
-    constraints: &Constraints<T, D>,
-) -> State<T, D> {
-    let mut step = here.information.solve(here.descent);
-    let length = dot(&step, &step).sqrt();
-    let limit = T::of(STEP_LIMIT_M);
-    if length > limit {
-        step = step.map(|component| component * limit / length);
-    }
-    State {
-        position: constraints.inside(add_scaled(&state.position, T::ONE, &step)),
-        bias: state.bias + (here.bias_descent - dot(&here.cross, &step)) / here.bias_information,
-    }
+/// The posterior of one epoch.
+struct Posterior<'a, T, const D: usize> {
+    samples: &'a [RangeSample<T, D>],
+    constraints: &'a Constraints<T, D>,
+    /// Prior odds of a range to be blocked.
+    odds: T,
 }
 
-/// A mode of the posterior, or a point on the way to one.
-struct Mode<T, const D: usize> {
-    state: State<T, D>,
-    expansion: Expansion<T, D>,
-    log_evidence: T,
-}
-
-impl<T: Real, const D: usize> Mode<T, D> {
-    fn at(samples: &[RangeSample<T, D>], state: State<T, D>) -> Option<Self> {
-        let expansion = expand(samples, &state, T::ONE)?;
-        let log_evidence = expansion.log_evidence();
-        log_evidence.is_finite().then_some(Self { state, expansion, log_evidence })
-    }
-
-    /// The mode's neighbourhood as seen from a start.
-    fn scout(samples: &[RangeSample<T, D>], constraints: &Constraints<T, D>, start: Vector<T, D>) -> Option<Self> {
-        let mut state = State { position: constraints.inside(start), bias: T::ZERO };
-        for widening in WIDENING {
-            state = advance(&state, &expand(samples, &state, T::of(widening))?, constraints);
-        }
-        Self::at(samples, state)
-    }
-
-    fn refine(self, samples: &[RangeSample<T, D>], constraints: &Constraints<T, D>) -> Option<Self> {
-        let mut mode = self;
-        for _ in 0..REFINE_STEPS {
-            mode = Self::at(samples, advance(&mode.state, &mode.expansion, constraints))?;
-        }
-        Some(mode)
-    }
-
-    fn is_near(&self, other: &Self) -> bool {
-        let apart = sub(&self.state.position, &other.state.position);
-        dot(&apart, &apart) < T::of(SAME_MODE_M).squared()
-    }
-}
-
-/// The two modes of most evidence that are not the same.
-struct Best<T, const D: usize> {
-    first: Option<Mode<T, D>>,
-    second: Option<Mode<T, D>>,
-}
-
-impl<T: Real, const D: usize> Best<T, D> {
-    fn offer(&mut self, mode: Mode<T, D>) {
-        match &self.first {
-            Some(first) if first.is_near(&mode) => {
-                if mode.log_evidence > first.log_evidence {
-                    self.first = Some(mode);
-                }
+impl<T: Real, const D: usize> Posterior<'_, T, D> {
+    /// The best modes that are reached from `starts`.
+    #[inline(never)]
+    fn search(&self, starts: [Option<Vector<T, D>>; 3]) -> Best<T, D> {
+        let approached = starts.map(|start| {
+            let state = State { position: self.constraints.inside(start?), bias: T::ZERO };
+            self.walk(state, APPROACH.map(T::of))
+        });
+        let mut best = Best { first: None, second: None };
+        for (i, state) in approached.iter().enumerate() {
+            let Some(state) = *state else { continue };
+            if approached.iter().take(i).flatten().any(|earlier| earlier.is_near(&state)) {
+                continue;
             }
-            Some(first) if first.log_evidence >= mode.log_evidence => {
-                if self.second.as_ref().is_none_or(|second| mode.log_evidence > second.log_evidence) {
-                    self.second = Some(mode);
-                }
+            if let Some(found) = self.walk(state, ENTRY.map(T::of)).and_then(|state| self.find(state)) {
+                best.offer(found);
             }
-            Some(_) | None => self.second = self.first.replace(mode),
+        }
+        best
+    }
+
+    /// One step for each of `widenings`.
+    #[inline(never)]
+    fn walk(&self, mut state: State<T, D>, widenings: [T; 2]) -> Option<State<T, D>> {
+        for widening in widenings {
+            state = self.advance(&state, &self.expand(&state, widening)?);
+        }
+        Some(state)
+    }
+
+    /// What lies at the end of a walk.
+    #[inline(never)]
+    fn find(&self, state: State<T, D>) -> Option<Found<T, D>> {
+        let here = self.expand(&state, T::ONE)?;
+        let log_evidence = here.log_evidence()?;
+        Some(Found { state, next: self.advance(&state, &here), log_evidence })
+    }
+
+    /// The mode at `state`.
+    #[inline(never)]
+    fn mode(&self, state: State<T, D>) -> Option<Mode<T, D>> {
+        let here = self.expand(&state, T::ONE)?;
+        let log_evidence = here.log_evidence()?;
+        Some(Mode { state, information: here.information, log_evidence })
+    }
+
+    /// One step of expectation-maximisation: `state`, moved to where the expansion at it points.
+    #[inline(never)]
+    fn advance(&self, state: &State<T, D>, here: &Expansion<T, D>) -> State<T, D> {
+        let mut step = here.information.solve(here.descent);
+        let square = dot(&step, &step);
+        let limit = T::of(STEP_LIMIT_M);
+        if square > limit.squared() {
+            let scale = limit / square.sqrt();
+            step = step.map(|component| component * scale);
+        }
+        State {
+            position: self.constraints.inside(add_scaled(&state.position, T::ONE, &step)),
+            bias: state.bias + (here.bias_descent - dot(&here.cross, &step)) / here.bias_information,
         }
     }
-}
 
-/// The posterior mean under the mixture: the default, without knowing which ranges are blocked.
-///
-/// # Errors
-/// See [`NoFix`].
-pub fn robust<T: Real, const D: usize>(
-    samples: &[RangeSample<T, D>],
-    constraints: &Constraints<T, D>,
-) -> Result<Fix<T, D>, NoFix> {
-    check(samples)?;
-    let layout = Layout::of(samples, constraints)?;
-    let boxed = layout.lift(bounding_box::centre(samples), samples);
-    let middle = layout.lift(centroid(samples), samples);
-    let starts = [
-        Some(boxed),
-        solve_linear(samples, &layout, Some(&uncertainties(samples, &boxed))).ok(),
-        solve_linear(samples, &layout, None).ok(),
-        Some(middle),
-    ];
-    let mut best = Best { first: None, second: None };
-    for start in starts.into_iter().flatten() {
-        if let Some(mode) = Mode::scout(samples, constraints, start) {
-            best.offer(mode);
+    /// Expands the posterior at `state`, the narrow part widened by `widening`.
+    #[inline(never)]
+    fn expand(&self, state: &State<T, D>, widening: T) -> Option<Expansion<T, D>> {
+        let prior = T::of(1.0 / (BIAS_SIGMA_M * BIAS_SIGMA_M));
+        let scale = T::of(DIRECT_SCALE) * widening;
+        let mut hessian: Matrix<T, D> = [[T::ZERO; D]; D];
+        let mut cross = [T::ZERO; D];
+        let mut descent = [T::ZERO; D];
+        let mut bias_information = prior;
+        let mut bias_descent = -prior * state.bias;
+        let mut log_posterior = -T::of(0.5) * prior * state.bias.squared();
+        // A product of densities, and its logarithm only when it leaves the range that `f32` keeps.
+        let mut product = T::ONE;
+        for sample in self.samples {
+            let across = sub(&state.position, &sample.anchor);
+            let distance = (dot(&across, &across) + T::EPSILON.squared()).sqrt();
+            let inverse = T::ONE / distance;
+            let unit = across.map(|component| component * inverse);
+            let residual = sample.range - distance - state.bias;
+            let share = Share::of(residual, scale * sample.sigma, self.odds);
+            product *= share.density;
+            if product < T::of(1.0e-24) {
+                log_posterior += product.ln();
+                product = T::ONE;
+            }
+            let precision = share.direct_precision + share.blocked_precision;
+            let pull = precision * residual - share.blocked_precision * T::of(BLOCKED_MEAN_M);
+            add_outer(&mut hessian, precision, &unit);
+            cross = add_scaled(&cross, precision, &unit);
+            descent = add_scaled(&descent, pull, &unit);
+            bias_information += precision;
+            bias_descent += pull;
         }
+        log_posterior += product.ln();
+        let inverse = T::ONE / bias_information;
+        add_outer(&mut hessian, -inverse, &cross);
+        // Where one precise range outweighs all others, a prior of a hundred metres keeps the matrix invertible.
+        for axis in 0..D {
+            hessian[axis][axis] += T::of(1.0e-4) + T::of(1.0e-5) * hessian[axis][axis].abs();
+        }
+        descent = add_scaled(&descent, -inverse * bias_descent, &cross);
+        let information = Ldl::new(hessian)?;
+        Some(Expansion { log_posterior, information, bias_information, cross, descent, bias_descent })
     }
-    let first = best.first.and_then(|mode| mode.refine(samples, constraints)).ok_or(NoFix::Diverged)?;
-    let second = best.second.and_then(|mode| mode.refine(samples, constraints)).filter(|mode| !mode.is_near(&first));
 
-    // The second mode's share of the posterior.
-    let share =
-        second.as_ref().map_or(T::ZERO, |second| T::ONE / (T::ONE + (first.log_evidence - second.log_evidence).exp()));
-    let apart = second.as_ref().map_or([T::ZERO; D], |second| sub(&second.state.position, &first.state.position));
-    let position = add_scaled(&first.state.position, share, &apart);
-    let state = State { position, bias: first.state.bias };
-
-    let mut fix = conclude(samples, &layout, position, Weighing::Beta(&direct_probabilities(samples, &state)))?;
-    fix.covariance = first.expansion.information.inverse().map(|row| row.map(|element| T::of(INFLATION) * element));
-    add_outer_full(&mut fix.covariance, share * (T::ONE - share), &apart);
-    widen_to_mirror(&mut fix.covariance, samples, &layout, &position);
-    Ok(fix)
+    /// Probability that each range is direct, at `state`.
+    fn direct_probabilities(&self, state: &State<T, D>) -> PerSample<T> {
+        core::array::from_fn(|i| {
+            self.samples.get(i).map_or(T::ZERO, |sample| {
+                let across = sub(&state.position, &sample.anchor);
+                let residual = sample.range - dot(&across, &across).sqrt() - state.bias;
+                Share::of(residual, T::of(DIRECT_SCALE) * sample.sigma, self.odds).direct
+            })
+        })
+    }
 }

@@ -1,12 +1,12 @@
 //! What a solver takes: ranges to anchors at known places.
 
-use crate::{NoFix, Real};
+use crate::Real;
 
 /// The most ranges of one fix.
 pub const MAX_ANCHORS: usize = 16;
 
-/// The largest coordinate or range that is believed, metres: beyond it a DW1000 cannot be heard, and squares of an `f32`
-/// keep no centimetres.
+/// The largest sum of a sample's coordinates and range that is believed, metres: beyond it a DW1000 cannot be heard, and
+/// squares of an `f32` keep no centimetres.
 const FARTHEST_M: f64 = 1.0e5;
 /// The least standard deviation that is believed, metres; squares of less vanish in `f32`.
 const LEAST_SIGMA_M: f64 = 1.0e-4;
@@ -17,7 +17,7 @@ const LEAST_SIGMA_M: f64 = 1.0e-4;
 pub struct RangeSample<T, const D: usize> {
     /// Where the anchor is, metres.
     pub anchor: [T; D],
-    /// The measured range, metres. Slightly negative values happen at arm's length and count as zero.
+    /// The measured range, metres. Slightly negative values happen at arm's length.
     pub range: T,
     /// Standard deviation of the range in line of sight, metres, as far as it is known from its diagnostics; only ratios
     /// between the ranges of one fix and [`DEFAULT_SIGMA_M`](Self::DEFAULT_SIGMA_M) matter.
@@ -35,37 +35,12 @@ impl<T: Real, const D: usize> RangeSample<T, D> {
         Self { anchor, range, sigma: T::of(Self::DEFAULT_SIGMA_M), los: None }
     }
 
-    /// The range as the formulae take it: not below zero.
-    #[inline(always)]
-    pub(crate) fn distance(&self) -> T {
-        self.range.at_least(T::ZERO)
+    /// Whether every number is finite and believable.
+    pub(crate) fn is_sane(&self) -> bool {
+        // One comparison for all: NaN and infinity survive a sum of magnitudes, and fail it.
+        let sum = self.anchor.iter().fold(self.range.abs() + self.sigma, |sum, component| sum + component.abs());
+        sum <= T::of(FARTHEST_M) && self.sigma >= T::of(LEAST_SIGMA_M)
     }
-
-    /// Whether every number is finite and within a hundred kilometres, and the deviation no less than 0.1 mm.
-    #[inline(always)]
-    fn is_sane(&self) -> bool {
-        let farthest = T::of(FARTHEST_M);
-        // Written so that NaN fails.
-        self.range.abs() <= farthest
-            && self.sigma >= T::of(LEAST_SIGMA_M)
-            && self.sigma <= farthest
-            && self.anchor.iter().all(|c| c.abs() <= farthest)
-    }
-}
-
-/// Refuses what no method can work on.
-#[inline(always)]
-pub(crate) fn check<T: Real, const D: usize>(samples: &[RangeSample<T, D>]) -> Result<(), NoFix> {
-    if samples.len() <= D {
-        return Err(NoFix::TooFewAnchors);
-    }
-    if samples.len() > MAX_ANCHORS {
-        return Err(NoFix::TooManyAnchors);
-    }
-    if !samples.iter().all(RangeSample::is_sane) {
-        return Err(NoFix::NotFinite);
-    }
-    Ok(())
 }
 
 /// The range in the plane at the tag's height: √(d² − Δz²), at least 0.1 m, where `dz` is the anchor's height above the tag,
