@@ -96,8 +96,9 @@ impl Chip {
             } else if (preamble_in as u64) < lead {
                 self.late(Counter::PowerUp, status::TXPUTE);
             }
+            // A preamble whose begin is past waits for the counter to come round.
             let ticks = self.ticks(now);
-            ticks + (wanted.wrapping_sub(ticks) & MASK_40)
+            ticks + (wanted.wrapping_sub(phy.shr_ticks()).wrapping_sub(ticks) & MASK_40) + phy.shr_ticks()
         } else {
             (self.ticks(now) + lead + phy.shr_ticks()).next_multiple_of(STEP)
         };
