@@ -286,6 +286,8 @@ const HEAD: u16 = 10;
 pub const POLL_BYTES: u16 = HEAD + 3 + 4 * MAX_ROUND as u16 + 2;
 /// Bytes of a response on the air, its check bytes counted.
 pub const RESPONSE_BYTES: u16 = HEAD + 11 + 2;
+/// Bytes of a request on the air, its check bytes counted.
+pub const REQUEST_BYTES: u16 = HEAD + 1 + 2;
 /// Bytes of the longest beacon on the air, its check bytes counted.
 pub const BEACON_BYTES: u16 = HEAD + 42 + 3 * MAX_MEMBERS as u16 + 2;
 

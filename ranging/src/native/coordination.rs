@@ -25,7 +25,7 @@ const SLOT_LEFT: u8 = 5;
 /// A member of whom no poll was heard for this many of its turns loses its slots.
 const LEASE_TURNS: u16 = 10;
 /// Requests on their way.
-const MAX_REQUESTS: usize = 4;
+const MAX_REQUESTS: usize = 16;
 
 /// Owners of beacon slots: a byte of the address's hash (0: nobody) and superframes since the last sign of it.
 type Owners = [(u8, u8); OWNED_BEACON_SLOTS];

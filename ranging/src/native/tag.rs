@@ -4,12 +4,10 @@ use heapless::Vec;
 
 use super::neighbours::{Neighbours, Team};
 use super::plan::{Membership, lists, owned_slots};
-use super::timing::{HOLDOVER_SUPERFRAMES, Phase, SHARED_SLOTS, Timing};
+use super::timing::{BEACON_SLOTS, HOLDOVER_SUPERFRAMES, Phase, Timing};
 use super::{MAX_ROUND, Network, STAMP_DEVIATION_TICKS, WAKE, prevails, spread};
 use crate::exchange::{Action, Event, Link, Machine, Range, Report, Round};
-use crate::frame::native::{
-    Asked, Beacon, Distance, Frame, MAX_MEMBERS, Message, OWNED_BEACON_SLOTS, Poll, Position, Response, Share,
-};
+use crate::frame::native::{Asked, Beacon, Distance, Frame, MAX_MEMBERS, Message, Poll, Position, Response, Share};
 use crate::frame::{BROADCAST, FrameBuffer};
 use crate::time::METRES_PER_TICK;
 use crate::tof::single_sided_corrected;
@@ -156,7 +154,7 @@ impl Tag {
     }
 
     fn hear_beacon(&mut self, source: u16, beacon: &Beacon, frame: &RxFrame<'_>) {
-        if usize::from(beacon.slot) >= OWNED_BEACON_SLOTS + SHARED_SLOTS {
+        if usize::from(beacon.slot) >= BEACON_SLOTS {
             return;
         }
         let phase = Phase::from_beacon(&self.timing, beacon.superframe, beacon.slot, frame.rx_time);
@@ -344,15 +342,14 @@ impl Tag {
         if settled || full || number.wrapping_sub(network.request_from) >= 0x8000 {
             return Self::listen(rest);
         }
-        let slot = OWNED_BEACON_SLOTS + usize::from(spread(address, number, SHARED_SLOTS as u16));
-        let rmarker = timing.beacon(slot);
+        let rmarker = timing.request(spread(address, number, timing.request_slots.into()).into());
         let ready = passed.ticks() + timing.transmit.ticks() + timing.to_rmarker.ticks();
         let spare = RadioDuration::from_ticks(rmarker.ticks() - ready);
         if spare.ticks() > 2 * WAKE.ticks() {
             return Self::listen(RadioDuration::from_ticks(spare.ticks() - WAKE.ticks()));
         }
         // Whoever collides waits longer each time, one not as long as the other.
-        let patience = spread(number, address, 1 << network.requests.min(3));
+        let patience = spread(number, address, 2 << network.requests.min(3));
         network.request_from = number.wrapping_add(REQUEST_PATIENCE + patience);
         network.requests = network.requests.saturating_add(1);
         if spare < RadioDuration::ZERO {

@@ -5,7 +5,7 @@
 //! round:      | poll | answer time | response 0 | gap | response 1 | gap | … |
 //! ```
 
-use crate::frame::native::{BEACON_BYTES, OWNED_BEACON_SLOTS, POLL_BYTES, RESPONSE_BYTES};
+use crate::frame::native::{BEACON_BYTES, OWNED_BEACON_SLOTS, POLL_BYTES, REQUEST_BYTES, RESPONSE_BYTES};
 use crate::native::MAX_ROUND;
 use crate::{PhyConfig, RadioDuration, RadioInstant};
 
@@ -77,6 +77,10 @@ pub struct Timing {
     pub guard: RadioDuration,
     /// A beacon slot.
     pub beacon_slot: RadioDuration,
+    /// A tag's request for slots takes this much of the shared slots.
+    pub request_slot: RadioDuration,
+    /// Requests that the shared slots have room for, one after the other.
+    pub request_slots: u8,
     /// A round slot.
     pub round_slot: RadioDuration,
     /// Round slots of a superframe, at most [`MAX_ROUND_SLOTS`].
@@ -117,6 +121,8 @@ impl Timing {
         let guard = RadioDuration::from_ticks(drift + WAY_THERE_AND_BACK.ticks());
 
         let beacon_slot = RadioDuration::from_ticks(beacon + guard.ticks());
+        let request_slot = sum(sum(phy.airtime(REQUEST_BYTES), listen_again), guard);
+        let request_slots = (beacon_slot.ticks() * SHARED_SLOTS as i64 / request_slot.ticks()) as u8;
         let round = sum(sum(sum(to_rmarker, reply), times(response_slot, MAX_ROUND as i64 - 1)), response_tail);
         let round_slot = sum(sum(round, turnaround.listen_again), guard);
         let fit = (superframe - beacon_slot.ticks() * BEACON_SLOTS as i64) / round_slot.ticks();
@@ -128,6 +134,8 @@ impl Timing {
             to_rmarker,
             guard,
             beacon_slot,
+            request_slot,
+            request_slots,
             round_slot,
             round_slots,
             superframe: RadioDuration::from_ticks(superframe),
@@ -150,6 +158,11 @@ impl Timing {
     pub const fn beacon(&self, slot: usize) -> RadioDuration {
         let half_guard = RadioDuration::from_ticks(self.guard.ticks() / 2);
         sum(sum(times(self.beacon_slot, slot as i64), half_guard), self.to_rmarker)
+    }
+
+    /// From the beginning of the superframe to the RMARKER of a request in this of the [`request_slots`](Self::request_slots).
+    pub const fn request(&self, slot: usize) -> RadioDuration {
+        sum(self.beacon(OWNED_BEACON_SLOTS), times(self.request_slot, slot as i64))
     }
 
     /// From the beginning of the superframe to the end of its beacon slots, where the round slots begin.
@@ -192,5 +205,66 @@ impl Phase {
     /// The instant this long after the superframe's beginning.
     pub fn at(&self, offset: RadioDuration) -> RadioInstant {
         self.start.plus(offset)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::phy::{Channel, DataRate, PreambleLength, Prf};
+
+    fn micros(duration: RadioDuration) -> f64 {
+        duration.ticks() as f64 / 63_897.6
+    }
+
+    #[test]
+    fn times_of_a_dwm1001_at_6_81_mbit_s() {
+        let network = Network { pan: 1, phy: PhyConfig::FAST, turnaround: Turnaround::DWM1001 };
+        let timing = Timing::of(&network);
+        // To the RMARKER 136 × 1.01763 = 138.4 µs. Poll of 47 bytes: header 21 × 1.02564 = 21.54, payload (376 + 2 × 48) ×
+        // 0.12821 = 60.51 µs. Reply = 82.05 + 250 + 138.4.
+        assert!((micros(timing.reply) - 470.4).abs() < 0.1, "{}", micros(timing.reply));
+        // Response of 23 bytes: 138.4 + 21.54 + (184 + 48) × 0.12821 = 189.68; + 40 + 3 µs.
+        assert!((micros(timing.response_slot) - 232.7).abs() < 0.1, "{}", micros(timing.response_slot));
+        // Four responses: 138.4 + 470.4 + 3 × 232.7 + 51.3 = 1358.
+        assert!((micros(timing.round(4)) - 1358.2).abs() < 0.5, "{}", micros(timing.round(4)));
+        // Drift of 40 ppm over three superframes, 12 µs, and 3 µs of way.
+        assert!((micros(timing.guard) - 15.0).abs() < 0.1, "{}", micros(timing.guard));
+        assert_eq!(timing.superframe, RadioDuration::from_micros(100_000));
+    }
+
+    #[test]
+    fn slots_hold_what_happens_in_them() {
+        for rate in [DataRate::Kbps110, DataRate::Kbps850, DataRate::Kbps6810] {
+            for preamble in [PreambleLength::Symbols128, PreambleLength::Symbols1024, PreambleLength::Symbols4096] {
+                let Ok(phy) = PhyConfig::new(Channel::Ch5, Prf::Mhz64, rate, preamble) else { continue };
+                let network = Network { pan: 1, phy, turnaround: Turnaround::DWM1001 };
+                let timing = Timing::of(&network);
+                let name = std::format!("{rate:?}, {preamble:?}");
+                assert!(timing.round_slots >= 4, "{name}: {} round slots", timing.round_slots);
+                assert!(timing.round(MAX_ROUND) < timing.round_slot, "{name}");
+                assert!(timing.round_slot_begin(timing.round_slots.into()) <= timing.superframe, "{name}");
+                let beacon = phy.airtime(BEACON_BYTES).ticks() + timing.guard.ticks();
+                assert!(beacon + timing.transmit.ticks() < timing.beacon_slot.ticks(), "{name}");
+                assert!(timing.request_slots >= SHARED_SLOTS as u8, "{name}");
+                let last = timing.request(usize::from(timing.request_slots) - 1).ticks()
+                    + phy.time_after_rmarker(REQUEST_BYTES).ticks();
+                assert!(last < timing.rounds().ticks(), "{name}");
+                // A superframe is well within what instants tell apart.
+                assert!(timing.superframe < RadioDuration::from_micros(3_000_000), "{name}: {:?}", timing.superframe);
+            }
+        }
+    }
+
+    #[test]
+    fn phases_go_on_across_the_wrap() {
+        let network = Network { pan: 1, phy: PhyConfig::FAST, turnaround: Turnaround::DWM1001 };
+        let timing = Timing::of(&network);
+        let superframe = 6_389_760_000;
+        let start = RadioInstant::from_ticks((1 << 40) - superframe);
+        let mut phase = Phase { number: u16::MAX, start };
+        assert_eq!(phase.advance(&timing, start.plus(RadioDuration::from_ticks(-5))), 0);
+        assert_eq!(phase.advance(&timing, start.plus(RadioDuration::from_ticks(2 * superframe as i64 + 7))), 2);
+        assert_eq!(phase, Phase { number: 1, start: RadioInstant::from_ticks(superframe) });
     }
 }

@@ -138,6 +138,8 @@ pub struct Air {
     /// Standard deviation of the carrier's reading, ppm.
     pub carrier_noise: f64,
     pub power_dbm: f32,
+    /// Frames are not heard beyond this many metres.
+    pub reach: f64,
     pub now: f64,
     pub reports: Vec<Reported>,
     /// Every frame ever sent.
@@ -157,6 +159,7 @@ impl Air {
             stamp_noise: 6.4,
             carrier_noise: 0.2,
             power_dbm: -77.0,
+            reach: f64::INFINITY,
             now: 0.0,
             reports: Vec::new(),
             sent: Vec::new(),
@@ -360,7 +363,7 @@ impl Air {
     fn land(&mut self, index: usize) {
         let flight = self.flying[index].clone();
         for node in 0..self.nodes.len() {
-            if node == flight.sender {
+            if node == flight.sender || self.distance(node, flight.sender) > self.reach {
                 continue;
             }
             let way = self.distance(node, flight.sender) / LIGHT;
@@ -372,7 +375,8 @@ impl Air {
             }
             let overlaps = |other: &Flight| {
                 let way = self.distance(node, other.sender) / LIGHT;
-                other.sender != flight.sender && other.begin + way < end && other.end + way > begin
+                let heard = other.sender != flight.sender && self.distance(node, other.sender) <= self.reach;
+                heard && other.begin + way < end && other.end + way > begin
             };
             let recent = self.sent.iter().rev().take(64);
             let collision = recent.clone().any(overlaps);
