@@ -1,5 +1,6 @@
 //! The IRQ line from a chip to its processor.
 
+use crate::kernel::Continuation;
 use crate::time::TrueTime;
 use crate::world::World;
 use embedded_hal::digital::ErrorType;
@@ -8,7 +9,7 @@ use std::cell::{Cell, RefCell};
 use std::convert::Infallible;
 use std::future::poll_fn;
 use std::rc::Rc;
-use std::task::{Poll, Waker};
+use std::task::Poll;
 
 /// The level, its last edges, and who waits for one.
 pub(crate) struct IrqLine {
@@ -17,7 +18,7 @@ pub(crate) struct IrqLine {
     falls: Cell<u64>,
     last_edge: Cell<TrueTime>,
     latency_ps: Cell<u64>,
-    waiting: RefCell<Option<Waker>>,
+    waiting: RefCell<Option<Continuation>>,
 }
 
 impl IrqLine {
@@ -39,8 +40,8 @@ impl IrqLine {
         let edges = if level { &self.rises } else { &self.falls };
         edges.set(edges.get() + 1);
         self.last_edge.set(world.now());
-        if let Some(waker) = self.waiting.take() {
-            world.kernel().schedule_wake(self.answered_at(), &waker);
+        if let Some(continuation) = self.waiting.take() {
+            world.kernel().schedule_continuation(self.answered_at(), continuation);
         }
     }
 
@@ -71,7 +72,8 @@ impl IrqPin {
         poll_fn(|cx| {
             let line = &self.line;
             if !due(line) {
-                *line.waiting.borrow_mut() = Some(cx.waker().clone());
+                let continuation = self.world.kernel().executor.continuation(cx.waker());
+                *line.waiting.borrow_mut() = Some(continuation);
                 return Poll::Pending;
             }
             if self.world.now() < line.answered_at() {

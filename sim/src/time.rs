@@ -68,6 +68,7 @@ impl Add<Duration> for TrueTime {
 impl Sub for TrueTime {
     type Output = Duration;
 
+    #[expect(clippy::suspicious_arithmetic_impl, reason = "picoseconds to nanoseconds")]
     /// The time between two instants, rounded down to a nanosecond; zero if the other is later.
     fn sub(self, earlier: Self) -> Duration {
         Duration::from_nanos(self.ps_since(earlier) / 1000)

@@ -9,6 +9,7 @@ use super::Reception;
 use super::phy::{Phy, Prf, Sfd, SfdKind};
 use crate::random::mix;
 use std::f64::consts::TAU;
+use std::sync::LazyLock;
 
 /// Echoes beside the first path.
 const ECHOES: usize = 6;
@@ -99,8 +100,7 @@ impl Response {
     pub fn sample(&self, index: usize) -> [i16; 2] {
         let at = index as f64;
         let random = mix(self.noise_seed ^ (index as u64).wrapping_mul(0x1000_0001));
-        let (radius, angle) = ((-2.0 * (1.0 - unit_of(random)).ln()).sqrt(), TAU * unit_of(mix(random)));
-        let (mut re, mut im) = (self.noise * radius * angle.cos(), self.noise * radius * angle.sin());
+        let (mut re, mut im) = (self.noise * near_gauss(random), self.noise * near_gauss(mix(random)));
         for arrival in &self.arrivals {
             let x = (at - arrival.peak) / self.pulse_width;
             if x.abs() < 6.0 {
@@ -109,13 +109,14 @@ impl Response {
                 im += arrival.im * height;
             }
         }
-        [re.round() as i16, im.round() as i16]
+        [rounded(re) as i16, rounded(im) as i16]
     }
 
     /// Magnitude of the sample at `index`.
     pub fn magnitude(&self, index: usize) -> u16 {
         let [re, im] = self.sample(index);
-        f64::from(re).hypot(f64::from(im)).round() as u16
+        let (re, im) = (f64::from(re), f64::from(im));
+        rounded((re * re + im * im).sqrt()) as u16
     }
 
     /// Magnitudes one, two and three samples beyond the integer part of the first path's place.
@@ -142,15 +143,12 @@ impl Response {
     }
 
     fn place_arrivals(&mut self, place: u64, first: f64, echo_energy: f64) {
-        let phase = |k: u64| TAU * unit_of(mix(self.noise_seed ^ (0xA0 + k)));
-        let arrival = |peak: f64, amplitude: f64, phase: f64| Arrival {
-            peak,
-            re: amplitude * phase.cos(),
-            im: amplitude * phase.sin(),
-            amplitude,
+        let arrival = |peak: f64, amplitude: f64, k: u64| {
+            let [cos, sin] = direction(mix(self.noise_seed ^ (0xA0 + k)));
+            Arrival { peak, re: amplitude * cos, im: amplitude * sin, amplitude }
         };
         let edge = self.first_path + PEAK_AFTER_EDGE;
-        self.arrivals[0] = arrival(edge, first, phase(0));
+        self.arrivals[0] = arrival(edge, first, 0);
         let echoes: [(f64, f64); ECHOES] = std::array::from_fn(|k| {
             let random = mix(place ^ (k as u64 + 1));
             // From 5 samples on, 20 more in the mean, weaker with the delay: a room's 20 ns of spread.
@@ -160,7 +158,7 @@ impl Response {
         let sum: f64 = echoes.iter().map(|e| e.1 * e.1).sum::<f64>() * self.pulse_energy();
         let scale = (echo_energy.max(0.0) / sum).sqrt();
         for (k, (delay, weight)) in echoes.into_iter().enumerate() {
-            self.arrivals[k + 1] = arrival(edge + delay, scale * weight, phase(k as u64 + 1));
+            self.arrivals[k + 1] = arrival(edge + delay, scale * weight, k as u64 + 1);
         }
     }
 }
@@ -189,6 +187,28 @@ fn sfd_adjustment(sfd: Sfd) -> u16 {
         (SfdKind::Decawave, _) => 10,
         (SfdKind::User, _) => 0,
     }
+}
+
+/// A hash as a phase: cosine and sine of one of 256 angles.
+fn direction(hash: u64) -> [f64; 2] {
+    static ANGLES: LazyLock<[[f64; 2]; 256]> = LazyLock::new(|| {
+        std::array::from_fn(|i| {
+            let angle = TAU * i as f64 / 256.0;
+            [angle.cos(), angle.sin()]
+        })
+    });
+    ANGLES[(hash >> 56) as usize]
+}
+
+/// A hash as a number of mean 0 and deviation 1, nearly normal: the sum of four uniform ones.
+fn near_gauss(hash: u64) -> f64 {
+    let sum: u64 = (0..4).map(|i| hash >> (16 * i) & 0xFFFF).sum();
+    (sum as f64 / 65_536.0 - 2.0) * 3f64.sqrt()
+}
+
+/// To the nearest integer; `f64::round` is a library call on plain x86-64.
+fn rounded(x: f64) -> i64 {
+    (x + 0.5f64.copysign(x)) as i64
 }
 
 /// A hash as a number from 0 to 1, 1 excluded.

@@ -104,6 +104,8 @@ struct OnAir {
     collided: bool,
 }
 
+type Sniffer = Box<dyn FnMut(&Sniffed)>;
+
 /// The air.
 pub struct Air {
     config: AirConfig,
@@ -115,7 +117,7 @@ pub struct Air {
     /// Ways between ports that never move.
     paths: HashMap<(PortId, PortId), Paths>,
     statistics: AirStatistics,
-    sniffers: Vec<Box<dyn FnMut(&Sniffed)>>,
+    sniffers: Vec<Sniffer>,
     nothing: Rc<[u8]>,
 }
 

@@ -84,7 +84,8 @@ pub enum Sight {
 pub(crate) struct Paths {
     distance_m: f64,
     direct_loss_db: f64,
-    scatter_loss_db: f64,
+    /// Of all paths together.
+    total_loss_db: f64,
     /// Length of the direct path with what delays it.
     direct_m: f64,
     /// How much later the first path comes that is detected instead.
@@ -137,12 +138,13 @@ impl Paths {
         }
         let spread_db = 10.0 * medium.exponent * distance_m.log10();
         let vary_db = 1.5 * gauss(&mut draws);
+        let direct_loss_db = spread_db + attenuation_db;
         let scatter_loss_db = spread_db + 0.5 * attenuation_db - medium.scatter_db - vary_db;
         let errors = if walls > 0 { Obstructed::draw(&mut draws, distance_m) } else { Obstructed::NONE };
         Self {
             distance_m,
-            direct_loss_db: spread_db + attenuation_db,
-            scatter_loss_db,
+            direct_loss_db,
+            total_loss_db: -dbm(milliwatts(-direct_loss_db) + milliwatts(-scatter_loss_db)),
             direct_m: distance_m + excess_m + errors.multipath_m,
             late_m: late_m(&mut draws),
             late_loss_db: scatter_loss_db + 4.0 + 2.0 * gauss(&mut draws).abs(),
@@ -153,8 +155,7 @@ impl Paths {
     }
 
     pub(crate) fn link(&self, channel: u8, sent_dbm: f64) -> Link {
-        let first_metre_db = 20.0 * (4.0 * std::f64::consts::PI * Phy::centre_hz(channel) / SPEED_OF_LIGHT).log10();
-        let reference_dbm = sent_dbm - first_metre_db;
+        let reference_dbm = sent_dbm - first_metre_db(channel);
         let direct_dbm = reference_dbm - self.direct_loss_db;
         let undetected = self.undetected || direct_dbm < LEADING_EDGE_FLOOR_DBM;
         let (first_path_dbm, length_m) = if undetected {
@@ -162,20 +163,30 @@ impl Paths {
         } else {
             (direct_dbm, self.direct_m)
         };
-        let sum_mw = milliwatts(direct_dbm) + milliwatts(reference_dbm - self.scatter_loss_db);
         let sight = match (undetected, self.walls) {
             (true, _) => Sight::Undetected,
             (false, 0) => Sight::Clear,
             (false, _) => Sight::ObstructedDetected,
         };
         Link {
-            power_dbm: dbm(sum_mw),
+            power_dbm: reference_dbm - self.total_loss_db,
             first_path_dbm,
             delay_ps: length_m / SPEED_OF_LIGHT * 1e12,
             distance_m: self.distance_m,
             sight,
             place: self.place,
         }
+    }
+}
+
+/// Friis over the first metre, 20 log₁₀(4π f / c), dB, to 0.0001 dB.
+const fn first_metre_db(channel: u8) -> f64 {
+    match channel {
+        1 => 43.3179,
+        2 | 4 => 44.4778,
+        3 => 45.5009,
+        // Channels 5 and 7; nothing else passes the chip.
+        _ => 48.6949,
     }
 }
 
@@ -241,6 +252,14 @@ mod tests {
         // 10 m / 299 704 645 m/s = 33 366.18 ps.
         assert!((link.delay_ps - 33_366.18).abs() < 0.01, "{}", link.delay_ps);
         assert_eq!(link.sight, Sight::Clear);
+    }
+
+    #[test]
+    fn first_metre_is_friis() {
+        for channel in [1, 2, 3, 4, 5, 7] {
+            let friis = 20.0 * (4.0 * std::f64::consts::PI * Phy::centre_hz(channel) / SPEED_OF_LIGHT).log10();
+            assert!((first_metre_db(channel) - friis).abs() < 1e-4, "{channel}: {friis}");
+        }
     }
 
     #[test]

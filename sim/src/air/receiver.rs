@@ -67,7 +67,8 @@ impl Air {
             return None;
         }
         let margin_db = link.power_dbm - sent.phy.preamble_sensitivity_dbm();
-        if !drawn_within(&mut port.random, 1.0 / (1.0 + (-2.0 * margin_db).exp())) {
+        // 11 dB above its sensitivity a receiver misses one preamble in 10⁹.
+        if margin_db < 11.0 && !drawn_within(&mut port.random, 1.0 / (1.0 + (-2.0 * margin_db).exp())) {
             self.statistics.lost_to_noise += 1;
             return None;
         }
@@ -229,6 +230,10 @@ fn drawn_within(random: &mut impl Rng, probability: f64) -> bool {
 /// Probability that a payload comes through: nine in ten at the sensitivity for 20 bytes, one half 1 dB below.
 fn success(phy: &Phy, power_dbm: f64, bytes: usize) -> f64 {
     let margin_db = power_dbm - phy.rate.sensitivity_dbm();
+    // 12 dB above it, one in 10¹² is lost.
+    if margin_db > 12.0 {
+        return 1.0;
+    }
     let for_20 = 1.0 / (1.0 + (-9f64.ln() - 9f64.ln() * margin_db).exp());
     for_20.powf(bytes as f64 / 20.0)
 }

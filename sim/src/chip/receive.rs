@@ -360,14 +360,14 @@ fn frame_info(reception: &Reception, length: usize, rxpacc: u16) -> u32 {
     };
     // RXPSR and RXNSPL: 16 × 4^k symbols, and the lengths between.
     let (repetition, between) = match phy.preamble {
-        ..=64 => (1, 0),
-        ..=128 => (1, 1),
-        ..=256 => (1, 2),
-        ..=512 => (1, 3),
-        ..=1024 => (2, 0),
-        ..=1536 => (2, 1),
-        ..=2048 => (2, 2),
-        2049.. => (3, 0),
+        0..128 => (1, 0),
+        128..256 => (1, 1),
+        256..512 => (1, 2),
+        512..1024 => (1, 3),
+        1024..1536 => (2, 0),
+        1536..2048 => (2, 1),
+        2048..4096 => (2, 2),
+        4096.. => (3, 0),
     };
     length as u32
         | between << 11

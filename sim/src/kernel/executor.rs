@@ -65,6 +65,8 @@ pub(crate) struct Executor {
     ready: RefCell<VecDeque<TaskId>>,
     inbox: Arc<Inbox>,
     current: Cell<Option<TaskId>>,
+    /// The waker of the task being polled.
+    current_waker: RefCell<Waker>,
 }
 
 impl Executor {
@@ -75,6 +77,7 @@ impl Executor {
             ready: RefCell::default(),
             inbox: Arc::default(),
             current: Cell::new(None),
+            current_waker: RefCell::new(Waker::noop().clone()),
         }
     }
 
@@ -129,12 +132,9 @@ impl Executor {
     }
 
     /// The cheap way to continue the task that `waker` stands for, if that is the task being polled.
-    pub(super) fn wake_for(&self, waker: &Waker) -> Continuation {
-        let slots = self.slots.borrow();
+    pub(crate) fn continuation(&self, waker: &Waker) -> Continuation {
         match self.current.get() {
-            Some(task) if slots.get(task.slot as usize).is_some_and(|s| s.waker.will_wake(waker)) => {
-                Continuation::Task(task)
-            }
+            Some(task) if self.current_waker.borrow().will_wake(waker) => Continuation::Task(task),
             _ => Continuation::Waker(waker.clone()),
         }
     }
@@ -158,23 +158,32 @@ impl Executor {
     }
 
     fn poll(&self, task: TaskId) {
-        let taken = {
+        let (mut future, waker) = {
             let mut slots = self.slots.borrow_mut();
             let Some(slot) = slots.get_mut(task.slot as usize).filter(|s| s.generation == task.generation) else {
                 return;
             };
             slot.queued = false;
-            slot.future.take().map(|f| (f, slot.waker.clone()))
+            let Some(future) = slot.future.take() else { return };
+            (future, std::mem::replace(&mut slot.waker, Waker::noop().clone()))
         };
-        let Some((mut future, waker)) = taken else { return };
         self.current.set(Some(task));
-        let poll = future.as_mut().poll(&mut Context::from_waker(&waker));
+        self.current_waker.replace(waker);
+        // Only wakers are compared while it is borrowed, below in `continuation`.
+        let poll = {
+            let waker = self.current_waker.borrow();
+            future.as_mut().poll(&mut Context::from_waker(&waker))
+        };
         self.current.set(None);
+        let waker = self.current_waker.replace(Waker::noop().clone());
         let mut slots = self.slots.borrow_mut();
         let slot = &mut slots[task.slot as usize];
         let alive = slot.generation == task.generation;
         match poll {
-            Poll::Pending if alive => slot.future = Some(future),
+            Poll::Pending if alive => {
+                slot.future = Some(future);
+                slot.waker = waker;
+            }
             Poll::Pending | Poll::Ready(()) => {
                 if alive {
                     slot.generation += 1;

@@ -7,8 +7,8 @@ mod executor;
 mod queue;
 mod timer;
 
-pub(crate) use executor::Executor;
 pub use executor::TaskId;
+pub(crate) use executor::{Continuation, Executor};
 pub use timer::Sleep;
 
 use crate::air::AirEvent;
@@ -62,7 +62,12 @@ impl Kernel {
 
     /// Wakes `waker` at `at`.
     pub(crate) fn schedule_wake(&self, at: TrueTime, waker: &Waker) -> timer::Key {
-        let key = self.timers.borrow_mut().arm(self.executor.wake_for(waker));
+        self.schedule_continuation(at, self.executor.continuation(waker))
+    }
+
+    /// Continues something at `at`.
+    pub(crate) fn schedule_continuation(&self, at: TrueTime, continuation: Continuation) -> timer::Key {
+        let key = self.timers.borrow_mut().arm(continuation);
         self.schedule(at, Event::Timer(key));
         key
     }
@@ -74,7 +79,7 @@ impl Kernel {
     }
 
     pub(crate) fn retarget(&self, key: timer::Key, waker: &Waker) {
-        self.timers.borrow_mut().retarget(key, self.executor.wake_for(waker));
+        self.timers.borrow_mut().retarget(key, self.executor.continuation(waker));
     }
 
     pub(crate) fn disarm(&self, key: timer::Key) {
