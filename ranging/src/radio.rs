@@ -77,7 +77,7 @@ pub struct Diagnostics {
     pub first_path_power_dbm: f32,
     /// Place of the first path in the accumulator, samples of 1.0016 ns.
     pub first_path_index: f32,
-    /// Magnitudes of the accumulator one, two and three samples after the first path's.
+    /// FP_AMPL1, 2 and 3: magnitudes of the accumulator three, two and one samples after the first path's.
     pub first_path_amplitudes: [u16; 3],
     /// Sum of the squared magnitudes of the accumulator, the chip's unit (2¹⁷).
     pub cir_power: u16,

@@ -254,6 +254,45 @@ fn responses_of_a_round_are_all_heard() {
 }
 
 #[test]
+fn responses_of_several_anchors_are_heard_from_their_first_symbol_on() {
+    // Frames of 27 bytes take 194 µs; 250 µs after one another leave 56 µs to be on again.
+    let world = World::new(7, AirConfig::ideal());
+    let tag = node_at(&world, 0.0, 0.0);
+    for number in 0..5_u8 {
+        let mut config = NodeConfig::at([10.0, f64::from(number), 1.0]);
+        // Counters that start together: equal instants are equal times.
+        config.chip = ChipConfig { clock: ClockConfig::IDEAL, counter: Some(0), ..ChipConfig::default() };
+        let mut anchor = driver(world.add_node(config).peripherals(), fast());
+        world.spawn(async move {
+            anchor.init().await.unwrap();
+            for round in 0..4 {
+                let at = us(30_000 + 250 * (5 * round + u32::from(number)));
+                let at = RadioInstant::from_ticks(0).plus(at);
+                anchor.transmit(&[number; 25], Start::At(at), false).await.unwrap();
+            }
+        });
+    }
+    let mut radio = driver(tag.peripherals(), fast());
+    let (heard, ()) = run(
+        &world,
+        async move {
+            radio.init().await.unwrap();
+            let mut buffer = [0; MAX_FRAME];
+            let mut heard = Vec::new();
+            while let Ok(frame) = radio.receive(&mut buffer, Start::Now, us(50_000), true).await {
+                heard.push((frame.bytes[0], frame.diagnostics.preamble_count));
+            }
+            heard
+        },
+        async {},
+    );
+    assert_eq!(heard.iter().map(|h| h.0).collect::<Vec<_>>(), [0, 1, 2, 3, 4].repeat(4));
+    // The first was heard with the receiver long on; nobody with a symbol less.
+    assert!(heard.iter().all(|h| h.1 == heard[0].1), "{heard:?}");
+    assert_well_treated(&tag);
+}
+
+#[test]
 fn a_late_transmission_is_told_and_the_next_one_goes_out() {
     let (world, a, b) = two_nodes(0.0);
     let (mut sender, mut receiver) = (driver(a.peripherals(), fast()), driver(b.peripherals(), fast()));
@@ -343,12 +382,8 @@ fn a_delayed_receiver_is_deaf_before_its_time() {
 #[test]
 fn the_filter_lets_its_own_through_and_the_window_stays_open() {
     let (world, a, b) = two_nodes(0.0);
-    let filtered = Config {
-        pan: 0xDECA,
-        short_address: 0x0001,
-        filter: FrameFilter::DATA.and(FrameFilter::TYPE_5),
-        ..fast()
-    };
+    let filtered =
+        Config { pan: 0xDECA, short_address: 0x0001, filter: FrameFilter::DATA.and(FrameFilter::TYPE_5), ..fast() };
     let (mut sender, mut receiver) = (driver(a.peripherals(), fast()), driver(b.peripherals(), filtered));
     let clock = a.peripherals().delay;
     // Data frames: frame control, sequence, PAN, destination, source, payload; and a blink.

@@ -187,7 +187,6 @@ where
         keep_listening: bool,
     ) -> Result<RxFrame<'b>, ReceiveError<Error<S::Error>>> {
         let carrier = self.bus.read(reg::DRX_CAR_INT).await?;
-        self.bus.write(reg::SYS_STATUS.plus(1), &[0xFF]).await?;
         if keep_listening {
             self.bus.write(reg::SYS_CTRL.plus(1), &[sys_ctrl::RXENAB]).await?;
         }
@@ -205,6 +204,8 @@ where
         self.bus.read_into(reg::RX_BUFFER, bytes).await?;
         let [t0, t1, t2, t3, t4, first_path @ ..]: [u8; 9] = self.bus.read(reg::RX_TIME).await?;
         let quality = self.bus.read(reg::RX_FQUAL).await?;
+        // Only the flags of this buffer, for the next frame may be in the other one by now; then the buffer goes back.
+        self.bus.write(reg::SYS_STATUS.plus(1), &[status::RECEIVED_IN_BYTE_1]).await?;
         self.bus.write(reg::SYS_CTRL.plus(3), &[sys_ctrl::HRBPT]).await?;
 
         self.transceiver = if keep_listening { Transceiver::Listening } else { Transceiver::Off };

@@ -131,6 +131,8 @@ pub(super) mod status {
     pub const AFFREJ: u32 = 1 << 29;
     pub const HSRBP: u32 = 1 << 30;
     pub const ICRBP: u32 = 1 << 31;
+    /// Second byte: LDEDONE, RXDFR, RXFCG, RXFCE, of which each receive buffer has its own (4.3.3).
+    pub const RECEIVED_IN_BYTE_1: u8 = 0xE4;
     /// Fifth byte, bit 2: the transmitter had no time to power up.
     pub const TXPUTE_IN_BYTE_4: u8 = 1 << 2;
 

@@ -129,11 +129,12 @@ fn receives_with_time_and_quality() {
             write(&[0xCD, 0x01, 0x01]),
             read(&[0x0F], 4),
             read(&[0x67, 0x28], 6),
-            write(&[0xCF, 0x01, 0xFF]),
             read(&[0x10], 4),
             read(&[0x11], 3),
             read(&[0x15], 9),
             read(&[0x12], 8),
+            // LDEDONE, RXDFR, RXFCG, RXFCE; HRBPT.
+            write(&[0xCF, 0x01, 0xE4]),
             write(&[0xCD, 0x03, 0x01]),
         ]
     );
@@ -154,15 +155,15 @@ fn keep_listening_is_on_again_before_the_frame_is_read() {
     for double_buffered in [&[0x10], &[0x11], &[0x15], &[0x12]] {
         assert!(on_again < place(double_buffered));
     }
-    // From the interrupt to the receiver being on: four transactions, 19 bytes.
+    // From the interrupt to the receiver being on: three transactions, 16 bytes.
     let first = seen.iter().position(|s| *s == read(&[0x0F], 4)).unwrap();
     let bytes = |s: &Seen| match s {
         Seen::Write(bytes) => bytes.len(),
         Seen::Read(header, length) => header.len() + length,
         Seen::Hold(_) | Seen::Clock(_) => 0,
     };
-    assert_eq!(on_again - first + 1, 4);
-    assert_eq!(seen[first..=on_again].iter().map(bytes).sum::<usize>(), 19);
+    assert_eq!(on_again - first + 1, 3);
+    assert_eq!(seen[first..=on_again].iter().map(bytes).sum::<usize>(), 16);
 
     // The next reception finds the receiver on: it begins with the status, and the delay alone times it.
     put_frame(&bus);
