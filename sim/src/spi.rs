@@ -2,9 +2,9 @@
 //!
 //! A transaction takes the board's overhead and eight clocks a byte of virtual time. Data is read, and writes take effect, at
 //! its end; SYS_TIME alone is that of the first data byte. A transaction that the chip cannot follow (too fast before the PLL
-//! has locked, above 20 MHz at any time) reads garbage and writes nothing.
+//! has locked, above 20 MHz at any time) reads garbage and writes nothing; a chip that is off or asleep reads as zeros.
 
-use crate::chip::{Address, Chip, Header};
+use crate::chip::{Address, Chip, Contact, Header};
 use crate::time::TrueTime;
 use crate::world::World;
 use embedded_hal::spi::{ErrorType, Operation};
@@ -74,9 +74,10 @@ impl SimSpi {
 
     fn apply(&self, operations: &mut [Operation<'_, u8>], bytes: usize, selected_ps: u64) {
         let mut chip = self.chip.borrow_mut();
-        if !chip.transacted(&self.world, bytes, selected_ps, self.clock.hz()) {
-            garble(operations);
-            return;
+        match chip.transacted(&self.world, bytes, selected_ps, self.clock.hz()) {
+            Contact::Whole => {}
+            Contact::Garbled => return fill(operations, 0xA5),
+            Contact::Silent => return fill(operations, 0),
         }
         let end = self.world.now();
         let mut header = Header::default();
@@ -152,11 +153,11 @@ fn exchange(
     }
 }
 
-/// What a host reads when the chip missed clock edges or does not drive the line: bits that mean nothing.
-fn garble(operations: &mut [Operation<'_, u8>]) {
+/// What a host reads when the chip does not answer.
+fn fill(operations: &mut [Operation<'_, u8>], byte: u8) {
     for operation in operations {
         match operation {
-            Operation::Read(into) | Operation::Transfer(into, _) | Operation::TransferInPlace(into) => into.fill(0xA5),
+            Operation::Read(into) | Operation::Transfer(into, _) | Operation::TransferInPlace(into) => into.fill(byte),
             Operation::Write(_) | Operation::DelayNs(_) => {}
         }
     }

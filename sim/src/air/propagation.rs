@@ -7,7 +7,6 @@
 //! belongs to a later one. All draws belong to the pair of nodes and to where they stand (cells of half a metre): the same in
 //! both directions, and again when the tag comes back.
 
-use super::phy::Phy;
 use crate::random::{Purpose, Stream, mix, stream};
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -182,11 +181,11 @@ impl Paths {
 /// Friis over the first metre, 20 log₁₀(4π f / c), dB, to 0.0001 dB.
 const fn first_metre_db(channel: u8) -> f64 {
     match channel {
-        1 => 43.3179,
-        2 | 4 => 44.4778,
-        3 => 45.5009,
+        1 => 43.3178,
+        2 | 4 => 44.4776,
+        3 => 45.5007,
         // Channels 5 and 7; nothing else passes the chip.
-        _ => 48.6949,
+        _ => 48.6947,
     }
 }
 
@@ -237,6 +236,7 @@ pub(crate) fn dbm(milliwatts: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::air::Phy;
 
     fn medium(walls: &[Wall]) -> Medium<'_> {
         Medium { seed: 7, exponent: 2.0, scatter_db: -200.0, walls }

@@ -25,6 +25,17 @@ pub(crate) struct Address {
     pub(crate) offset: usize,
 }
 
+/// How a transaction got through.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Contact {
+    /// The chip follows.
+    Whole,
+    /// Too fast for the chip: it misses edges.
+    Garbled,
+    /// The chip is off, in reset, starting or asleep: its line stays low.
+    Silent,
+}
+
 impl Header {
     /// Takes one more byte; the address when it was the last.
     pub(crate) fn push(&mut self, byte: u8) -> Option<Address> {
@@ -45,19 +56,20 @@ impl Header {
 }
 
 impl Chip {
-    /// A transaction of `bytes` bytes that kept the chip selected for `picoseconds` has ended; whether it got through.
-    pub(crate) fn transacted(&mut self, world: &World, bytes: usize, picoseconds: u64, hz: u32) -> bool {
+    /// A transaction of `bytes` bytes that kept the chip selected for `picoseconds` has ended; how it got through.
+    pub(crate) fn transacted(&mut self, world: &World, bytes: usize, picoseconds: u64, hz: u32) -> Contact {
         self.statistics.transactions += 1;
         self.statistics.spi_bytes += bytes as u64;
-        let answers = self.power.answers();
-        if !answers {
+        if !self.power.answers() {
             self.statistics.deaf += 1;
             self.selected(world, picoseconds);
-        } else if !self.follows_spi(hz) {
-            self.statistics.too_fast += 1;
-            return false;
+            return Contact::Silent;
         }
-        answers
+        if !self.follows_spi(hz) {
+            self.statistics.too_fast += 1;
+            return Contact::Garbled;
+        }
+        Contact::Whole
     }
 
     /// Reads data that crossed the bus at `at`.

@@ -11,7 +11,7 @@ mod receive;
 mod registers;
 mod transmit;
 
-pub(crate) use bus::{Address, Header};
+pub(crate) use bus::{Address, Contact, Header};
 
 use crate::air::{AirClient, Heard, PortId, Response};
 use crate::clock::{Clock, ClockConfig, Count};

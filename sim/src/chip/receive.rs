@@ -231,7 +231,8 @@ impl Chip {
         let located = self.lde_ready(now);
         let stamps = self.stamps(reception);
         let (interval, offset, carrier) = self.clock_offset(now, reception);
-        self.memory.write(file::DRX_CONF, 0x28, &carrier.to_le_bytes()[..3]);
+        // 21 bits.
+        self.memory.write(file::DRX_CONF, 0x28, &(carrier & 0x1F_FFFF).to_le_bytes()[..3]);
         let response = Response::of(reception);
         self.memory.write(file::DRX_CONF, 0x2C, &response.rxpacc_nosat.to_le_bytes());
 
