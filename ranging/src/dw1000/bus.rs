@@ -100,6 +100,14 @@ impl<S: SpiDevice> Bus<S> {
         Ok(())
     }
 
+    /// Writes one register after the other.
+    pub async fn write_each(&mut self, writes: &[(Register, &[u8])]) -> Result<(), Error<S::Error>> {
+        for (register, data) in writes {
+            self.write(*register, data).await?;
+        }
+        Ok(())
+    }
+
     /// Holds the chip-select line low for a time without clocking.
     pub async fn hold_select(&mut self, nanoseconds: u32) -> Result<(), Error<S::Error>> {
         self.count(0);

@@ -226,10 +226,14 @@ where
     /// stamp after an error or timeout may be wrong (4.1.6); puts host and chip at the same receive buffer (4.3.2).
     async fn stop(&mut self) -> Result<(), Error<S::Error>> {
         self.transceiver = Transceiver::Unknown;
-        self.bus.write(reg::SYS_CTRL, &[reg::sys_ctrl::TRXOFF]).await?;
-        self.bus.write(reg::SYS_STATUS, &[0xFF; 4]).await?;
-        self.bus.write(reg::PMSC_CTRL0.plus(3), &[startup::RESET_RECEIVER]).await?;
-        self.bus.write(reg::PMSC_CTRL0.plus(3), &[startup::RESET_NOTHING]).await?;
+        self.bus
+            .write_each(&[
+                (reg::SYS_CTRL, &[reg::sys_ctrl::TRXOFF]),
+                (reg::SYS_STATUS, &[0xFF; 4]),
+                (reg::PMSC_CTRL0.plus(3), &[startup::RESET_RECEIVER]),
+                (reg::PMSC_CTRL0.plus(3), &[startup::RESET_NOTHING]),
+            ])
+            .await?;
         self.align_buffers().await?;
         self.transceiver = Transceiver::Off;
         Ok(())

@@ -157,9 +157,13 @@ where
                 quiet @ (Event::Rejected | Event::Nothing) if !interrupted => return Ok((quiet, flags)),
                 Event::Rejected => {
                     // The chip may have stopped listening; it has not moved on to its other buffer.
-                    self.bus.write(reg::SYS_CTRL, &[sys_ctrl::TRXOFF]).await?;
-                    self.bus.write(reg::SYS_STATUS, &[0xFF; 4]).await?;
-                    self.bus.write(reg::SYS_CTRL.plus(1), &[sys_ctrl::RXENAB]).await?;
+                    self.bus
+                        .write_each(&[
+                            (reg::SYS_CTRL, &[sys_ctrl::TRXOFF]),
+                            (reg::SYS_STATUS, &[0xFF; 4]),
+                            (reg::SYS_CTRL.plus(1), &[sys_ctrl::RXENAB]),
+                        ])
+                        .await?;
                 }
                 // A flag of the past.
                 Event::Nothing => self.bus.write(reg::SYS_STATUS, &flags.to_le_bytes()).await?,
@@ -205,8 +209,12 @@ where
         let [t0, t1, t2, t3, t4, first_path @ ..]: [u8; 9] = self.bus.read(reg::RX_TIME).await?;
         let quality = self.bus.read(reg::RX_FQUAL).await?;
         // Only the flags of this buffer, for the next frame may be in the other one by now; then the buffer goes back.
-        self.bus.write(reg::SYS_STATUS.plus(1), &[status::RECEIVED_IN_BYTE_1]).await?;
-        self.bus.write(reg::SYS_CTRL.plus(3), &[sys_ctrl::HRBPT]).await?;
+        self.bus
+            .write_each(&[
+                (reg::SYS_STATUS.plus(1), &[status::RECEIVED_IN_BYTE_1]),
+                (reg::SYS_CTRL.plus(3), &[sys_ctrl::HRBPT]),
+            ])
+            .await?;
 
         self.transceiver = if keep_listening { Transceiver::Listening } else { Transceiver::Off };
         Ok(RxFrame {

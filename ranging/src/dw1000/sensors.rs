@@ -44,11 +44,15 @@ where
     pub async fn sensors(&mut self) -> Result<Sensors, Error<S::Error>> {
         self.ensure_off().await?;
         // Biases, then outputs, one by one (6.4).
-        self.bus.write(reg::RF_SENSOR_BIAS, &[0x80]).await?;
-        self.bus.write(reg::RF_SENSOR_BIAS.plus(1), &[0x0A]).await?;
-        self.bus.write(reg::RF_SENSOR_BIAS.plus(1), &[0x0F]).await?;
-        self.bus.write(reg::TC_SARC, &[0x00]).await?;
-        self.bus.write(reg::TC_SARC, &[0x01]).await?;
+        self.bus
+            .write_each(&[
+                (reg::RF_SENSOR_BIAS, &[0x80]),
+                (reg::RF_SENSOR_BIAS.plus(1), &[0x0A]),
+                (reg::RF_SENSOR_BIAS.plus(1), &[0x0F]),
+                (reg::TC_SARC, &[0x00]),
+                (reg::TC_SARC, &[0x01]),
+            ])
+            .await?;
         self.delay.delay_ms(1).await;
         let [voltage, temperature] = self.bus.read(reg::TC_SARL).await?;
         self.bus.write(reg::TC_SARC, &[0x00]).await?;

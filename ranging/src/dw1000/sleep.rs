@@ -3,7 +3,7 @@
 use embedded_hal_async::{delay::DelayNs, digital::Wait};
 
 use super::bus::{ClockedSpi, ResetLine, SpiClock};
-use super::register as reg;
+use super::register::{self as reg, Register};
 use super::startup::{CLOCK_CRYSTAL, CLOCK_SEQUENCED, CLOCKS_DEFAULT};
 use super::{Dw1000, Error, Transceiver};
 
@@ -109,19 +109,14 @@ where
     /// The counter is set from the crystal's clock, in three uploads: off, its value, on (7.2.45.6).
     async fn set_sleep_counter(&mut self, counter: u16) -> Result<(), Error<S::Error>> {
         self.bus.spi.set_clock(SpiClock::Slow)?;
-        self.bus.write(reg::PMSC_CTRL0, &[CLOCK_CRYSTAL]).await?;
-        self.bus.write(reg::AON_CFG0, &[0]).await?;
-        self.bus.write(reg::AON_CFG1, &[0]).await?;
-        self.upload_always_on().await?;
-        self.bus.write(reg::AON_CFG0.plus(2), &counter.to_le_bytes()).await?;
-        self.upload_always_on().await?;
-        self.bus.write(reg::AON_CFG1, &[1]).await?;
-        self.upload_always_on().await?;
+        let upload: [(Register, &[u8]); 2] = [(reg::AON_CTRL, &[0x04]), (reg::AON_CTRL, &[0x00])];
+        let off: [(Register, &[u8]); 3] =
+            [(reg::PMSC_CTRL0, &[CLOCK_CRYSTAL]), (reg::AON_CFG0, &[0]), (reg::AON_CFG1, &[0])];
+        let value: [(Register, &[u8]); 1] = [(reg::AON_CFG0.plus(2), &counter.to_le_bytes())];
+        let on: [(Register, &[u8]); 1] = [(reg::AON_CFG1, &[1])];
+        for step in [&off[..], &upload, &value, &upload, &on, &upload] {
+            self.bus.write_each(step).await?;
+        }
         self.set_clocks(CLOCK_SEQUENCED, CLOCKS_DEFAULT).await
-    }
-
-    async fn upload_always_on(&mut self) -> Result<(), Error<S::Error>> {
-        self.bus.write(reg::AON_CTRL, &[0x04]).await?;
-        self.bus.write(reg::AON_CTRL, &[0x00]).await
     }
 }

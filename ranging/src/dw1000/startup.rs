@@ -56,7 +56,7 @@ where
     R: ResetLine,
     D: DelayNs,
 {
-    /// Resets the chip, whatever it does or sleeps, and writes the configuration: 12 ms. May be called at any time.
+    /// Resets the chip, whatever it does or sleeps, and writes the configuration: 8 ms. May be called at any time.
     pub async fn init(&mut self) -> Result<(), Error<S::Error>> {
         self.transceiver = Transceiver::NotReady;
         self.bus.spi.set_clock(SpiClock::Slow)?;
@@ -68,9 +68,8 @@ where
         self.identify().await?;
         self.soft_reset().await?;
 
-        self.bus.write(reg::PMSC_CTRL0, &[CLOCK_CRYSTAL]).await?;
-        // The flag of the PLL's lock is reliable with this only (7.2.37.1).
-        self.bus.write(reg::EC_CTRL, &[0x04]).await?;
+        // The flag of the PLL's lock is reliable with EC_CTRL so (7.2.37.1).
+        self.bus.write_each(&[(reg::PMSC_CTRL0, &[CLOCK_CRYSTAL]), (reg::EC_CTRL, &[0x04])]).await?;
         self.read_factory_values().await?;
         if self.factory.ldo_tuned {
             self.bus.write(reg::OTP_SF, &[KICK_LDO]).await?;
@@ -120,11 +119,15 @@ where
     }
 
     async fn soft_reset(&mut self) -> Result<(), Error<S::Error>> {
-        self.bus.write(reg::PMSC_CTRL0, &[CLOCK_CRYSTAL]).await?;
         // Packet sequencing off; nothing is to be restored from, or kept in, the memory that survives the reset.
-        self.bus.write(reg::PMSC_CTRL1, &[0, 0]).await?;
-        self.bus.write(reg::AON_WCFG, &[0, 0]).await?;
-        self.bus.write(reg::AON_CFG0, &[0]).await?;
+        self.bus
+            .write_each(&[
+                (reg::PMSC_CTRL0, &[CLOCK_CRYSTAL]),
+                (reg::PMSC_CTRL1, &[0, 0]),
+                (reg::AON_WCFG, &[0, 0]),
+                (reg::AON_CFG0, &[0]),
+            ])
+            .await?;
         self.save_always_on().await?;
         self.bus.write(reg::PMSC_CTRL0.plus(3), &[RESET_ALL]).await?;
         // The PLL needs 10 µs.
@@ -142,10 +145,10 @@ where
     }
 
     async fn read_once_programmed(&mut self, address: u16) -> Result<[u8; 4], Error<S::Error>> {
-        self.bus.write(reg::OTP_ADDR, &address.to_le_bytes()).await?;
         // Manual read mode and the read; the read clears itself, the mode does not.
-        self.bus.write(reg::OTP_CTRL, &[0x03]).await?;
-        self.bus.write(reg::OTP_CTRL, &[0x00]).await?;
+        self.bus
+            .write_each(&[(reg::OTP_ADDR, &address.to_le_bytes()), (reg::OTP_CTRL, &[0x03]), (reg::OTP_CTRL, &[0x00])])
+            .await?;
         self.bus.read(reg::OTP_RDAT).await
     }
 
@@ -159,8 +162,7 @@ where
 
     /// The first byte of PMSC_CTRL0 before the second, as Decawave's software has it.
     pub(super) async fn set_clocks(&mut self, first: u8, second: u8) -> Result<(), Error<S::Error>> {
-        self.bus.write(reg::PMSC_CTRL0, &[first]).await?;
-        self.bus.write(reg::PMSC_CTRL0.plus(1), &[second]).await
+        self.bus.write_each(&[(reg::PMSC_CTRL0, &[first]), (reg::PMSC_CTRL0.plus(1), &[second])]).await
     }
 
     pub(super) async fn await_pll(&mut self) -> Result<(), Error<S::Error>> {
@@ -174,8 +176,7 @@ where
     }
 
     pub(super) async fn save_always_on(&mut self) -> Result<(), Error<S::Error>> {
-        self.bus.write(reg::AON_CTRL, &[0x00]).await?;
-        self.bus.write(reg::AON_CTRL, &[0x02]).await
+        self.bus.write_each(&[(reg::AON_CTRL, &[0x00]), (reg::AON_CTRL, &[0x02])]).await
     }
 
     async fn write_configuration(&mut self) -> Result<(), Error<S::Error>> {
@@ -188,13 +189,11 @@ where
             (None, trim) => trim,
         };
         // The upper three bits are 011, or the chip malfunctions (7.2.44.5).
-        self.bus.write(reg::FS_XTALT, &[0x60 | trim]).await?;
-        self.load_operating_parameters().await?;
+        self.bus.write_each(&[(reg::FS_XTALT, &[0x60 | trim]), (reg::RX_FWTO, &[0, 0])]).await?;
         self.tx_length = 0;
         self.rx_timer = 0;
         self.rx_timer_on = false;
-        self.bus.write(reg::RX_FWTO, &[0, 0]).await?;
-        Ok(())
+        self.load_operating_parameters().await
     }
 
     /// The receiver's parameter set for preambles of 64 symbols, or for all others. While it loads, the chip runs from its
