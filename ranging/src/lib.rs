@@ -10,11 +10,12 @@
 extern crate std;
 
 pub mod bias;
+pub mod decaranging;
+pub mod dw1000;
 pub mod exchange;
 pub mod frame;
 pub mod native;
 pub mod node;
-pub mod dw1000;
 pub mod phy;
 pub mod radio;
 pub mod time;

@@ -5,12 +5,10 @@ mod air;
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use air::{ANTENNA_DELAY, Air, Boxed, Owned, boxed};
-use rand::{Rng, SeedableRng};
-use rand_pcg::Pcg64;
-use ranging::exchange::{Event, Link, Machine, Range};
+use air::{ANTENNA_DELAY, Air, Boxed, boxed, mischief, moments};
+use ranging::exchange::{Link, Machine, Range};
 use ranging::native::{Anchor, AnchorConfig, Network, Rate, Tag, TagConfig, Turnaround};
-use ranging::{PhyConfig, RadioDuration, Start};
+use ranging::{PhyConfig, RadioDuration};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, turnaround: Turnaround::DWM1001 };
 
@@ -46,14 +44,7 @@ fn corner(i: u16, anchors: u16) -> [f64; 3] {
 }
 
 fn drift(i: u16) -> f64 {
-    if i % 2 == 0 { 20.0 } else { -20.0 }
-}
-
-/// Mean and standard deviation.
-fn moments(values: &[f64]) -> (f64, f64) {
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    (mean, (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / n).sqrt())
+    if i.is_multiple_of(2) { 20.0 } else { -20.0 }
 }
 
 /// Errors of a tag's ranges to the anchor of a node and address, metres.
@@ -439,49 +430,6 @@ fn anchors_are_told_their_distances() {
     }
 }
 
-/// Hears every frame and sends some of them again: as they were, cut, with flipped bits, of another network, later.
-struct Mischief {
-    rng: Pcg64,
-    frame: Vec<u8>,
-}
-
-impl Mischief {
-    fn boxed(seed: u64) -> Boxed {
-        let mut this = Self { rng: Pcg64::seed_from_u64(seed), frame: Vec::new() };
-        let mut kept: Vec<Vec<u8>> = Vec::new();
-        Box::new(move |now, event| {
-            if let Event::Received(frame) = event {
-                kept.push(frame.bytes.to_vec());
-                if kept.len() > 200 {
-                    kept.remove(0);
-                }
-            }
-            if kept.is_empty() || !this.rng.random_bool(0.05) {
-                let window = RadioDuration::from_micros(2000);
-                return Owned::Receive { start: Start::Now, window, keep_listening: true };
-            }
-            let last = kept.len() - 1;
-            let pick = if this.rng.random_bool(0.5) { last } else { this.rng.random_range(0..=last) };
-            this.frame.clone_from(&kept[pick]);
-            match this.rng.random_range(0..5) {
-                0 => this.frame.truncate(this.rng.random_range(0..this.frame.len())),
-                1 => {
-                    let bit = this.rng.random_range(0..this.frame.len() * 8);
-                    this.frame[bit / 8] ^= 1 << (bit % 8);
-                }
-                2 if this.frame.len() > 4 => this.frame[3] ^= 0x55,
-                _ => {}
-            }
-            let start = if this.rng.random_bool(0.5) {
-                Start::Now
-            } else {
-                Start::At(now.plus(RadioDuration::from_micros(this.rng.random_range(500..20_000))))
-            };
-            Owned::Transmit { frame: this.frame.clone(), start, listen: true }
-        })
-    }
-}
-
 #[test]
 fn repeated_cut_flipped_foreign_and_late_frames_do_no_harm() {
     for seed in 30..34 {
@@ -489,7 +437,7 @@ fn repeated_cut_flipped_foreign_and_late_frames_do_no_harm() {
         let anchors = room(&mut air, 5);
         let node = air.add([1.0, 2.0, 1.0], 20.0, tag(0x100, Rate::Greedy));
         air.run_until(1.0);
-        let mischief = air.add([3.0, 3.0, 1.0], 5.0, Mischief::boxed(seed));
+        let mischief = air.add([3.0, 3.0, 1.0], 5.0, mischief(seed));
         air.run_until(9.0);
         let sent = air.sent.iter().filter(|flight| flight.sender == mischief).count();
         assert!(sent > 100, "{sent} frames of mischief");

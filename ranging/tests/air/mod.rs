@@ -55,6 +55,49 @@ pub fn boxed(mut machine: impl Machine + 'static) -> Boxed {
     Box::new(move |now, event| machine.step(now, event).into())
 }
 
+/// A node that hears every frame and sends some again: as they were, cut, with flipped bits, of another network, later.
+pub fn mischief(seed: u64) -> Boxed {
+    let mut rng = Pcg64::seed_from_u64(seed);
+    let mut kept: Vec<Vec<u8>> = Vec::new();
+    Box::new(move |now, event| {
+        if let Event::Received(frame) = event {
+            kept.push(frame.bytes.to_vec());
+            if kept.len() > 200 {
+                kept.remove(0);
+            }
+        }
+        if kept.is_empty() || !rng.random_bool(0.05) {
+            let window = RadioDuration::from_micros(2000);
+            return Owned::Receive { start: Start::Now, window, keep_listening: true };
+        }
+        let last = kept.len() - 1;
+        let pick = if rng.random_bool(0.5) { last } else { rng.random_range(0..=last) };
+        let mut frame = kept[pick].clone();
+        match rng.random_range(0..5) {
+            0 => frame.truncate(rng.random_range(0..frame.len())),
+            1 => {
+                let bit = rng.random_range(0..frame.len() * 8);
+                frame[bit / 8] ^= 1 << (bit % 8);
+            }
+            2 if frame.len() > 4 => frame[3] ^= 0x55,
+            _ => {}
+        }
+        let start = if rng.random_bool(0.5) {
+            Start::Now
+        } else {
+            Start::At(now.plus(RadioDuration::from_micros(rng.random_range(500..20_000))))
+        };
+        Owned::Transmit { frame, start, listen: true }
+    })
+}
+
+/// Mean and standard deviation.
+pub fn moments(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    (mean, (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / n).sqrt())
+}
+
 /// What a node reported, and when.
 #[derive(Clone, Debug)]
 pub struct Reported {

@@ -1,0 +1,108 @@
+//! DecaRanging mode: ranging with EVK1000 boards as they are.
+//!
+//! A tag blinks every second until an anchor takes it with a ranging init. Then they range by poll, response and final; the
+//! anchor, which has all six instants then, reports the time of flight, so that both know the distance. Both show the mean of
+//! the last eight.
+//!
+//! The time of flight is the asymmetric product form ([`double_sided_asymmetric`]), which is as good as the sum of seed 000,
+//! equation 5-2, for equal replies, and stays so for unequal ones; a board at the other end that uses the sum gets equal
+//! replies from our tag, which answers after the time that the ranging init names.
+//!
+//! Nothing needs a reset: a tag without answers blinks again; an anchor that was restarted answers the polls it hears, and a
+//! blink of a tag that was restarted pairs it anew.
+
+mod anchor;
+mod tag;
+
+pub use anchor::{Anchor, AnchorConfig};
+pub use tag::{Tag, TagConfig};
+
+use heapless::HistoryBuf;
+
+use crate::frame::decaranging::{LONGEST_BYTES, PAN};
+use crate::frame::{Address, Header};
+use crate::native::{STAMP_DEVIATION_TICKS, Turnaround};
+use crate::time::METRES_PER_TICK;
+use crate::tof::{TimeOfFlight, double_sided_asymmetric};
+use crate::{PhyConfig, RadioDuration};
+
+/// Standard deviation of a distance, metres: of three receptions the response's counts twice (in its round and in its reply),
+/// √(2² + 1 + 1) / 4 of one stamp's.
+const DEVIATION_M: f32 = 0.612_372_4 * STAMP_DEVIATION_TICKS * METRES_PER_TICK as f32;
+/// Ranges whose mean is shown.
+const MEAN_OF: usize = 8;
+
+/// The mean of the last eight ranges, metres.
+#[derive(Clone, Debug, Default)]
+struct Mean(HistoryBuf<f32, MEAN_OF>);
+
+impl Mean {
+    const fn new() -> Self {
+        Self(HistoryBuf::new())
+    }
+
+    fn add(&mut self, distance_m: f32) {
+        self.0.write(distance_m);
+    }
+
+    fn metres(&self) -> Option<f32> {
+        let ranges = self.0.as_slice();
+        (!ranges.is_empty()).then(|| ranges.iter().sum::<f32>() / ranges.len() as f32)
+    }
+}
+
+/// From a frame's RMARKER, heard, to that of the earliest answer.
+const fn least_reply(phy: &PhyConfig, turnaround: &Turnaround) -> RadioDuration {
+    let tail = phy.time_after_rmarker(LONGEST_BYTES).ticks();
+    RadioDuration::from_ticks(tail + turnaround.answer.ticks() + phy.time_to_rmarker().ticks())
+}
+
+/// Both ways' flight and the clocks' drift may make a round longer than the reply in it by this, ticks: 100 µs.
+const LONGEST_EXCESS_TICKS: u64 = 6_389_760;
+
+/// The flight of an exchange, where its intervals belong together: not those of another exchange, repeated.
+fn flight(
+    round1: RadioDuration,
+    reply1: RadioDuration,
+    round2: RadioDuration,
+    reply2: RadioDuration,
+) -> Option<TimeOfFlight> {
+    let belong =
+        |round: RadioDuration, reply: RadioDuration| round.ticks().abs_diff(reply.ticks()) < LONGEST_EXCESS_TICKS;
+    if belong(round1, reply1) && belong(round2, reply2) {
+        double_sided_asymmetric(round1, reply1, round2, reply2)
+    } else {
+        None
+    }
+}
+
+/// A header between short addresses.
+const fn header(sequence: u8, destination: Address, source: Address) -> Header {
+    Header { sequence, pan: PAN, destination, source }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_is_of_the_last_eight() {
+        let mut mean = Mean::new();
+        assert_eq!(mean.metres(), None);
+        mean.add(100.0);
+        assert_eq!(mean.metres(), Some(100.0));
+        for metres in 1..=8 {
+            mean.add(metres as f32);
+        }
+        // (1 + 2 + … + 8) / 8.
+        assert_eq!(mean.metres(), Some(4.5));
+    }
+
+    #[test]
+    fn intervals_of_different_exchanges_give_nothing() {
+        let [short, long] = [400, 600].map(RadioDuration::from_micros);
+        assert_eq!(flight(short, short, short, short).map(TimeOfFlight::ticks), Some(0.0));
+        assert_eq!(flight(long, short, short, short), None);
+        assert_eq!(flight(short, short, short, long), None);
+    }
+}

@@ -1,0 +1,179 @@
+//! Whatever bytes come, in whatever order of events: nothing panics, and what is parsed is written back as it was.
+
+mod air;
+
+use air::Owned;
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64;
+use ranging::exchange::{Event, Machine};
+use ranging::frame::decaranging::{self, Variant};
+use ranging::frame::{FrameBuffer, native};
+use ranging::native::{Network, Rate, Turnaround};
+use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
+
+const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, turnaround: Turnaround::DWM1001 };
+const ADDRESS: u16 = 0x0101;
+const EUI: u64 = 0x1122_3344_5566_7788;
+
+/// Random bytes, or heads of frames that get past the first checks with random bytes behind, at random cut short.
+fn bytes(rng: &mut Pcg64) -> Vec<u8> {
+    let mut bytes: Vec<u8> = Vec::new();
+    let [pan, other] = [NETWORK.pan.to_le_bytes(), 0xDECAu16.to_le_bytes()];
+    let destination = if rng.random_bool(0.5) { [0xFF, 0xFF] } else { ADDRESS.to_le_bytes() };
+    let source = [rng.random_range(0..4), 1];
+    match rng.random_range(0..6) {
+        0 => {}
+        1 => {
+            bytes.push(0xC5);
+        }
+        2 => {
+            bytes.extend([0x41, 0x8C, rng.random()].into_iter().chain(other).chain(EUI.to_le_bytes()).chain(source));
+            bytes.push(0x20);
+        }
+        3 => {
+            bytes
+                .extend([0x41, 0x88, rng.random()].into_iter().chain(other).chain(ADDRESS.to_le_bytes()).chain(source));
+            bytes.push([0x21, 0x10, 0x29, 0x2A, 0x61, 0x50, 0x69, 0x6A][rng.random_range(0..8)]);
+        }
+        _ => {
+            bytes.extend([0x41, 0x88, rng.random()].into_iter().chain(pan).chain(destination).chain(source));
+            bytes.push(rng.random_range(0xB0..=0xB3));
+        }
+    }
+    let lengths = [1, 2, 3, 4, 8, 9, 11, 15, 42, 5 + bytes.len() % 3];
+    let more =
+        if rng.random_bool(0.7) { lengths[rng.random_range(0..lengths.len())] } else { rng.random_range(0..125) };
+    bytes.extend((0..more).map(|_| if rng.random_bool(0.3) { 0 } else { rng.random::<u8>() }));
+    bytes.truncate(125);
+    bytes
+}
+
+#[test]
+fn parsers_take_any_bytes_and_give_back_what_they_took() {
+    let mut rng = Pcg64::seed_from_u64(1);
+    let mut out = FrameBuffer::new();
+    let mut parsed = [0; 3];
+    for _ in 0..300_000 {
+        let bytes = bytes(&mut rng);
+        if let Some(frame) = native::Frame::parse(&bytes) {
+            frame.emit(&mut out);
+            assert_eq!(out.bytes(), bytes);
+            parsed[0] += 1;
+        }
+        if let Some(frame) = decaranging::Frame::parse(&bytes) {
+            frame.emit(&mut out);
+            assert_eq!(out.bytes(), bytes);
+            parsed[1] += 1;
+        }
+        if let Some(blink) = decaranging::Blink::parse(&bytes) {
+            blink.emit(&mut out);
+            assert_eq!(out.bytes(), &bytes[..10]);
+            parsed[2] += 1;
+        }
+    }
+    assert!(parsed.iter().all(|count| *count > 1000), "{parsed:?}");
+}
+
+/// The longest wait, even with a clock that jumps: half a turn of the counter, and a superframe.
+const LONGEST_WAIT_US: i64 = 8_800_000;
+
+/// Steps a machine with any events at any times; its waits must be bounded.
+fn torment(mut machine: impl Machine, seed: u64) {
+    let mut rng = Pcg64::seed_from_u64(seed);
+    let mut now = RadioInstant::from_ticks(rng.random());
+    let mut frame;
+    let mut action: Owned = machine.step(now, Event::Started).into();
+    for step in 0..100_000 {
+        now = match rng.random_range(0..100) {
+            0 => RadioInstant::from_ticks(rng.random()),
+            1 => now.plus(RadioDuration::from_ticks(rng.random_range(-1_000_000_000..100_000_000_000))),
+            _ => now.plus(RadioDuration::from_ticks(rng.random_range(0..100_000_000))),
+        };
+        let wild = rng.random_bool(0.1);
+        let event = match (&action, rng.random_range(0..10)) {
+            (_, 0) if wild => Event::Started,
+            (_, 1) if wild => Event::Late,
+            (_, 2) if wild => Event::NotSent,
+            (_, 3) if wild => Event::Corrupt,
+            (_, 4) if wild => Event::Timeout,
+            (Owned::Transmit { .. }, _) => Event::Sent(now),
+            (Owned::WaitUntil(_), _) => Event::Woken,
+            (Owned::Round { .. } | Owned::Link(_), _) => Event::Reported,
+            (Owned::Receive { .. }, 0) => Event::Timeout,
+            (Owned::Receive { .. }, _) => {
+                frame = bytes(&mut rng);
+                let nonsense = [f32::NAN, f32::INFINITY, -70.0, 1e30, 0.0][rng.random_range(0..5)];
+                let diagnostics =
+                    Diagnostics { rx_power_dbm: nonsense, clock_offset_ppm: -nonsense, ..Diagnostics::default() };
+                Event::Received(RxFrame { bytes: &frame, rx_time: now, diagnostics })
+            }
+        };
+        action = machine.step(now, event).into();
+        match &action {
+            Owned::Transmit { frame, start, .. } => {
+                assert!(!frame.is_empty() && frame.len() <= 125);
+                if let Start::At(at) = start {
+                    let ahead = at.since(now).as_micros();
+                    assert!((-4_000_000..4_000_000).contains(&ahead), "step {step}: transmission in {ahead} µs");
+                }
+            }
+            Owned::Receive { window, .. } => {
+                let micros = window.as_micros();
+                assert!((0..LONGEST_WAIT_US).contains(&micros), "step {step}: window of {micros} µs");
+            }
+            Owned::WaitUntil(instant) => {
+                let ahead = instant.since(now).as_micros();
+                assert!((0..LONGEST_WAIT_US).contains(&ahead), "step {step}: wait of {ahead} µs");
+            }
+            Owned::Round { ranges, .. } => assert!(ranges.len() <= 8),
+            Owned::Link(_) => {}
+        }
+    }
+}
+
+#[test]
+fn a_native_tag_survives_anything() {
+    use ranging::native::{Tag, TagConfig};
+    for seed in 0..3 {
+        let tell_distances = seed % 2 == 0;
+        let rate = if seed == 0 { Rate::Greedy } else { Rate::Every(RadioDuration::from_micros(30_000)) };
+        torment(Tag::new(TagConfig { address: ADDRESS, network: NETWORK, anchors: 8, rate, tell_distances }), seed);
+    }
+}
+
+#[test]
+fn a_native_anchor_survives_anything() {
+    use ranging::native::{Anchor, AnchorConfig};
+    for seed in 10..13 {
+        let (antenna_delay, position_m) = (RadioDuration::from_ticks(16_436), Some([1.0, f32::NAN, 2.0]));
+        torment(Anchor::new(AnchorConfig { address: ADDRESS, network: NETWORK, antenna_delay, position_m }), seed);
+    }
+}
+
+#[test]
+fn a_decaranging_tag_survives_anything() {
+    use ranging::decaranging::{Tag, TagConfig};
+    for (seed, variant) in [(20, Variant::Standard), (21, Variant::Fast)] {
+        torment(
+            Tag::new(TagConfig {
+                eui: EUI,
+                variant,
+                phy: PhyConfig::FAST,
+                turnaround: Turnaround::DWM1001,
+                antenna_delay: RadioDuration::from_ticks(16_436),
+                period: RadioDuration::from_micros(50_000),
+            }),
+            seed,
+        );
+    }
+}
+
+#[test]
+fn a_decaranging_anchor_survives_anything() {
+    use ranging::decaranging::{Anchor, AnchorConfig};
+    for seed in 30..32 {
+        let (phy, turnaround) = (PhyConfig::FAST, Turnaround::DWM1001);
+        let antenna_delay = RadioDuration::from_ticks(16_436);
+        torment(Anchor::new(AnchorConfig { address: ADDRESS, eui: EUI, phy, turnaround, antenna_delay }), seed);
+    }
+}
