@@ -1,7 +1,7 @@
 //! From a round of ranges to a position: the places of the anchors, the solver, the covariance.
 
 use heapless::Vec;
-use positioning_core::{Constraints, Fix, MAX_ANCHORS, Method, NoFix, RangeSample, flatten, solve};
+use positioning_core::{Constraints, Fix, MAX_ANCHORS, Method, NoFix, RangeSample, Real, flatten, solve};
 use ranging::exchange::{Range, Round};
 
 /// An anchor that the tag knows of by its configuration.
@@ -97,6 +97,18 @@ impl Locator<'_> {
     fn place_of(&self, range: &Range) -> Option<[f32; 3]> {
         let configured = self.anchors.iter().find(|anchor| anchor.address == range.peer);
         configured.map(|anchor| anchor.position_m).or(range.position_m)
+    }
+}
+
+impl Position {
+    /// Standard deviation along each axis, metres.
+    pub fn deviation_m(&self) -> [f32; 3] {
+        core::array::from_fn(|axis| Real::sqrt(self.covariance_m2[axis][axis]))
+    }
+
+    /// Whether the height was given and not found.
+    pub fn height_is_given(&self) -> bool {
+        self.covariance_m2[2][2] == 0.0
     }
 }
 

@@ -178,7 +178,8 @@ pub async fn execute<'b, R: Radio>(
         Action::WaitUntil(instant) => {
             radio.idle().await?;
             let micros = instant.since(radio.now().await?).as_micros();
-            delay.delay_us(u32::try_from(micros).unwrap_or(0)).await;
+            // A microsecond begun is waited for, or a machine would be woken before its time again and again.
+            delay.delay_us(u32::try_from(micros).map_or(0, |micros| micros.saturating_add(1))).await;
             Event::Woken
         }
         Action::Report(_) => Event::Reported,

@@ -28,8 +28,9 @@ pub use timing::{Network, Timing, Turnaround};
 /// The most anchors of one round.
 pub const MAX_ROUND: usize = 8;
 
-/// How long before an instant a node wakes that has slept, and how early a superframe is taken to begin.
-const WAKE: crate::RadioDuration = crate::RadioDuration::from_micros(60);
+/// How long before an instant a node that sleeps or listens is to wake: what a DWM1001 takes at most from the end of a window
+/// until it decides again, its bus and the radio's restart counted. A superframe is taken to begin twice as early.
+const WAKE: crate::RadioDuration = crate::RadioDuration::from_micros(120);
 
 /// Whether what is told by a network of this term and coordinator is to be followed by one who follows that of `term` and
 /// `coordinator`: the same, a later term, or of one term the lower address.

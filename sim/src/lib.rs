@@ -1,4 +1,5 @@
-//! Desktop simulation: whole nodes, with drifting clocks, over register-level DW1000s and the air between them.
+//! Desktop simulation: whole nodes, with drifting clocks, over register-level DW1000s and the air between them; and the error
+//! model of UWB ranges indoors, the room of the positioning benchmark, an example recording.
 //!
 //! A [`World`] holds virtual time, the [`air`] and the nodes. A node's application is an `async` function over the
 //! [`Peripherals`] of its board: an `embedded-hal-async` SPI device, the chip's IRQ and RSTn, a delay. Behind the SPI device is
@@ -6,12 +7,16 @@
 #![forbid(unsafe_code)]
 
 pub mod air;
+pub mod alavi_pahlavan;
 pub mod board;
 pub mod chip;
 pub mod clock;
+pub mod direct;
+pub mod example_room;
 mod irq;
 mod kernel;
 pub mod random;
+pub mod scenario;
 mod spi;
 mod time;
 mod world;

@@ -174,9 +174,11 @@ impl Anchor {
                 return Action::Report(Report::Link(Link::Coordinating));
             }
         };
-        network.advance(&timing, present.plus(RadioDuration::from_ticks(2 * WAKE.ticks())));
+        // Early enough for a beacon in the first slot.
+        let early = RadioDuration::from_ticks(timing.transmit.ticks() + 2 * WAKE.ticks());
+        network.advance(&timing, present.plus(early));
         let passed = present.since(network.phase.start).ticks();
-        let rest = RadioDuration::from_ticks(timing.superframe.ticks() - passed);
+        let rest = RadioDuration::from_ticks(timing.superframe.ticks() - passed - early.ticks());
         let Some(slot) = network.due() else { return Self::listen(rest) };
         let rmarker = timing.beacon(slot.into());
         let ready = passed + timing.transmit.ticks() + timing.to_rmarker.ticks();

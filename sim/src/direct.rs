@@ -1,0 +1,368 @@
+//! A radio straight on the air: [`ranging::Radio`] without a chip, a bus or an interrupt in between.
+//!
+//! It hears, is deaf, is late and loses frames as the chip does, on the same air and with the same kind of clock; what it leaves
+//! out is the time that a board takes. A thousand nodes run in the time that a dozen take on simulated chips.
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::future::poll_fn;
+use std::pin::pin;
+use std::rc::Rc;
+use std::task::{Poll, Waker};
+
+use crc::{CRC_16_KERMIT, Crc};
+use rand::Rng;
+use rand_distr::{Distribution, StandardNormal};
+use ranging::node::Restart;
+use ranging::phy::{DataRate, Prf as PhyPrf, Sfd as PhySfd};
+use ranging::radio::MAX_FRAME;
+use ranging::{
+    Diagnostics, PhyConfig, Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError,
+};
+
+use crate::air::{
+    AirClient, Heard, Path, Payload, Phy, PortId, Prf, Rate, Reception, Response, RxSettings, Sfd, SfdKind, TxStart,
+};
+use crate::clock::{Clock, ClockConfig, Count, TICKS_PER_PS};
+use crate::random::{Purpose, stream};
+use crate::time::TrueTime;
+use crate::world::World;
+
+const CHECK: Crc<u16> = Crc::<u16>::new(&CRC_16_KERMIT);
+/// From a command to the first preamble symbol, ticks (10 µs): a delayed start nearer than this is late.
+const LEAD_TICKS: i64 = 638_976;
+/// Radiated power: the regulatory limit, −41.3 dBm/MHz over 500 MHz, and what short frames are boosted by (smart power, DW1000
+/// user manual, 7.2.31.2).
+const RADIATED_DBM: f64 = -14.3;
+const BOOSTS: [(f64, f64); 3] = [(125.0, 9.0), (250.0, 6.0), (500.0, 3.0)];
+/// Deviation of the clock offset that the carrier integrator shows, millionths.
+const CARRIER_DEVIATION_PPM: f64 = 0.05;
+/// Receptions that wait for the node at most, as in the chip's two buffers.
+const BUFFERS: usize = 2;
+/// What the end of a window takes at least, ticks (1 µs): a node that asks again for what is left must not stop time.
+const WINDOW_END_TICKS: i64 = 63_898;
+const WRAP: u64 = 1 << 40;
+
+/// A node's antenna and oscillator: what stays when the node is switched off and on.
+#[derive(Clone)]
+pub struct Antenna {
+    world: World,
+    port: PortId,
+    phy: Phy,
+    state: Rc<RefCell<State>>,
+}
+
+/// A radio on the air. Dropped, it hears nothing.
+pub struct Direct(Antenna);
+
+/// What the air talks to.
+struct State {
+    port: PortId,
+    settings: RxSettings,
+    clock: Clock,
+    /// On, or to be on again as soon as the frame that comes is there.
+    listening: bool,
+    keep_listening: bool,
+    heard: VecDeque<Option<Received>>,
+    waiting: Option<Waker>,
+}
+
+/// A frame that came whole.
+struct Received {
+    bytes: Rc<[u8]>,
+    rx_time: RadioInstant,
+    diagnostics: Diagnostics,
+}
+
+impl Antenna {
+    /// An antenna that moves along `path`; its clock starts anywhere.
+    pub fn new(world: &World, path: Path, clock: ClockConfig, phy: &PhyConfig) -> Self {
+        let air_phy = air_phy(phy);
+        let state = |port: PortId| {
+            let first = WRAP + stream(world.seed(), Purpose::Birth, u64::from(port)).random_range(0..WRAP);
+            let oscillator = stream(world.seed(), Purpose::Oscillator, u64::from(port));
+            Rc::new(RefCell::new(State {
+                port,
+                settings: settings(phy, &air_phy),
+                clock: Clock::new(clock, Count::from_ticks(first), oscillator),
+                listening: false,
+                keep_listening: false,
+                heard: VecDeque::new(),
+                waiting: None,
+            }))
+        };
+        let (port, state) = world.add_client(path, state);
+        Self { world: world.clone(), port, phy: air_phy, state }
+    }
+
+    /// Its number on the air.
+    pub fn port(&self) -> PortId {
+        self.port
+    }
+
+    /// The radio at this antenna; there is one at a time.
+    pub fn radio(&self) -> Direct {
+        Direct(self.clone())
+    }
+
+    fn listen(&self, keep_listening: bool) {
+        let mut state = self.state.borrow_mut();
+        state.keep_listening = keep_listening;
+        if !state.listening && state.heard.len() < BUFFERS {
+            state.switch_on(&self.world);
+        }
+    }
+
+    fn switch_off(&self) {
+        let mut state = self.state.borrow_mut();
+        if std::mem::take(&mut state.listening) {
+            self.world.air().deafen(self.port);
+        }
+        state.keep_listening = false;
+        state.heard.clear();
+    }
+
+    fn ticks_now(&self) -> i64 {
+        self.state.borrow_mut().clock.count_at(self.world.now()).ticks() as i64
+    }
+
+    /// True time at which the counter, unwrapped, shows this.
+    fn time_of(&self, ticks: i64) -> TrueTime {
+        self.state.borrow_mut().clock.time_of(Count::from_ticks(ticks as u64))
+    }
+
+    /// The unwrapped count of an instant within half a wrap of now.
+    fn unwrap(&self, instant: RadioInstant) -> i64 {
+        let now = self.ticks_now();
+        now + instant.since(RadioInstant::from_ticks(now as u64)).ticks()
+    }
+
+    /// The next thing heard by `until`.
+    async fn next(&self, until: TrueTime) -> Option<Option<Received>> {
+        let mut timer = pin!(self.world.sleep_until(until));
+        poll_fn(|context| {
+            let mut state = self.state.borrow_mut();
+            if let Some(heard) = state.heard.pop_front() {
+                return Poll::Ready(Some(heard));
+            }
+            state.waiting = Some(context.waker().clone());
+            drop(state);
+            timer.as_mut().poll(context).map(|()| None)
+        })
+        .await
+    }
+}
+
+impl State {
+    fn switch_on(&mut self, world: &World) {
+        self.listening = true;
+        world.air().listen(world.kernel(), self.port, self.settings);
+    }
+
+    fn take(&mut self, now: TrueTime, reception: &Reception) -> Option<Received> {
+        let length = reception.bytes.len();
+        let payload = reception.bytes.get(..length.checked_sub(2)?)?;
+        if reception.payload != Payload::Good || payload.len() > MAX_FRAME {
+            return None;
+        }
+        let stamp = self.clock.count_at(reception.marker).plus_ticks(reception.stamp_error_ps * TICKS_PER_PS);
+        let response = Response::of(reception);
+        let mut noise = rand_pcg::Pcg64Mcg::new(u128::from(reception.noise_seed) | 1);
+        let gauss: f64 = StandardNormal.sample(&mut noise);
+        let offset_ppm = reception.sender_ppm - self.clock.ppm_at(now) + CARRIER_DEVIATION_PPM * gauss;
+        Some(Received {
+            bytes: Rc::from(payload),
+            rx_time: RadioInstant::from_ticks(stamp.ticks()),
+            diagnostics: Diagnostics {
+                rx_power_dbm: reception.link.power_dbm as f32,
+                first_path_power_dbm: reception.link.first_path_dbm as f32,
+                first_path_index: response.first_path as f32,
+                first_path_amplitudes: response.first_path_amplitudes(),
+                cir_power: response.cir_power,
+                preamble_count: response.rxpacc,
+                noise_deviation: response.noise.round() as u16,
+                clock_offset_ppm: offset_ppm as f32,
+            },
+        })
+    }
+}
+
+impl AirClient for State {
+    fn on_air(&mut self, world: &World, now: TrueTime, heard: Heard) {
+        let received = match heard {
+            Heard::Preamble | Heard::Sfd | Heard::Header { .. } => return,
+            Heard::SfdTimeout | Heard::HeaderError => None,
+            Heard::Frame(reception) => self.take(now, &reception),
+        };
+        self.listening = false;
+        self.heard.push_back(received);
+        if self.keep_listening && self.heard.len() < BUFFERS {
+            self.switch_on(world);
+        }
+        if let Some(waker) = self.waiting.take() {
+            waker.wake();
+        }
+    }
+}
+
+impl Radio for Direct {
+    type Error = Infallible;
+
+    async fn now(&mut self) -> Result<RadioInstant, Infallible> {
+        Ok(RadioInstant::from_ticks(self.0.ticks_now() as u64))
+    }
+
+    fn departure(&self, at: RadioInstant) -> RadioInstant {
+        at.snapped()
+    }
+
+    async fn transmit(
+        &mut self,
+        frame: &[u8],
+        start: Start,
+        listen: bool,
+    ) -> Result<RadioInstant, TransmitError<Infallible>> {
+        if frame.len() > MAX_FRAME {
+            return Err(TransmitError::TooLong);
+        }
+        self.0.switch_off();
+        let shr = self.0.phy.shr_ticks() as i64;
+        let soonest = self.0.ticks_now() + LEAD_TICKS + shr;
+        let marker = match start {
+            Start::Now => (soonest as u64).next_multiple_of(ranging::time::DELAYED_STEP_TICKS) as i64,
+            Start::At(at) => self.0.unwrap(at.snapped()),
+        };
+        if marker < soonest {
+            return Err(TransmitError::Late);
+        }
+        let begin = self.0.time_of(marker - shr);
+        self.0.world.sleep_until(begin).await;
+        let sender_ppm = self.0.state.borrow_mut().clock.ppm_at(begin);
+        let marked = self.0.time_of(marker);
+        let sent = TxStart {
+            phy: self.0.phy,
+            ranging: true,
+            start: begin,
+            marker: marked,
+            power_dbm: radiated_dbm(&self.0.phy, frame.len() + 2),
+            sender_ppm,
+        };
+        let on_air = self.0.world.air().transmit(self.0.world.kernel(), self.0.port, sent);
+        self.0.world.sleep_until(marked).await;
+        let mut bytes = frame.to_vec();
+        bytes.extend_from_slice(&CHECK.checksum(frame).to_le_bytes());
+        let end = self.0.time_of(marker + (self.0.phy.phr_ticks() + self.0.phy.payload_ticks(bytes.len())) as i64);
+        self.0.world.air().fill(on_air, Rc::from(bytes), end);
+        self.0.world.sleep_until(end).await;
+        if listen {
+            self.0.listen(false);
+        }
+        Ok(RadioInstant::from_ticks(marker as u64))
+    }
+
+    async fn receive<'b>(
+        &mut self,
+        buffer: &'b mut [u8; MAX_FRAME],
+        start: Start,
+        window: RadioDuration,
+        keep_listening: bool,
+    ) -> Result<RxFrame<'b>, ReceiveError<Infallible>> {
+        let begin = match start {
+            Start::Now => self.0.ticks_now(),
+            Start::At(at) => {
+                self.0.switch_off();
+                let begin = self.0.unwrap(at);
+                if begin < self.0.ticks_now() {
+                    return Err(ReceiveError::Late);
+                }
+                self.0.world.sleep_until(self.0.time_of(begin)).await;
+                begin
+            }
+        };
+        self.0.listen(keep_listening);
+        let until = self.0.time_of(begin + window.ticks().max(0) + WINDOW_END_TICKS);
+        match self.0.next(until).await {
+            Some(Some(Received { bytes, rx_time, diagnostics })) => {
+                // The receiver may have stopped for want of a place to put frames.
+                if keep_listening {
+                    self.0.listen(true);
+                }
+                let bytes = match buffer.get_mut(..bytes.len()) {
+                    Some(place) => {
+                        place.copy_from_slice(&bytes);
+                        place
+                    }
+                    None => return Err(ReceiveError::Corrupt),
+                };
+                Ok(RxFrame { bytes, rx_time, diagnostics })
+            }
+            Some(None) => Err(ReceiveError::Corrupt),
+            None => {
+                self.0.switch_off();
+                Err(ReceiveError::Timeout)
+            }
+        }
+    }
+
+    async fn idle(&mut self) -> Result<(), Infallible> {
+        self.0.switch_off();
+        Ok(())
+    }
+}
+
+impl Restart for Direct {
+    async fn restart(&mut self) -> Result<(), Infallible> {
+        self.0.switch_off();
+        Ok(())
+    }
+}
+
+impl Drop for Direct {
+    fn drop(&mut self) {
+        self.0.switch_off();
+    }
+}
+
+fn radiated_dbm(phy: &Phy, bytes: usize) -> f64 {
+    let micros = phy.frame_ticks(bytes) as f64 / TICKS_PER_PS * 1e-6;
+    let boost = BOOSTS.iter().find(|(shorter_than, _)| phy.rate == Rate::Kbps6800 && micros < *shorter_than);
+    RADIATED_DBM + boost.map_or(0.0, |(_, decibels)| *decibels)
+}
+
+fn air_phy(phy: &PhyConfig) -> Phy {
+    let kind = match phy.sfd() {
+        PhySfd::Standard => SfdKind::Ieee,
+        PhySfd::Decawave => SfdKind::Decawave,
+    };
+    Phy {
+        channel: phy.channel().number(),
+        code: phy.preamble_code(),
+        prf: match phy.prf() {
+            PhyPrf::Mhz16 => Prf::Mhz16,
+            PhyPrf::Mhz64 => Prf::Mhz64,
+        },
+        rate: match phy.data_rate() {
+            DataRate::Kbps110 => Rate::Kbps110,
+            DataRate::Kbps850 => Rate::Kbps850,
+            DataRate::Kbps6810 => Rate::Kbps6800,
+        },
+        preamble: phy.preamble_length().symbols(),
+        sfd: Sfd { kind, symbols: phy.sfd_symbols() },
+        long_frames: false,
+    }
+}
+
+fn settings(phy: &PhyConfig, air: &Phy) -> RxSettings {
+    RxSettings {
+        channel: air.channel,
+        code: air.code,
+        prf: air.prf,
+        sfd: air.sfd,
+        slow: air.rate == Rate::Kbps110,
+        long_frames: false,
+        pac: phy.pac().symbols(),
+        // Preamble, delimiter and one symbol more, less a chunk (DW1000 user manual, 4.1.3).
+        sfd_timeout: air.preamble + 1 + air.sfd.symbols - phy.pac().symbols(),
+    }
+}

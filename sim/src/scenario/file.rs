@@ -1,0 +1,564 @@
+//! Scenarios as TOML: `docs/scenarios.md` has every key. Text in, a [`Scenario`] or the line that is wrong out.
+
+use std::collections::HashSet;
+use std::fmt;
+use std::ops::Range;
+
+use positioning_core::Method;
+use ranging::PhyConfig;
+use ranging::phy::{Channel, DataRate, PreambleLength, Prf};
+use serde::Deserialize;
+use serde::de::{Deserializer, Error as _};
+use toml::Spanned;
+
+use super::{Anchor, Board, Fault, FaultKind, Level, Mode, Network, Scenario, Tag, TagSettings, Walk};
+use crate::air::{Material, Wall};
+
+/// The short addresses of nodes without one of their own: anchors from here, tags from there, by their place in the file.
+const FIRST_ANCHOR: u16 = 0x0001;
+const FIRST_TAG: u16 = 0x1001;
+/// The address of everyone.
+const BROADCAST: u16 = 0xFFFF;
+/// How fast a tag walks that says nothing else, metres a second.
+const WALKING_M_S: f64 = 1.0;
+
+/// What is wrong with a scenario, and where.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ScenarioError {
+    /// The line, from 1.
+    pub line: usize,
+    /// What is wrong, in one line.
+    pub message: String,
+}
+
+impl fmt::Display for ScenarioError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.line, self.message)
+    }
+}
+
+impl std::error::Error for ScenarioError {}
+
+impl Scenario {
+    /// The scenario of a TOML text.
+    ///
+    /// # Errors
+    /// The first line that is wrong.
+    pub fn parse(text: &str) -> Result<Self, ScenarioError> {
+        let at = |span: Range<usize>, message: String| {
+            let before = text.get(..span.start).unwrap_or(text);
+            let message = message.lines().collect::<Vec<_>>().join(", ");
+            ScenarioError { line: 1 + before.matches('\n').count(), message }
+        };
+        let file: File = toml::from_str(text).map_err(|error| {
+            let span = error.span().unwrap_or(0..0);
+            at(span, error.message().to_owned())
+        })?;
+        file.scenario().map_err(|Wrong { span, message }| at(span, message))
+    }
+}
+
+/// A check that failed on a part of the text.
+struct Wrong {
+    span: Range<usize>,
+    message: String,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct File {
+    #[serde(deserialize_with = "positive")]
+    seconds: f64,
+    seed: u64,
+    #[serde(deserialize_with = "probability")]
+    loss: f64,
+    level: LevelName,
+    #[serde(deserialize_with = "clock_offset")]
+    clock_ppm: f64,
+    #[serde(deserialize_with = "optional_finite")]
+    height_m: Option<f32>,
+    #[serde(deserialize_with = "method")]
+    method: Method,
+    #[serde(deserialize_with = "optional_rate")]
+    rate_hz: Option<f64>,
+    #[serde(deserialize_with = "anchors_per_round")]
+    anchors_per_round: u8,
+    board: BoardTable,
+    network: Vec<Spanned<NetworkTable>>,
+    wall: Vec<WallTable>,
+    anchor: Vec<Spanned<AnchorTable>>,
+    tag: Vec<Spanned<TagTable>>,
+    fault: Vec<Spanned<FaultTable>>,
+}
+
+impl Default for File {
+    fn default() -> Self {
+        let tag = TagSettings::default();
+        Self {
+            seconds: 10.0,
+            seed: 1,
+            loss: 0.0,
+            level: LevelName::Spi,
+            clock_ppm: 20.0,
+            height_m: tag.height_m,
+            method: tag.method,
+            rate_hz: tag.rate_hz,
+            anchors_per_round: tag.anchors_per_round,
+            board: BoardTable::default(),
+            network: Vec::new(),
+            wall: Vec::new(),
+            anchor: Vec::new(),
+            tag: Vec::new(),
+            fault: Vec::new(),
+        }
+    }
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum LevelName {
+    Spi,
+    Air,
+}
+
+#[derive(Clone, Copy, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct BoardTable {
+    profile: BoardName,
+    spi_hz: Option<u32>,
+    spi_fast_hz: Option<u32>,
+    transaction_overhead_ns: Option<u32>,
+    interrupt_latency_ns: Option<u32>,
+    instructions_per_s: Option<f64>,
+}
+
+#[derive(Clone, Copy, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum BoardName {
+    #[default]
+    Dwm1001,
+    Evb1000,
+    Instant,
+}
+
+#[derive(Clone, Copy, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct NetworkTable {
+    mode: ModeName,
+    pan: Option<u16>,
+    evk1000_mode: Option<u8>,
+    channel: Option<u8>,
+    prf_mhz: Option<u8>,
+    rate_kbps: Option<u16>,
+    preamble: Option<u16>,
+    code: Option<u8>,
+}
+
+#[derive(Clone, Copy, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum ModeName {
+    #[default]
+    Native,
+    Decaranging,
+    DecarangingFast,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct WallTable {
+    #[serde(deserialize_with = "place")]
+    from: [f64; 2],
+    #[serde(deserialize_with = "place")]
+    to: [f64; 2],
+    material: MaterialName,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum MaterialName {
+    Drywall,
+    Wood,
+    Glass,
+    Brick,
+    Concrete,
+    Metal,
+    Body,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct AnchorTable {
+    address: Option<u16>,
+    #[serde(default)]
+    network: usize,
+    #[serde(deserialize_with = "place")]
+    at: [f64; 3],
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TagTable {
+    address: Option<u16>,
+    #[serde(default)]
+    network: usize,
+    #[serde(deserialize_with = "places")]
+    path: Vec<[f64; 3]>,
+    #[serde(default = "walking", deserialize_with = "positive")]
+    speed_m_s: f64,
+    #[serde(default)]
+    closed: bool,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FaultTable {
+    #[serde(deserialize_with = "not_negative")]
+    at_s: f64,
+    node: u16,
+    what: FaultName,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum FaultName {
+    Off,
+    On,
+    Reset,
+}
+
+impl File {
+    fn scenario(self) -> Result<Scenario, Wrong> {
+        if self.anchor.is_empty() || self.tag.is_empty() {
+            let missing = if self.anchor.is_empty() { "[[anchor]]" } else { "[[tag]]" };
+            return Err(Wrong { span: 0..0, message: format!("a scenario needs at least one {missing}") });
+        }
+        let networks = if self.network.is_empty() {
+            vec![Network::default()]
+        } else {
+            self.network
+                .iter()
+                .map(|table| table.get_ref().network().map_err(|m| wrong(table, m)))
+                .collect::<Result<_, _>>()?
+        };
+        let mut nodes = Nodes { networks: networks.len(), addresses: HashSet::new() };
+        let mut anchors = Vec::new();
+        for (address, table) in (FIRST_ANCHOR..).zip(&self.anchor) {
+            let AnchorTable { address: own, network, at } = *table.get_ref();
+            let address = own.unwrap_or(address);
+            nodes.admit(address, network).map_err(|m| wrong(table, m))?;
+            anchors.push(Anchor { address, network, at });
+        }
+        let mut tags = Vec::new();
+        for (address, table) in (FIRST_TAG..).zip(&self.tag) {
+            let TagTable { address: own, network, ref path, speed_m_s, closed } = *table.get_ref();
+            let address = own.unwrap_or(address);
+            nodes.admit(address, network).map_err(|m| wrong(table, m))?;
+            let walk = Walk::new(path.clone(), speed_m_s, closed);
+            let walk = walk.ok_or_else(|| wrong(table, "a path needs at least one point".to_owned()))?;
+            tags.push(Tag { address, network, walk });
+        }
+        let mut faults = Vec::new();
+        for table in &self.fault {
+            let FaultTable { at_s, node, what } = *table.get_ref();
+            if !nodes.addresses.contains(&node) {
+                return Err(wrong(table, format!("no node has the address {node}")));
+            }
+            let what = match what {
+                FaultName::Off => FaultKind::Off,
+                FaultName::On => FaultKind::On,
+                FaultName::Reset => FaultKind::Reset,
+            };
+            faults.push(Fault { at_s, node, what });
+        }
+        faults.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+        Ok(Scenario {
+            seconds: self.seconds,
+            seed: self.seed,
+            loss: self.loss,
+            level: match self.level {
+                LevelName::Spi => Level::Spi,
+                LevelName::Air => Level::Air,
+            },
+            clock_ppm: self.clock_ppm,
+            board: self.board.board(),
+            tag: TagSettings {
+                height_m: self.height_m,
+                method: self.method,
+                rate_hz: self.rate_hz,
+                anchors_per_round: self.anchors_per_round,
+            },
+            networks,
+            walls: self.wall.iter().map(WallTable::wall).collect(),
+            anchors,
+            tags,
+            faults,
+        })
+    }
+}
+
+fn wrong<T>(table: &Spanned<T>, message: String) -> Wrong {
+    Wrong { span: table.span(), message }
+}
+
+/// The nodes so far.
+struct Nodes {
+    networks: usize,
+    addresses: HashSet<u16>,
+}
+
+impl Nodes {
+    fn admit(&mut self, address: u16, network: usize) -> Result<(), String> {
+        if network >= self.networks {
+            return Err(format!("there is no network {network}: the first is 0, and there are {}", self.networks));
+        }
+        if address == BROADCAST {
+            return Err("the address 65535 is everyone's".to_owned());
+        }
+        if !self.addresses.insert(address) {
+            return Err(format!("two nodes have the address {address}"));
+        }
+        Ok(())
+    }
+}
+
+impl BoardTable {
+    fn board(self) -> Board {
+        let mut board = match self.profile {
+            BoardName::Dwm1001 => Board::DWM1001,
+            BoardName::Evb1000 => Board::EVB1000,
+            BoardName::Instant => Board::INSTANT,
+        };
+        let profile = &mut board.profile;
+        profile.spi_hz = self.spi_hz.unwrap_or(profile.spi_hz);
+        profile.transaction_overhead_ns = self.transaction_overhead_ns.unwrap_or(profile.transaction_overhead_ns);
+        profile.interrupt_latency_ns = self.interrupt_latency_ns.unwrap_or(profile.interrupt_latency_ns);
+        board.spi_fast_hz = self.spi_fast_hz.unwrap_or(board.spi_fast_hz);
+        board.instructions_per_s = self.instructions_per_s.unwrap_or(board.instructions_per_s);
+        board
+    }
+}
+
+impl NetworkTable {
+    fn network(&self) -> Result<Network, String> {
+        let mode = match self.mode {
+            ModeName::Native => Mode::Native,
+            ModeName::Decaranging => Mode::DecaRanging,
+            ModeName::DecarangingFast => Mode::DecaRangingFast,
+        };
+        Ok(Network { mode, pan: self.pan.unwrap_or(Network::default().pan), phy: self.phy()? })
+    }
+
+    fn phy(&self) -> Result<PhyConfig, String> {
+        if let Some(mode) = self.evk1000_mode {
+            return match PhyConfig::evk1000_mode(mode) {
+                Some(_)
+                    if [self.channel, self.prf_mhz, self.code] != [None; 3]
+                        || self.rate_kbps.or(self.preamble).is_some() =>
+                {
+                    Err("evk1000_mode says it all: no channel, prf_mhz, rate_kbps, preamble or code beside it"
+                        .to_owned())
+                }
+                Some(phy) => Ok(phy),
+                None => Err(format!("evk1000_mode is 1 to 8, not {mode}")),
+            };
+        }
+        let channel = self.channel.unwrap_or(5);
+        let channel =
+            Channel::from_number(channel).ok_or_else(|| format!("channel is 1, 2, 3, 4, 5 or 7, not {channel}"))?;
+        let prf = match self.prf_mhz.unwrap_or(64) {
+            16 => Prf::Mhz16,
+            64 => Prf::Mhz64,
+            other => return Err(format!("prf_mhz is 16 or 64, not {other}")),
+        };
+        let rate = match self.rate_kbps.unwrap_or(6810) {
+            110 => DataRate::Kbps110,
+            850 => DataRate::Kbps850,
+            6810 => DataRate::Kbps6810,
+            other => return Err(format!("rate_kbps is 110, 850 or 6810, not {other}")),
+        };
+        let preamble = match self.preamble.unwrap_or(128) {
+            64 => PreambleLength::Symbols64,
+            128 => PreambleLength::Symbols128,
+            256 => PreambleLength::Symbols256,
+            512 => PreambleLength::Symbols512,
+            1024 => PreambleLength::Symbols1024,
+            1536 => PreambleLength::Symbols1536,
+            2048 => PreambleLength::Symbols2048,
+            4096 => PreambleLength::Symbols4096,
+            other => return Err(format!("preamble is 64, 128, 256, 512, 1024, 1536, 2048 or 4096, not {other}")),
+        };
+        let phy = PhyConfig::new(channel, prf, rate, preamble)
+            .map_err(|_| format!("at 110 kbit/s the preamble has at least 1024 symbols, not {}", preamble.symbols()))?;
+        match self.code {
+            None => Ok(phy),
+            Some(code) => phy.with_preamble_code(code).map_err(|_| {
+                format!(
+                    "the preamble codes of this channel and pulse rate are {:?}, not {code}",
+                    channel.preamble_codes(prf)
+                )
+            }),
+        }
+    }
+}
+
+impl WallTable {
+    fn wall(&self) -> Wall {
+        let material = match self.material {
+            MaterialName::Drywall => Material::DRYWALL,
+            MaterialName::Wood => Material::WOOD,
+            MaterialName::Glass => Material::GLASS,
+            MaterialName::Brick => Material::BRICK,
+            MaterialName::Concrete => Material::CONCRETE,
+            MaterialName::Metal => Material::METAL,
+            MaterialName::Body => Material::BODY,
+        };
+        Wall { from: self.from, to: self.to, material }
+    }
+}
+
+fn walking() -> f64 {
+    WALKING_M_S
+}
+
+/// A number that passes, or what it has to be.
+fn number<'de, D: Deserializer<'de>>(from: D, what: &str, passes: impl Fn(f64) -> bool) -> Result<f64, D::Error> {
+    let value = f64::deserialize(from)?;
+    if passes(value) { Ok(value) } else { Err(D::Error::custom(format!("{value} is not {what}"))) }
+}
+
+fn positive<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    number(from, "a positive number", |x| x > 0.0 && x.is_finite())
+}
+
+fn not_negative<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    number(from, "zero or a positive number", |x| x >= 0.0 && x.is_finite())
+}
+
+fn probability<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    number(from, "a probability from 0 to 1", |x| (0.0..=1.0).contains(&x))
+}
+
+fn clock_offset<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    number(from, "a clock's offset from 0 to 100 millionths", |x| (0.0..=100.0).contains(&x))
+}
+
+fn optional_rate<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    number(from, "a rate from 0.01 to 1000 Hz", |x| (0.01..=1000.0).contains(&x)).map(Some)
+}
+
+fn optional_finite<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f32>, D::Error> {
+    number(from, "a height within 10 km", |x| x.abs() <= 1e4).map(|x| Some(x as f32))
+}
+
+fn anchors_per_round<'de, D: Deserializer<'de>>(from: D) -> Result<u8, D::Error> {
+    let count = u8::deserialize(from)?;
+    if (1..=8).contains(&count) { Ok(count) } else { Err(D::Error::custom(format!("{count} is not 1 to 8 anchors"))) }
+}
+
+fn method<'de, D: Deserializer<'de>>(from: D) -> Result<Method, D::Error> {
+    String::deserialize(from)?.parse().map_err(D::Error::custom)
+}
+
+fn place<'de, D: Deserializer<'de>, const N: usize>(from: D) -> Result<[f64; N], D::Error>
+where
+    [f64; N]: Deserialize<'de>,
+{
+    within_reach(<[f64; N]>::deserialize(from)?)
+}
+
+fn places<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<[f64; 3]>, D::Error> {
+    Vec::<[f64; 3]>::deserialize(from)?.into_iter().map(within_reach).collect()
+}
+
+/// Frames carry millimetres in 24 bits: 8388 m.
+fn within_reach<const N: usize, E: serde::de::Error>(place: [f64; N]) -> Result<[f64; N], E> {
+    match place.iter().find(|x| x.is_nan() || x.abs() > 8388.0) {
+        Some(x) => Err(E::custom(format!("{x} is not a coordinate within 8388 m"))),
+        None => Ok(place),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::distance;
+
+    const LEAST: &str = "[[anchor]]\nat = [0, 0, 2]\n[[tag]]\npath = [[1, 2, 1]]\n";
+
+    fn error(text: &str) -> ScenarioError {
+        Scenario::parse(text).unwrap_err()
+    }
+
+    #[test]
+    fn the_documented_example_is_read() {
+        let document = include_str!("../../../docs/scenarios.md");
+        let text = document.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).unwrap();
+        let scenario = Scenario::parse(text).unwrap();
+        assert_eq!((scenario.seconds, scenario.seed, scenario.loss, scenario.level), (30.0, 1, 0.1, Level::Spi));
+        assert_eq!((scenario.anchors.len(), scenario.tags.len(), scenario.walls.len()), (3, 1, 1));
+        assert_eq!(scenario.walls[0].material, Material::BRICK);
+        assert_eq!(scenario.networks, [Network::default()]);
+        assert_eq!(scenario.board, Board::DWM1001);
+        assert_eq!(scenario.tag, TagSettings { height_m: Some(1.2), rate_hz: Some(10.0), ..TagSettings::default() });
+        assert_eq!(scenario.anchors.iter().map(|a| a.address).collect::<Vec<_>>(), [1, 2, 3]);
+        assert_eq!(scenario.faults, [Fault { at_s: 10.0, node: 2, what: FaultKind::Off }]);
+        // 6 m along the first side at 1 m/s, then 1 m along the second.
+        assert!(distance(scenario.tags[0].walk.at(7.0), [7.0, 2.0, 1.2]) < 1e-9);
+    }
+
+    #[test]
+    fn little_is_enough() {
+        let scenario = Scenario::parse(LEAST).unwrap();
+        assert_eq!((scenario.seconds, scenario.clock_ppm, scenario.tag), (10.0, 20.0, TagSettings::default()));
+        assert_eq!(scenario.tags[0].address, 0x1001);
+    }
+
+    #[test]
+    fn errors_name_their_line() {
+        let cases = [
+            ("", 1, "a scenario needs at least one [[anchor]]"),
+            ("seed = 1\nsecond = 3\n", 2, "unknown field `second`"),
+            ("seconds = -1\n", 1, "-1 is not a positive number"),
+            ("\nloss = 1.5\n", 2, "1.5 is not a probability"),
+            ("method = \"guess\"\n", 1, "unknown method"),
+            ("[[anchor]]\nat = [0, 0]\n", 2, "invalid length 2"),
+            ("[[anchor]]\nat = [0, 0, nan]\n", 2, "NaN is not a coordinate"),
+            ("[[anchor]]\nat = [0, 9000, 0]\n", 2, "9000 is not a coordinate"),
+            ("[[wall]]\nfrom = [0, 0]\nto = [1, 1]\nmaterial = \"paper\"\n", 4, "unknown variant `paper`"),
+            ("seed = \n", 1, ""),
+        ];
+        for (text, line, message) in cases {
+            let found = error(text);
+            assert_eq!(found.line, line, "{text:?}: {found}");
+            assert!(found.message.contains(message) && !found.message.contains('\n'), "{text:?}: {found}");
+        }
+    }
+
+    #[test]
+    fn what_does_not_fit_together_names_the_table_it_is_in() {
+        let cases = [
+            ("[[anchor]]\nat = [1, 0, 2]\nnetwork = 1\n", 5, "no network 1"),
+            ("[[anchor]]\nat = [1, 0, 2]\naddress = 1\n", 5, "two nodes have the address 1"),
+            ("[[tag]]\npath = [[0, 0, 0]]\naddress = 65535\n", 5, "everyone"),
+            ("[[tag]]\npath = []\n", 5, "at least one point"),
+            ("[[fault]]\nat_s = 1\nnode = 77\nwhat = \"off\"\n", 5, "no node has the address 77"),
+            ("[[network]]\nevk1000_mode = 9\n", 5, "1 to 8, not 9"),
+            ("[[network]]\nevk1000_mode = 5\nchannel = 5\n", 5, "evk1000_mode says it all"),
+            ("[[network]]\nchannel = 6\n", 5, "not 6"),
+            ("[[network]]\nrate_kbps = 110\npreamble = 128\n", 5, "at least 1024 symbols, not 128"),
+            ("[[network]]\ncode = 3\n", 5, "[9, 10, 11, 12], not 3"),
+        ];
+        for (more, line, message) in cases {
+            let found = error(&format!("{LEAST}{more}"));
+            assert_eq!(found.line, line, "{more:?}: {found}");
+            assert!(found.message.contains(message), "{more:?}: {found}");
+        }
+    }
+
+    #[test]
+    fn faults_happen_in_the_order_of_time() {
+        let faults = "[[fault]]\nat_s = 5\nnode = 1\nwhat = \"on\"\n[[fault]]\nat_s = 2\nnode = 1\nwhat = \"off\"\n";
+        let scenario = Scenario::parse(&format!("{LEAST}{faults}")).unwrap();
+        assert_eq!(scenario.faults.iter().map(|f| f.at_s).collect::<Vec<_>>(), [2.0, 5.0]);
+    }
+}

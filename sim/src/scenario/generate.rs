@@ -1,0 +1,160 @@
+//! Scenarios without a file: furnished rooms, as many as the tags need.
+
+use std::f64::consts::TAU;
+
+use ranging::PhyConfig;
+use ranging::phy::{Channel, DataRate, PreambleLength, Prf};
+
+use super::{Anchor, Board, Level, Network, Scenario, Tag, TagSettings, Walk};
+use crate::air::{Material, Wall};
+
+/// A room, metres.
+const ROOM: [f64; 2] = [12.0, 8.0];
+/// From a room's corner to the next one's, metres.
+const PITCH_M: f64 = 40.0;
+/// Tags of a room at most: a network takes 24.
+const TAGS_A_ROOM: usize = 20;
+/// Anchors hang this far from the walls, high and low in turns, metres.
+const FROM_WALL_M: f64 = 0.2;
+const HEIGHTS_M: [f64; 2] = [2.6, 1.8];
+/// Tags are carried at this height, metres, and know it.
+const TAG_HEIGHT_M: f32 = 1.2;
+/// How fast they are carried, metres a second.
+const WALKING_M_S: f64 = 1.0;
+
+impl Scenario {
+    /// `tags` tags walking in a furnished room of 12 m × 8 m among `anchors` anchors on its walls; more than twenty tags fill
+    /// further rooms, each with its share of the anchors, a network and a channel of its own. At least one of each.
+    pub fn rooms(anchors: usize, tags: usize) -> Self {
+        let (anchors, tags) = (anchors.max(1), tags.max(1));
+        let rooms = tags.div_ceil(TAGS_A_ROOM).min(anchors);
+        let columns = (rooms as f64).sqrt().ceil() as usize;
+        let mut scenario = Self {
+            seconds: 10.0,
+            seed: 1,
+            loss: 0.0,
+            level: Level::Spi,
+            clock_ppm: 20.0,
+            board: Board::DWM1001,
+            tag: TagSettings { height_m: Some(TAG_HEIGHT_M), ..TagSettings::default() },
+            networks: Vec::new(),
+            walls: Vec::new(),
+            anchors: Vec::new(),
+            tags: Vec::new(),
+            faults: Vec::new(),
+        };
+        for room in 0..rooms {
+            let (column, row) = (room % columns, room / columns);
+            let corner = [column as f64 * PITCH_M, row as f64 * PITCH_M];
+            scenario.networks.push(network(room, column, row));
+            scenario.walls.extend(walls(corner));
+            let share = |all: usize| all * (room + 1) / rooms - all * room / rooms;
+            for place in perimeter(corner, share(anchors)) {
+                let address = scenario.anchors.len() as u16 + 1;
+                scenario.anchors.push(Anchor { address, network: room, at: place });
+            }
+            for number in 0..share(tags) {
+                let address = scenario.tags.len() as u16 + 0x1001;
+                scenario.tags.push(Tag { address, network: room, walk: walk(corner, number) });
+            }
+        }
+        scenario
+    }
+}
+
+/// Neighbouring rooms are on channels of their own, the next but one on preamble codes of their own.
+fn network(room: usize, column: usize, row: usize) -> Network {
+    let default = Network::default();
+    let channel = [Channel::Ch5, Channel::Ch2, Channel::Ch1, Channel::Ch3][column % 2 + 2 * (row % 2)];
+    let codes = channel.preamble_codes(Prf::Mhz64);
+    let code = codes[(column / 2 + 2 * (row / 2)) % codes.len()];
+    let phy = PhyConfig::new(channel, Prf::Mhz64, DataRate::Kbps6810, PreambleLength::Symbols128)
+        .and_then(|phy| phy.with_preamble_code(code))
+        .unwrap_or(default.phy);
+    Network { pan: default.pan.wrapping_add(room as u16), phy, ..default }
+}
+
+/// Concrete around, a partition, a cabinet of sheet metal, shelves, somebody standing in the middle.
+fn walls([x, y]: [f64; 2]) -> [Wall; 8] {
+    let wall = |from: [f64; 2], to: [f64; 2], material| Wall {
+        from: [x + from[0], y + from[1]],
+        to: [x + to[0], y + to[1]],
+        material,
+    };
+    let [w, h] = ROOM;
+    [
+        wall([0.0, 0.0], [w, 0.0], Material::CONCRETE),
+        wall([w, 0.0], [w, h], Material::CONCRETE),
+        wall([w, h], [0.0, h], Material::CONCRETE),
+        wall([0.0, h], [0.0, 0.0], Material::CONCRETE),
+        wall([8.5, 0.0], [8.5, 1.4], Material::DRYWALL),
+        wall([3.0, 0.5], [4.0, 0.5], Material::METAL),
+        wall([1.0, 7.0], [2.5, 7.0], Material::WOOD),
+        wall([5.8, 4.0], [6.2, 4.0], Material::BODY),
+    ]
+}
+
+/// Places along the walls, equally far apart, beginning in a corner.
+fn perimeter([x, y]: [f64; 2], count: usize) -> impl Iterator<Item = [f64; 3]> {
+    let [w, h] = ROOM.map(|side| side - 2.0 * FROM_WALL_M);
+    (0..count).map(move |i| {
+        let along = 2.0 * (w + h) * i as f64 / count as f64;
+        let [dx, dy] = match along {
+            a if a < w => [a, 0.0],
+            a if a < w + h => [w, a - w],
+            a if a < 2.0 * w + h => [2.0 * w + h - a, h],
+            a => [0.0, 2.0 * (w + h) - a],
+        };
+        [x + FROM_WALL_M + dx, y + FROM_WALL_M + dy, HEIGHTS_M[i % 2]]
+    })
+}
+
+/// An ellipse around the room's middle as twelve straight steps, each tag's a little narrower, every other the other way round.
+fn walk([x, y]: [f64; 2], number: usize) -> Walk {
+    let narrow = 1.0 - 0.04 * (number % TAGS_A_ROOM) as f64;
+    let direction = if number.is_multiple_of(2) { 1.0 } else { -1.0 };
+    let points = (0..12).map(|step| {
+        let angle = direction * TAU * step as f64 / 12.0 + number as f64;
+        let [a, b] = [4.4 * narrow, 2.4 * narrow];
+        [x + 0.5 * ROOM[0] + a * angle.cos(), y + 0.5 * ROOM[1] + b * angle.sin(), f64::from(TAG_HEIGHT_M)]
+    });
+    let points: Vec<_> = points.collect();
+    let standing = Walk::standing(points[0]);
+    Walk::new(points, WALKING_M_S, true).unwrap_or(standing)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thousand_tags_share_fifty_rooms_with_networks_of_their_own() {
+        let campus = Scenario::rooms(200, 1000);
+        assert_eq!((campus.networks.len(), campus.anchors.len(), campus.tags.len()), (50, 200, 1000));
+        for room in 0..50 {
+            let anchors = campus.anchors.iter().filter(|a| a.network == room).count();
+            let tags = campus.tags.iter().filter(|t| t.network == room).count();
+            assert_eq!((anchors, tags), (4, 20), "room {room}");
+        }
+        for (i, a) in campus.networks.iter().enumerate() {
+            for b in &campus.networks[..i] {
+                assert_ne!(a.pan, b.pan);
+            }
+        }
+        // Rooms 0 and 1 are side by side, 0 and 8 (a grid of 8 columns) one above the other.
+        let channel = |room: usize| campus.networks[room].phy.channel();
+        assert_ne!(channel(0), channel(1));
+        assert_ne!(channel(0), channel(8));
+    }
+
+    #[test]
+    fn everybody_is_in_the_room() {
+        let room = Scenario::rooms(7, 20);
+        let inside = |p: [f64; 3]| p[0] > 0.0 && p[0] < ROOM[0] && p[1] > 0.0 && p[1] < ROOM[1];
+        assert!(room.anchors.iter().all(|anchor| inside(anchor.at)));
+        assert!(room.tags.iter().all(|tag| (0..600).all(|t| inside(tag.walk.at(f64::from(t) * 0.1)))));
+        // Four anchors hang a quarter of the way round from each other: 2·(11.6 + 7.6)/4 = 9.6 m along the first wall.
+        let four: Vec<_> = perimeter([0.0; 2], 4).collect();
+        assert!((four[1][0] - four[0][0] - 9.6).abs() < 1e-9 && four[1][1] == four[0][1], "{four:?}");
+    }
+}

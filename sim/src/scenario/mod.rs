@@ -1,0 +1,176 @@
+//! Scenarios: a floor plan, anchors, tags on their ways, what goes wrong; and whole nodes in it, on simulated chips and air.
+//!
+//! A scenario comes from a TOML file ([`Scenario::parse`]) or from [`Scenario::rooms`]; a [`Simulation`] of it runs the apps
+//! `firmware-tag` and `firmware-anchor` as they are, and yields [`Record`]s. Equal scenarios with equal seeds yield equal records.
+
+mod file;
+mod generate;
+mod hardware;
+mod motion;
+mod record;
+mod run;
+mod sink;
+
+use positioning_core::Method;
+use ranging::PhyConfig;
+
+use crate::air::Wall;
+use crate::board::BoardProfile;
+
+pub use file::ScenarioError;
+pub use motion::{Walk, distance};
+pub use record::{Epoch, RangeRecord, Record, Summary, What};
+pub use run::Simulation;
+
+/// What is simulated.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scenario {
+    /// For how long, seconds.
+    pub seconds: f64,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Probability that a reception is lost, whatever its power.
+    pub loss: f64,
+    /// How deep the radios are simulated.
+    pub level: Level,
+    /// Every crystal is off by something between −this and +this, millionths.
+    pub clock_ppm: f64,
+    /// The nodes' board.
+    pub board: Board,
+    /// What tags do with their ranges.
+    pub tag: TagSettings,
+    /// The networks.
+    pub networks: Vec<Network>,
+    /// The floor plan.
+    pub walls: Vec<Wall>,
+    /// The anchors.
+    pub anchors: Vec<Anchor>,
+    /// The tags.
+    pub tags: Vec<Tag>,
+    /// What goes wrong, in the order of time.
+    pub faults: Vec<Fault>,
+}
+
+/// How deep the radios are simulated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Level {
+    /// The driver on a register-level chip behind SPI.
+    #[default]
+    Spi,
+    /// A radio straight on the air: for many nodes.
+    Air,
+}
+
+/// A board: its bus and interrupts, and its processor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Board {
+    /// Bus and interrupts.
+    pub profile: BoardProfile,
+    /// SPI clock once the chip's PLL has locked, Hz.
+    pub spi_fast_hz: u32,
+    /// Instructions a second of the processor, one a clock: what a position costs in time. Infinite: nothing.
+    pub instructions_per_s: f64,
+}
+
+impl Board {
+    /// nRF52832, 64 MHz.
+    pub const DWM1001: Self = Self { profile: BoardProfile::DWM1001, spi_fast_hz: 8_000_000, instructions_per_s: 64e6 };
+    /// STM32F105, 72 MHz.
+    pub const EVB1000: Self =
+        Self { profile: BoardProfile::EVB1000, spi_fast_hz: 18_000_000, instructions_per_s: 72e6 };
+    /// Takes no time of its own.
+    pub const INSTANT: Self =
+        Self { profile: BoardProfile::INSTANT, spi_fast_hz: 20_000_000, instructions_per_s: f64::INFINITY };
+}
+
+/// What tags do with their ranges.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TagSettings {
+    /// The height tags are known to be carried at, metres: positions in the plane. Without it, in space.
+    pub height_m: Option<f32>,
+    /// How positions are made.
+    pub method: Method,
+    /// Rounds a second that a tag wants; without it, as many as it can get.
+    pub rate_hz: Option<f64>,
+    /// Anchors a round.
+    pub anchors_per_round: u8,
+}
+
+impl Default for TagSettings {
+    fn default() -> Self {
+        Self { height_m: None, method: Method::Robust, rate_hz: None, anchors_per_round: 8 }
+    }
+}
+
+/// A network.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Network {
+    /// Its exchange.
+    pub mode: Mode,
+    /// Its PAN identifier; DecaRanging has its own.
+    pub pan: u16,
+    /// How its frames are put on the air.
+    pub phy: PhyConfig,
+}
+
+impl Default for Network {
+    fn default() -> Self {
+        Self { mode: Mode::Native, pan: 0xBA12, phy: PhyConfig::FAST }
+    }
+}
+
+/// An exchange.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mode {
+    /// The project's own: all anchors of a round in one poll.
+    #[default]
+    Native,
+    /// That of an EVK1000, a tag and an anchor each.
+    DecaRanging,
+    /// The same in its fast variant.
+    DecaRangingFast,
+}
+
+/// An anchor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Anchor {
+    /// Short address, unique among all nodes.
+    pub address: u16,
+    /// Its network, by place in [`Scenario::networks`].
+    pub network: usize,
+    /// Where it stands, metres.
+    pub at: [f64; 3],
+}
+
+/// A tag.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tag {
+    /// Short address, unique among all nodes.
+    pub address: u16,
+    /// Its network, by place in [`Scenario::networks`].
+    pub network: usize,
+    /// Its way.
+    pub walk: Walk,
+}
+
+/// Something that goes wrong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fault {
+    /// When, seconds.
+    pub at_s: f64,
+    /// Which node, by address.
+    pub node: u16,
+    /// What.
+    pub what: FaultKind,
+}
+
+/// What goes wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FaultKind {
+    /// The node loses its power.
+    Off,
+    /// The node has power again.
+    On,
+    /// The node is reset: off, and on at once.
+    Reset,
+}

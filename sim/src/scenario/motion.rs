@@ -1,0 +1,104 @@
+//! A walk through way-points at constant speed.
+
+/// Way-points and a speed: where a node is at any time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Walk {
+    points: Vec<[f64; 3]>,
+    /// Time at which each point is reached, seconds; for a closed walk, one more for the first again.
+    times: Vec<f64>,
+    closed: bool,
+}
+
+impl Walk {
+    /// Through `points`, metres, at `speed_m_s`; a closed one returns to the first and goes round for ever, an open one
+    /// stops at the last. `None` without points, or with a speed that is not positive.
+    pub fn new(points: Vec<[f64; 3]>, speed_m_s: f64, closed: bool) -> Option<Self> {
+        let first = *points.first()?;
+        if speed_m_s.is_nan() || speed_m_s <= 0.0 {
+            return None;
+        }
+        let closed = closed && points.len() > 1;
+        let mut times = vec![0.0];
+        let (mut time, mut last) = (0.0, first);
+        for &point in points.iter().skip(1).chain(closed.then_some(&first)) {
+            time += distance(last, point) / speed_m_s;
+            times.push(time);
+            last = point;
+        }
+        Some(Self { points, times, closed })
+    }
+
+    /// Standing at a point.
+    pub fn standing(point: [f64; 3]) -> Self {
+        Self { points: vec![point], times: vec![0.0], closed: false }
+    }
+
+    /// The position after `seconds`.
+    pub fn at(&self, seconds: f64) -> [f64; 3] {
+        let lap = self.times.last().copied().unwrap_or(0.0);
+        let along = if self.closed && lap > 0.0 { seconds.rem_euclid(lap) } else { seconds };
+        let next = self.times.partition_point(|&time| time <= along).max(1);
+        let from = self.points[next - 1];
+        let Some(&arrival) = self.times.get(next) else { return from };
+        let to = self.points[next % self.points.len()];
+        let part = (along - self.times[next - 1]) / (arrival - self.times[next - 1]);
+        std::array::from_fn(|axis| from[axis] + part * (to[axis] - from[axis]))
+    }
+
+    /// The place, of a walk that never leaves it.
+    pub fn place(&self) -> Option<[f64; 3]> {
+        match self.points[..] {
+            [only] => Some(only),
+            _ => None,
+        }
+    }
+}
+
+/// Metres between two places.
+pub fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    (0..3).map(|axis| (a[axis] - b[axis]).powi(2)).sum::<f64>().sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A right angle: 4 m along x, then 3 m along y, then 5 m back, at 0.5 m/s: corners at 0, 8, 14, 24 s.
+    fn triangle(closed: bool) -> Walk {
+        Walk::new(vec![[0.0, 0.0, 1.0], [4.0, 0.0, 1.0], [4.0, 3.0, 1.0]], 0.5, closed).unwrap()
+    }
+
+    #[test]
+    fn a_closed_walk_goes_round() {
+        let walk = triangle(true);
+        for (seconds, place) in [
+            (0.0, [0.0, 0.0, 1.0]),
+            (4.0, [2.0, 0.0, 1.0]),
+            (8.0, [4.0, 0.0, 1.0]),
+            (11.0, [4.0, 1.5, 1.0]),
+            (19.0, [2.0, 1.5, 1.0]),
+            (24.0, [0.0, 0.0, 1.0]),
+            (28.0, [2.0, 0.0, 1.0]),
+        ] {
+            assert!(distance(walk.at(seconds), place) < 1e-9, "{seconds} s: {:?}", walk.at(seconds));
+        }
+    }
+
+    #[test]
+    fn an_open_walk_ends_and_one_point_stands() {
+        assert_eq!(triangle(false).at(100.0), [4.0, 3.0, 1.0]);
+        assert_eq!(triangle(false).at(14.0), [4.0, 3.0, 1.0]);
+        let standing = Walk::new(vec![[1.0, 2.0, 3.0]], 1.0, true).unwrap();
+        assert_eq!((standing.at(7.0), standing.place()), ([1.0, 2.0, 3.0], Some([1.0, 2.0, 3.0])));
+        assert_eq!(standing, Walk::standing([1.0, 2.0, 3.0]));
+        assert_eq!(triangle(true).place(), None);
+    }
+
+    #[test]
+    fn no_points_or_no_speed_is_no_walk() {
+        assert_eq!(Walk::new(vec![], 1.0, false), None);
+        for speed in [0.0, -1.0, f64::NAN] {
+            assert_eq!(Walk::new(vec![[0.0; 3]], speed, false), None);
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! A scenario put into a world and run.
+
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::convert::Infallible;
+use std::rc::Rc;
+
+use firmware_tag::{Dimensions, Locator};
+use rand::Rng;
+use ranging::native::{self, Turnaround};
+use ranging::node::Restart;
+use ranging::{RadioDuration, dw1000};
+
+use super::hardware::{Firmware, Hardware, NodePlan};
+use super::record::{Record, Summary};
+use super::sink::{AnchorSink, Log, Notebook, TagSink};
+use super::{Anchor, Level, Mode, Network, Scenario, Tag};
+use crate::air::{Path, PortId, Sniffed};
+use crate::{AirConfig, ClockConfig, SimDelay, TrueTime, World};
+
+/// A scenario that runs.
+pub struct Simulation {
+    world: World,
+    scenario: Rc<Scenario>,
+    log: Rc<RefCell<Log>>,
+    addresses: HashMap<PortId, u16>,
+}
+
+impl Simulation {
+    /// A scenario at its beginning: all nodes are switched on now.
+    pub fn new(scenario: Scenario) -> Self {
+        let air = AirConfig { loss: scenario.loss, walls: scenario.walls.clone(), ..AirConfig::default() };
+        let world = World::new(scenario.seed, air);
+        let scenario = Rc::new(scenario);
+        let log: Rc<RefCell<Log>> = Rc::default();
+        let notebook = |node| Notebook { world: world.clone(), scenario: scenario.clone(), node, log: log.clone() };
+        let mut nodes = HashMap::new();
+        for anchor in &scenario.anchors {
+            let plan = plan(&world, &scenario, anchor.address, Path::Fixed(anchor.at), anchor.network);
+            let firmware = AnchorFirmware { anchor: anchor.clone(), notebook: notebook(anchor.address) };
+            let hardware = Hardware::start(&world, scenario.level, &scenario.board, plan, firmware);
+            nodes.insert(anchor.address, hardware);
+        }
+        for tag in &scenario.tags {
+            let walk = tag.walk.clone();
+            let path = match walk.place() {
+                Some(place) => Path::Fixed(place),
+                None => Path::Function(Rc::new(move |seconds| walk.at(seconds))),
+            };
+            let plan = plan(&world, &scenario, tag.address, path, tag.network);
+            let firmware = TagFirmware { tag: tag.clone(), notebook: notebook(tag.address) };
+            nodes.insert(tag.address, Hardware::start(&world, scenario.level, &scenario.board, plan, firmware));
+        }
+        let addresses = nodes.iter().map(|(&address, node)| (node.port(), address)).collect();
+        let nodes = Rc::new(nodes);
+        for &fault in &scenario.faults {
+            let (nodes, notebook) = (nodes.clone(), notebook(fault.node));
+            world.at(TrueTime::from_secs_f64(fault.at_s), move |_| {
+                if let Some(node) = nodes.get(&fault.node) {
+                    notebook.fault(fault.what);
+                    node.suffer(fault.what);
+                }
+            });
+        }
+        // Faults own the nodes; without any, the nodes' tasks live in the world all the same.
+        Self { world, scenario, log, addresses }
+    }
+
+    /// The scenario.
+    pub fn scenario(&self) -> &Scenario {
+        &self.scenario
+    }
+
+    /// Simulated time, seconds.
+    pub fn now_s(&self) -> f64 {
+        self.world.now().as_secs_f64()
+    }
+
+    /// Lets everything happen up to this time, seconds; what happened since the last call.
+    pub fn run_until(&mut self, seconds: f64) -> Vec<Record> {
+        self.world.run_until(TrueTime::from_secs_f64(seconds));
+        std::mem::take(&mut self.log.borrow_mut().records)
+    }
+
+    /// Calls `sniffer` for each frame on the air, in the order of time.
+    pub fn sniff(&self, sniffer: impl FnMut(&Sniffed) + 'static) {
+        self.world.sniff(sniffer);
+    }
+
+    /// The node that sends on a port.
+    pub fn address(&self, port: PortId) -> Option<u16> {
+        self.addresses.get(&port).copied()
+    }
+
+    /// The figures so far.
+    pub fn summary(&self) -> Summary {
+        let nodes = [self.scenario.tags.len(), self.scenario.anchors.len()];
+        Summary::new(nodes, self.now_s(), self.log.borrow().errors_m.clone(), self.world.statistics())
+    }
+}
+
+fn plan(world: &World, scenario: &Scenario, address: u16, path: Path, network: usize) -> NodePlan {
+    let offset_ppm = world.random(u64::from(address)).random_range(-1.0..=1.0) * scenario.clock_ppm;
+    NodePlan::new(path, ClockConfig::crystal(offset_ppm), network_of(scenario, network).phy)
+}
+
+fn network_of(scenario: &Scenario, network: usize) -> Network {
+    scenario.networks.get(network).copied().unwrap_or_default()
+}
+
+fn native_network(network: &Network) -> native::Network {
+    native::Network { pan: network.pan, phy: network.phy, turnaround: Turnaround::DWM1001 }
+}
+
+/// `firmware-anchor` for one node of a scenario.
+struct AnchorFirmware {
+    anchor: Anchor,
+    notebook: Notebook,
+}
+
+impl Firmware for AnchorFirmware {
+    fn run<R: Restart + 'static>(
+        self: Rc<Self>,
+        radio: R,
+        delay: SimDelay,
+    ) -> impl Future<Output = Infallible> + 'static {
+        let scenario = &self.notebook.scenario;
+        let network = network_of(scenario, self.anchor.network);
+        // What the driver adds; a radio straight on the air has no antenna delay.
+        let antenna_ticks = match scenario.level {
+            Level::Spi => i64::from(dw1000::DEFAULT_ANTENNA_DELAY),
+            Level::Air => 0,
+        };
+        let (address, at, sink) = (self.anchor.address, self.anchor.at, AnchorSink(self.notebook.clone()));
+        async move {
+            match network.mode {
+                Mode::Native => {
+                    let machine = native::Anchor::new(native::AnchorConfig {
+                        address,
+                        network: native_network(&network),
+                        antenna_delay: RadioDuration::from_ticks(antenna_ticks),
+                        position_m: Some(at.map(|metres| metres as f32)),
+                    });
+                    firmware_anchor::run(radio, delay, machine, sink).await
+                }
+                Mode::DecaRanging | Mode::DecaRangingFast => std::future::pending().await,
+            }
+        }
+    }
+}
+
+/// `firmware-tag` for one node of a scenario.
+struct TagFirmware {
+    tag: Tag,
+    notebook: Notebook,
+}
+
+impl Firmware for TagFirmware {
+    fn run<R: Restart + 'static>(
+        self: Rc<Self>,
+        radio: R,
+        delay: SimDelay,
+    ) -> impl Future<Output = Infallible> + 'static {
+        let scenario = self.notebook.scenario.clone();
+        let network = network_of(&scenario, self.tag.network);
+        let settings = scenario.tag;
+        let address = self.tag.address;
+        let sink = TagSink { notebook: self.notebook.clone(), walk: self.tag.walk.clone() };
+        async move {
+            let dimensions = match settings.height_m {
+                Some(height_m) => Dimensions::Plane { height_m },
+                None => Dimensions::Space,
+            };
+            match network.mode {
+                Mode::Native => {
+                    let rate = match settings.rate_hz {
+                        Some(hz) => native::Rate::Every(RadioDuration::from_micros((1e6 / hz) as u32)),
+                        None => native::Rate::Greedy,
+                    };
+                    let machine = native::Tag::new(native::TagConfig {
+                        address,
+                        network: native_network(&network),
+                        anchors: settings.anchors_per_round,
+                        rate,
+                        tell_distances: false,
+                    });
+                    // Native anchors tell where they are.
+                    let locator = Locator { dimensions, method: settings.method, anchors: &[] };
+                    firmware_tag::run(radio, delay, machine, locator, sink).await
+                }
+                Mode::DecaRanging | Mode::DecaRangingFast => std::future::pending().await,
+            }
+        }
+    }
+}

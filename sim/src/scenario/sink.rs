@@ -1,0 +1,109 @@
+//! Where the apps' results go: beside the truth, into the log, and with the time that a board's processor would take.
+
+use std::cell::RefCell;
+use std::fmt::Debug;
+use std::rc::Rc;
+use std::time::Duration;
+
+use ranging::exchange::{Link, Report};
+use ranging::node::Listener;
+
+use super::record::{Epoch, RangeRecord, Record, What};
+use super::{FaultKind, Scenario, Walk, distance};
+use crate::World;
+
+/// All that was recorded.
+#[derive(Default)]
+pub(super) struct Log {
+    /// Since they were last taken.
+    pub(super) records: Vec<Record>,
+    /// Epochs of all tags.
+    epochs: u64,
+    /// Errors of all positions, metres.
+    pub(super) errors_m: Vec<f64>,
+}
+
+/// What writes a node's records.
+#[derive(Clone)]
+pub(super) struct Notebook {
+    pub(super) world: World,
+    pub(super) scenario: Rc<Scenario>,
+    pub(super) node: u16,
+    pub(super) log: Rc<RefCell<Log>>,
+}
+
+impl Notebook {
+    fn write(&self, what: What) {
+        let t_s = self.world.now().as_secs_f64();
+        self.log.borrow_mut().records.push(Record { t_s, node: self.node, what });
+    }
+
+    pub(super) fn fault(&self, fault: FaultKind) {
+        self.write(What::Fault(fault));
+    }
+}
+
+/// An anchor's listener.
+pub(super) struct AnchorSink(pub(super) Notebook);
+
+impl Listener for AnchorSink {
+    async fn report(&mut self, report: Report<'_>) -> Option<[f32; 3]> {
+        match report {
+            // What tags tell is recorded where it is measured.
+            Report::Round(_) => {}
+            Report::Link(link) => self.0.write(What::Link(link)),
+        }
+        None
+    }
+
+    async fn radio_failed(&mut self, _: &impl Debug, failures: u32) {
+        self.0.write(What::RadioFailed(failures));
+    }
+}
+
+/// A tag's sink.
+pub(super) struct TagSink {
+    pub(super) notebook: Notebook,
+    pub(super) walk: Walk,
+}
+
+impl firmware_tag::Sink for TagSink {
+    async fn publish(&mut self, epoch: firmware_tag::Epoch<'_>) {
+        let Notebook { world, scenario, log, .. } = &self.notebook;
+        // The tag moves a few millimetres while the ranges of a round are made: this is the truth of their end.
+        let truth_m = self.walk.at(world.now().as_secs_f64());
+        let ranges = epoch.round.ranges.iter().filter_map(|range| {
+            let anchor = scenario.anchors.iter().find(|anchor| anchor.address == range.peer)?;
+            let los = !scenario.walls.iter().any(|wall| wall.crosses(anchor.at, truth_m));
+            Some(RangeRecord { range: *range, truth_m: distance(anchor.at, truth_m), los })
+        });
+        let ranges: Vec<_> = ranges.collect();
+        let seconds =
+            solving_instructions(scenario.tag.height_m.is_none(), ranges.len()) / scenario.board.instructions_per_s;
+        world.sleep_until(world.now() + Duration::from_secs_f64(seconds)).await;
+        let number = log.borrow().epochs;
+        let record = Epoch { number, truth_m, outcome: epoch.outcome, asked: epoch.round.asked, ranges };
+        let error_m = record.error_m();
+        {
+            let mut log = log.borrow_mut();
+            log.epochs += 1;
+            log.errors_m.extend(error_m);
+        }
+        self.notebook.write(What::Epoch(record));
+    }
+
+    async fn link(&mut self, link: Link) {
+        self.notebook.write(What::Link(link));
+    }
+
+    async fn radio_failed(&mut self, _: &impl Debug, failures: u32) {
+        self.notebook.write(What::RadioFailed(failures));
+    }
+}
+
+/// Instructions of a position from so many ranges, on a Cortex-M4F: a straight line through the counts of `robust`, the most
+/// expensive method, in docs/performance.md (17 197 and 27 736 for 4 and 8 anchors in the plane, 28 448 and 42 599 in space).
+fn solving_instructions(space: bool, ranges: usize) -> f64 {
+    let (for_four, for_each) = if space { (28_448.0, 3_538.0) } else { (17_197.0, 2_635.0) };
+    (for_four + for_each * (ranges as f64 - 4.0)).max(0.0)
+}
