@@ -1,8 +1,9 @@
-//! How frames are put on the air: channel, pulse rate, data rate, preamble, start-of-frame delimiter; and how long they last.
+//! How frames are put on the air: channel, pulse rate, data rate, preamble, start-of-frame delimiter; and how long they
+//! last.
 //!
-//! A [`PhyConfig`] is valid by construction: its parts agree with each other as IEEE 802.15.4-2015 (clause 16) and the DW1000
-//! user manual demand. Times are exact in ticks, because the standard counts every symbol in chips of 1/499.2 MHz, and a tick
-//! is the 128th part of a chip.
+//! A [`PhyConfig`] is valid by construction: its parts agree with each other as IEEE 802.15.4-2015 (clause 16) and the
+//! DW1000 user manual demand. Times are exact in ticks, because the standard counts every symbol in chips of 1/499.2
+//! MHz, and a tick is the 128th part of a chip.
 
 use crate::RadioDuration;
 
@@ -76,8 +77,8 @@ impl Channel {
         }
     }
 
-    /// The preamble codes that the standard gives this channel at a pulse rate (802.15.4-2015, tables 16-6 to 16-8; DW1000
-    /// user manual, table 61). The first is the one DecaRanging boards use.
+    /// The preamble codes that the standard gives this channel at a pulse rate (802.15.4-2015, tables 16-6 to 16-8;
+    /// DW1000 user manual, table 61). The first is the one DecaRanging boards use.
     pub const fn preamble_codes(self, prf: Prf) -> &'static [u8] {
         match (prf, self) {
             (Prf::Mhz16, Self::Ch1) => &[1, 2],
@@ -241,12 +242,12 @@ pub struct PhyConfig {
 }
 
 impl PhyConfig {
-    /// Channel 5, 64 MHz, 6.81 Mbit/s, 128 preamble symbols: the shortest frames with margin, and the mode of the figures of
-    /// this project. Equal to EVK1000 mode 8.
+    /// Channel 5, 64 MHz, 6.81 Mbit/s, 128 preamble symbols: the shortest frames with margin, and the mode of the
+    /// figures of this project. Equal to EVK1000 mode 8.
     pub const FAST: Self = Self::recommended(Channel::Ch5, Prf::Mhz64, DataRate::Kbps6810, PreambleLength::Symbols128);
 
-    /// A configuration with the recommended delimiter (DW1000 user manual, table 21), acquisition chunk (table 6) and the
-    /// channel's first preamble code.
+    /// A configuration with the recommended delimiter (DW1000 user manual, table 21), acquisition chunk (table 6) and
+    /// the channel's first preamble code.
     pub const fn new(
         channel: Channel,
         prf: Prf,
@@ -275,8 +276,8 @@ impl PhyConfig {
         }
     }
 
-    /// The mode that an EVK1000 running DecaRanging is in by its switches S1-5, S1-6, S1-7 (`true` is on), as seed 000's
-    /// table 5-1 lists them as modes 1 to 8.
+    /// The mode that an EVK1000 running DecaRanging is in by its switches S1-5, S1-6, S1-7 (`true` is on), as seed
+    /// 000's table 5-1 lists them as modes 1 to 8.
     pub const fn from_evk1000_switches(s1_5: bool, s1_6: bool, s1_7: bool) -> Self {
         let (data_rate, preamble_length) = if s1_5 {
             (DataRate::Kbps6810, PreambleLength::Symbols128)

@@ -7,8 +7,8 @@ use super::register as reg;
 use super::startup::{CLOCK_SEQUENCED, CLOCKS_DEFAULT};
 use super::{Dw1000, Error, Transceiver};
 
-/// PMSC_CTRL0 that lets the accumulator be read: its clock forced on (FACE), the receiver's clock from the PLL; its memory's
-/// clock on (AMCE).
+/// PMSC_CTRL0 that lets the accumulator be read: its clock forced on (FACE), the receiver's clock from the PLL; its
+/// memory's clock on (AMCE).
 const CLOCK_ACCUMULATOR: u8 = 0x48;
 const CLOCK_ACCUMULATOR_MEMORY: u8 = 0x80;
 /// Samples in a transaction: a buffer on the stack, against four bytes of header and dummy each.
@@ -31,9 +31,9 @@ where
     R: ResetLine,
     D: DelayNs,
 {
-    /// Fills `window` with samples, the first of them `before` samples ahead of the sample of the first path, whose index is
-    /// in the frame's diagnostics. Near the ends of the accumulator the window is moved inside; the index of its first sample
-    /// is returned. Samples that the accumulator (992 or 1016 of them) does not have are zero.
+    /// Fills `window` with samples, the first of them `before` samples ahead of the sample of the first path, whose
+    /// index is in the frame's diagnostics. Near the ends of the accumulator the window is moved inside; the index of
+    /// its first sample is returned. Samples that the accumulator (992 or 1016 of them) does not have are zero.
     ///
     /// The receiver must be off since the frame: received without `keep_listening`.
     pub async fn impulse_response(

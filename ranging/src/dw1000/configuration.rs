@@ -7,8 +7,8 @@ use crate::phy::{DataRate, PhyConfig, Prf, Sfd};
 /// The antenna delay of a DWM1000-like board before calibration, ticks in each direction.
 pub const DEFAULT_ANTENNA_DELAY: u16 = 16_436;
 
-/// Which frames the chip lets through (DW1000 user manual, 5.2); kinds are added with [`and`](Self::and). Frames of a kind
-/// that carries a destination pass only where it is this node's PAN and address, or broadcast.
+/// Which frames the chip lets through (DW1000 user manual, 5.2); kinds are added with [`and`](Self::and). Frames of a
+/// kind that carries a destination pass only where it is this node's PAN and address, or broadcast.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FrameFilter(u16);
@@ -101,7 +101,8 @@ impl Config {
         }
     }
 
-    /// SYS_CFG: filter, interrupt line active high, both receive buffers in use, smart power, rate; without the wait timeout.
+    /// SYS_CFG: filter, interrupt line active high, both receive buffers in use, smart power, rate; without the wait
+    /// timeout.
     pub(super) const fn sys_cfg(&self) -> u32 {
         let mut bits = self.filter.bits() | sys_cfg::HIRQ_POL;
         if !self.smart_power() {

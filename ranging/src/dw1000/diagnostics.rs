@@ -1,4 +1,5 @@
-//! From the chip's diagnostic registers to [`Diagnostics`]: powers by the DW1000 user manual, 4.7, and the clock offset.
+//! From the chip's diagnostic registers to [`Diagnostics`]: powers by the DW1000 user manual, 4.7, and the clock
+//! offset.
 
 use super::configuration::Config;
 use crate::Diagnostics;
@@ -41,8 +42,8 @@ impl RawDiagnostics {
     }
 }
 
-/// 10·log₁₀(energy/N²) − A, equations of 4.7.1 and 4.7.2. An energy below the register's step counts as one step, so that
-/// no power is infinite.
+/// 10·log₁₀(energy/N²) − A, equations of 4.7.1 and 4.7.2. An energy below the register's step counts as one step, so
+/// that no power is infinite.
 fn power_dbm(energy: f32, symbols: f32, offset_db: f32) -> f32 {
     10.0 * libm::log10f(energy.max(1.0) / (symbols * symbols)) - offset_db
 }
@@ -55,8 +56,8 @@ const fn power_offset_db(prf: Prf) -> f32 {
     }
 }
 
-/// N of 4.7.1: where the count has run on into the delimiter (it equals the unsaturated one), less the delimiter's share
-/// (table 18). At least one, whatever the chip counted.
+/// N of 4.7.1: where the count has run on into the delimiter (it equals the unsaturated one), less the delimiter's
+/// share (table 18). At least one, whatever the chip counted.
 fn accumulated_symbols(config: &Config, counted: u16, unsaturated: u16) -> f32 {
     let delimiter = match (config.phy.sfd(), config.phy.data_rate()) {
         (Sfd::Standard, DataRate::Kbps110) => 64,

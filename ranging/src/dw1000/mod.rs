@@ -23,22 +23,23 @@
 //! # One frame after another
 //!
 //! Both receive buffers of the chip are in use, and the driver re-enables the receiver itself, because the chip's own
-//! re-enabling can spoil the next time stamp (and Decawave's software avoids it). Upon a frame the driver reads the status
-//! and the six bytes that are not double-buffered (carrier integrator, unsaturated preamble count), and switches the receiver on:
-//! three transactions, 16 bytes, 16 µs at 8 MHz. Only then it reads the frame, the time stamp and the quality, of which each
-//! buffer has its own, and gives the buffer back. With one buffer all must be read before. On simulated chips with the DWM1001's
-//! bus, frames of 27 bytes from several senders are heard with their whole preambles from 250 µs after one another on; with one
-//! buffer, from 330 µs on.
+//! re-enabling can spoil the next time stamp (and Decawave's software avoids it). Upon a frame the driver reads the
+//! status and the six bytes that are not double-buffered (carrier integrator, unsaturated preamble count), and switches
+//! the receiver on: three transactions, 16 bytes, 16 µs at 8 MHz. Only then it reads the frame, the time stamp and the
+//! quality, of which each buffer has its own, and gives the buffer back. With one buffer all must be read before. On
+//! simulated chips with the DWM1001's bus, frames of 27 bytes from several senders are heard with their whole preambles
+//! from 250 µs after one another on; with one buffer, from 330 µs on.
 //!
-//! The chip's overrun, which corrupts frames already received, cannot happen: the receiver stops after each frame, and the host
-//! switches it on again only when it has given the buffer of the frame before back. Host and chip are checked to point at
-//! different buffers upon each frame (if not, the frame counts as corrupt), and every stop puts them together again.
+//! The chip's overrun, which corrupts frames already received, cannot happen: the receiver stops after each frame, and
+//! the host switches it on again only when it has given the buffer of the frame before back. Host and chip are checked
+//! to point at different buffers upon each frame (if not, the frame counts as corrupt), and every stop puts them
+//! together again.
 //!
 //! # Every wait ends
 //!
-//! Windows are timed by the chip where its timer can hold them, and by the delay in any case; a transmission that reports
-//! nothing is looked up in the chip. An operation that failed, or whose future was dropped, leaves the driver knowing that
-//! it does not know: the next one first stops the chip's transceiver and resets its receiver.
+//! Windows are timed by the chip where its timer can hold them, and by the delay in any case; a transmission that
+//! reports nothing is looked up in the chip. An operation that failed, or whose future was dropped, leaves the driver
+//! knowing that it does not know: the next one first stops the chip's transceiver and resets its receiver.
 //!
 //! # Without an executor
 //!
@@ -222,8 +223,9 @@ where
         }
     }
 
-    /// Switches transmitter and receiver off, forgets what happened and resets the receiver, without which the next time
-    /// stamp after an error or timeout may be wrong (4.1.6); puts host and chip at the same receive buffer (4.3.2).
+    /// Switches transmitter and receiver off, forgets what happened and resets the receiver, without which the next
+    /// time stamp after an error or timeout may be wrong (4.1.6); puts host and chip at the same receive buffer
+    /// (4.3.2).
     async fn stop(&mut self) -> Result<(), Error<S::Error>> {
         self.transceiver = Transceiver::Unknown;
         self.bus

@@ -141,8 +141,8 @@ where
         Ok(())
     }
 
-    /// Waits until something happens or `patience_us` have passed; frames that the filter rejects do not count. The status
-    /// is looked at in the end even if no interrupt came.
+    /// Waits until something happens or `patience_us` have passed; frames that the filter rejects do not count. The
+    /// status is looked at in the end even if no interrupt came.
     async fn await_event(&mut self, patience_us: u32) -> Result<(Event, u32), Error<S::Error>> {
         let mut patience = pin!(self.delay.delay_us(patience_us));
         loop {
@@ -171,8 +171,8 @@ where
         }
     }
 
-    /// The status once the first-path detector, which gives the time stamp and the amplitudes, is done; with LDEERR if it
-    /// never is.
+    /// The status once the first-path detector, which gives the time stamp and the amplitudes, is done; with LDEERR if
+    /// it never is.
     async fn await_first_path(&mut self, mut flags: u32) -> Result<u32, Error<S::Error>> {
         for _ in 0..DETECTOR_PATIENCE {
             if flags & (status::LDEDONE | status::LDEERR) != 0 {
@@ -184,7 +184,8 @@ where
         Ok(flags | status::LDEERR)
     }
 
-    /// Reads the frame in the host's buffer. What only one buffer has comes first, then the receiver goes on, then the rest.
+    /// Reads the frame in the host's buffer. What only one buffer has comes first, then the receiver goes on, then the
+    /// rest.
     async fn take_frame<'b>(
         &mut self,
         buffer: &'b mut [u8; MAX_FRAME],

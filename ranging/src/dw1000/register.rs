@@ -1,5 +1,5 @@
-//! The chip's registers and their bits, by the names of the DW1000 user manual, chapter 7, and the header that addresses
-//! them on the bus (2.2.1.2).
+//! The chip's registers and their bits, by the names of the DW1000 user manual, chapter 7, and the header that
+//! addresses them on the bus (2.2.1.2).
 
 /// A place in the register map: a register file and an offset in bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,8 +18,8 @@ impl Register {
         at(self.file, self.offset + bytes)
     }
 
-    /// The header of a read or a write, and how many of the three bytes it has: one without an offset, two for an offset
-    /// below 128, three above.
+    /// The header of a read or a write, and how many of the three bytes it has: one without an offset, two for an
+    /// offset below 128, three above.
     pub const fn header(self, write: bool) -> ([u8; 3], usize) {
         let command = self.file | if write { 0x80 } else { 0 };
         let low = (self.offset & 0x7F) as u8;
@@ -150,8 +150,8 @@ mod tests {
 
     #[test]
     fn headers_are_one_two_or_three_bytes() {
-        // User manual, 2.2.1.2, figures 3 to 5: bit 7 writes, bit 6 says that an offset follows, bit 7 of the offset that it
-        // has a second byte, which holds its bits 7 to 14.
+        // User manual, 2.2.1.2, figures 3 to 5: bit 7 writes, bit 6 says that an offset follows, bit 7 of the offset
+        // that it has a second byte, which holds its bits 7 to 14.
         assert_eq!(DEV_ID.header(false), ([0x00, 0, 0], 1));
         assert_eq!(SYS_STATUS.header(true), ([0x8F, 0, 0], 1));
         assert_eq!(DRX_TUNE2.header(true), ([0xE7, 0x08, 0], 2));

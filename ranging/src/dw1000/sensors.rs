@@ -1,4 +1,5 @@
-//! The chip's own temperature and supply voltage (DW1000 user manual, 6.4), which move a range by 2.15 mm/°C and 5.35 cm/V.
+//! The chip's own temperature and supply voltage (DW1000 user manual, 6.4), which move a range by 2.15 mm/°C and 5.35
+//! cm/V.
 
 use embedded_hal_async::{delay::DelayNs, digital::Wait};
 
@@ -18,7 +19,8 @@ pub struct Sensors {
 }
 
 impl Sensors {
-    /// Against the maker's readings at 23 °C and 3.3 V; where he left none, by the typical offset of Decawave's software.
+    /// Against the maker's readings at 23 °C and 3.3 V; where he left none, by the typical offset of Decawave's
+    /// software.
     fn evaluate(voltage: u8, temperature: u8, factory: &Factory) -> Self {
         Self {
             temperature_celsius: match factory.temperature {

@@ -36,8 +36,8 @@ pub enum WakeBy {
 pub enum Wake {
     /// Deep sleep, 50 nA: until woken from outside.
     Outside(WakeBy),
-    /// Sleep, 1 µA: until woken from outside, or by itself after `counter` × 4096 periods of its low-power oscillator, whose
-    /// frequency is somewhere from 7 to 13 kHz: 0.3 to 0.6 s each.
+    /// Sleep, 1 µA: until woken from outside, or by itself after `counter` × 4096 periods of its low-power oscillator,
+    /// whose frequency is somewhere from 7 to 13 kHz: 0.3 to 0.6 s each.
     Counter {
         /// Periods of 4096 cycles.
         counter: u16,

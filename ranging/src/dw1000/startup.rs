@@ -196,8 +196,8 @@ where
         self.load_operating_parameters().await
     }
 
-    /// The receiver's parameter set for preambles of 64 symbols, or for all others. While it loads, the chip runs from its
-    /// crystal, and the bus with it.
+    /// The receiver's parameter set for preambles of 64 symbols, or for all others. While it loads, the chip runs from
+    /// its crystal, and the bus with it.
     async fn load_operating_parameters(&mut self) -> Result<(), Error<S::Error>> {
         let set = if self.config.phy.preamble_length() == PreambleLength::Symbols64 {
             PARAMETERS_LENGTH_64

@@ -1,5 +1,5 @@
-//! The values that the DW1000 user manual (2.11 and later) recommends for each channel, rate, pulse frequency and preamble,
-//! as functions of a [`PhyConfig`]. The tests compare them with those of the published `dw1000` crate.
+//! The values that the DW1000 user manual (2.11 and later) recommends for each channel, rate, pulse frequency and
+//! preamble, as functions of a [`PhyConfig`]. The tests compare them with those of the published `dw1000` crate.
 
 use crate::phy::{Channel, DataRate, Pac, PhyConfig, PreambleLength, Prf, Sfd};
 

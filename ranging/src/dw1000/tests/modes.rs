@@ -127,8 +127,8 @@ fn tuning_agrees_with_the_published_crate() {
 
 #[test]
 fn replica_coefficients_are_the_manuals() {
-    // User manual, table 51 (and Decawave's software): by code 1 to 12. The published crate looks its table, which begins
-    // with code 1, up from code 0, and has the next code's value for each.
+    // User manual, table 51 (and Decawave's software): by code 1 to 12. The published crate looks its table, which
+    // begins with code 1, up from code 0, and has the next code's value for each.
     let by_code = [
         (Channel::Ch1, Prf::Mhz16, 1, 0x5998),
         (Channel::Ch1, Prf::Mhz16, 2, 0x5998),
@@ -158,12 +158,10 @@ fn replica_coefficients_are_the_manuals() {
 
 #[test]
 fn evk1000_modes_in_the_registers_that_decide_the_air() {
-    // TX_FCTRL without a length, by hand: rate from bit 13 (00, 10), ranging bit 15, PRF from 16 (01, 10), TXPSR from 18
-    // (01 with PE 01 from 20: 128 symbols; 10 with 00: 1024).
-    // CHAN_CTRL: channel twice, DWSFD bit 17 at 110 kbit/s, PRF from 18, code 3 or 9 from 22 and 27.
-    // DRX_SFDTOC: 1024 + 64 + 1 − 32 = 1057; 128 + 8 + 1 − 8 = 129.
-    // SYS_CFG: HIRQ_POL; at 110 kbit/s DIS_STXP and RXM110K.
-    // TX_POWER: table 20; without boost at 110 kbit/s.
+    // TX_FCTRL without a length, by hand: rate from bit 13 (00, 10), ranging bit 15, PRF from 16 (01, 10), TXPSR from
+    // 18 (01 with PE 01 from 20: 128 symbols; 10 with 00: 1024). CHAN_CTRL: channel twice, DWSFD bit 17 at 110 kbit/s,
+    // PRF from 18, code 3 or 9 from 22 and 27. DRX_SFDTOC: 1024 + 64 + 1 − 32 = 1057; 128 + 8 + 1 − 8 = 129. SYS_CFG:
+    // HIRQ_POL; at 110 kbit/s DIS_STXP and RXM110K. TX_POWER: table 20; without boost at 110 kbit/s.
     let modes: [(u8, u64, u64, u64, u64, u64); 8] = [
         (1, 0x0009_8000, 0x18C6_0022, 1057, 0x0044_0200, 0x7575_7575),
         (2, 0x0015_C000, 0x18C4_0022, 129, 0x0000_0200, 0x1535_5575),
