@@ -101,8 +101,8 @@ impl core::error::Error for NoFix {}
 const USED_M: f64 = 0.45;
 /// A range that ends this far short of the position cannot meet the others, metres.
 const SHORT_M: f64 = 1.0;
-/// A quality below this leaves room for ranges that cannot meet.
-const POOR_QUALITY: f64 = 0.55;
+/// A mean residual below this makes it worth while to ask whether the ranges can meet, metres.
+const SUSPECT_M: f64 = -0.25;
 
 /// [`conclude`] for a method that weighs all ranges alike, and so has used all of them.
 #[inline(never)]
@@ -130,7 +130,7 @@ pub(crate) fn conclude_weighted<T: Real, const D: usize>(
 /// Econometrica 48, 1980), which is right for any weights; sᵢ² pools the squared residual, enlarged by N ⁄ (N − D), with the
 /// variance a range in line of sight has.
 #[inline(always)]
-fn conclude<T: Real, const D: usize>(
+pub(crate) fn conclude<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     layout: &Layout<T, D>,
     position: Vector<T, D>,
@@ -139,7 +139,7 @@ fn conclude<T: Real, const D: usize>(
     let count = T::count(samples.len());
     let freedom = count / (count - T::count(D));
     let (mut hessian, mut scatter, mut geometry) = ([[T::ZERO; D]; D], [[T::ZERO; D]; D], [[T::ZERO; D]; D]);
-    let (mut used, mut bit, mut quality) = (0_u32, 1_u32, T::ZERO);
+    let (mut used, mut bit, mut quality, mut balance) = (0_u32, 1_u32, T::ZERO, T::ZERO);
     for (sample, weight) in samples.iter().zip(weights) {
         let (unit, residual) = sight(sample, layout, &position);
         let (square, nominal) = (residual.squared(), sample.sigma.squared());
@@ -152,10 +152,10 @@ fn conclude<T: Real, const D: usize>(
         bit <<= 1;
         let wide = T::of(9.0) * nominal;
         quality += wide / (wide + square);
+        balance += residual;
     }
     quality /= count;
-    let doubtful = quality < T::of(POOR_QUALITY);
-    if doubtful && cannot_meet(samples, layout, &position) {
+    if balance < count * T::of(SUSPECT_M) && cannot_meet(samples, layout, &position) {
         return Err(blame(samples, NoFix::RangesDisjoint));
     }
     let (Some(dilution), Some(hessian)) = (Ldl::new(geometry), Ldl::new(hessian)) else {

@@ -51,6 +51,12 @@ impl<T: Real, const D: usize> Survey<T, D> {
     /// Looks at samples in any order.
     #[inline(never)]
     pub(crate) fn of(samples: &[RangeSample<T, D>], constraints: &Constraints<T, D>) -> Result<Self, NoFix> {
+        Self::of_inlined(samples, constraints)
+    }
+
+    /// The same for the one method that is worth the copy of the code.
+    #[inline(always)]
+    pub(crate) fn of_inlined(samples: &[RangeSample<T, D>], constraints: &Constraints<T, D>) -> Result<Self, NoFix> {
         if samples.len() > MAX_ANCHORS {
             return Err(NoFix::TooManyAnchors);
         }

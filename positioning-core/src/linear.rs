@@ -4,13 +4,13 @@
 //! reference anchor, 2 aᵢ·z = d_r² − dᵢ² + |aᵢ|² (6-8, 6-9; the constants k shrink to |aᵢ|², which is what keeps the
 //! equations well conditioned in `f32`, however far the origin).
 
-use crate::fix::{blame, conclude_equal, conclude_weighted};
+use crate::fix::{blame, conclude, conclude_equal, conclude_weighted};
 use crate::geometry::{Survey, centroid};
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_scaled, dot, sub};
 use crate::{Constraints, Fix, MAX_ANCHORS, NoFix, RangeSample, Real};
 
-/// An uncertainty below this counts as this, metres: σ = 0 would divide by zero (6-13), and a single range that happens to
-/// agree with the weighing position to the millimetre must not outweigh all others.
+/// Joins every uncertainty as an independent part, metres: σ = 0 would divide by zero (6-13), and a single range that happens
+/// to agree with the weighing position to the millimetre must not outweigh all others.
 const SIGMA_FLOOR_M: f64 = 0.01;
 /// A range is judged direct when it differs from the weighing position by less than this, metres (table 8-9 and annex P).
 pub(crate) const DIRECT_M: f64 = 0.45;
@@ -21,103 +21,157 @@ const FLAT_PASSES: usize = 4;
 /// One number a sample.
 pub(crate) type PerSample<T> = [T; MAX_ANCHORS];
 
-/// 1 ⁄ σᵢ² with σᵢ = dᵢ − ‖z − aᵢ‖, the uncertainty of each range as seen from `position` (6-14, 6-21).
+/// σ² with σ = d − ‖z − a‖, the uncertainty of a range as seen from `position` (6-14, 6-21).
+#[inline(always)]
+fn variance<T: Real, const D: usize>(sample: &RangeSample<T, D>, position: &Vector<T, D>) -> T {
+    let across = sub(position, &sample.anchor);
+    let sigma = sample.range - dot(&across, &across).sqrt();
+    sigma.squared() + T::of(SIGMA_FLOOR_M * SIGMA_FLOOR_M)
+}
+
+/// The [`variance`] of every range.
 #[inline(never)]
-pub(crate) fn precisions<T: Real, const D: usize>(
+pub(crate) fn variances<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     position: &Vector<T, D>,
 ) -> PerSample<T> {
-    // Not an array of zeros to be filled: clearing it would cost as much as a fifth of the rest.
-    core::array::from_fn(|i| {
-        samples.get(i).map_or(T::ZERO, |sample| {
-            let across = sub(position, &sample.anchor);
-            let sigma = sample.range - dot(&across, &across).sqrt();
-            T::ONE / sigma.squared().at_least(T::of(SIGMA_FLOOR_M * SIGMA_FLOOR_M))
-        })
-    })
+    core::array::from_fn(|i| samples.get(i).map_or(T::ONE, |sample| variance(sample, position)))
 }
 
-/// The greatest precision.
-pub(crate) fn greatest<T: Real>(precisions: &PerSample<T>) -> T {
-    precisions.iter().fold(T::ZERO, |greatest, &p| greatest.at_least(p))
+/// The least of the variances of `count` samples.
+pub(crate) fn least<T: Real>(variances: &PerSample<T>, count: usize) -> T {
+    variances.iter().take(count).fold(variances[0], |least, &variance| least.at_most(variance))
 }
 
-/// z = ½ (AᵀC⁻¹A)⁻¹ AᵀC⁻¹p (6-10 with C = 1, 6-12 with the covariance 6-13 where `precisions` are given).
+/// What a sample adds to the linear system.
+#[derive(Clone, Copy)]
+struct Row<T> {
+    /// Half of it is the right side of the anchor's line (6-9).
+    p: T,
+    /// The inverse of the anchor's own part of the covariance (6-13); zero for the reference anchor.
+    lambda: T,
+    /// σ² of the range.
+    variance: T,
+}
+
+type Rows<T> = heapless::Vec<Row<T>, MAX_ANCHORS>;
+
+/// z = ½ (AᵀC⁻¹A)⁻¹ AᵀC⁻¹p: 6-12 with the covariance 6-13 and σ² of each range from `variance`; 6-10, with C = 1, where there
+/// is none. The rows, empty before, are left to the caller.
 ///
 /// C is a constant c plus a diagonal 1 ⁄ λᵢ, so by Sherman and Morrison AᵀC⁻¹A = Σ λᵢ (aᵢ − ā)(aᵢ − ā)ᵀ + Λ ⁄ (1 + c Λ) ā āᵀ,
 /// with Λ = Σ λᵢ and ā the mean weighted by λ: O(N), and a sum of positive terms, so that nothing cancels in `f32`.
-#[inline(never)]
-pub(crate) fn solve_linear<T: Real, const D: usize>(
+#[inline(always)]
+fn solve_rows<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     survey: &Survey<T, D>,
-    precisions: Option<&PerSample<T>>,
+    variance: Option<impl Fn(usize, &RangeSample<T, D>) -> T>,
+    rows: &mut Rows<T>,
 ) -> Result<Vector<T, D>, NoFix> {
-    let two = T::of(2.0);
-    // 1 ⁄ (4 σ² d² + 2 σ⁴) with 1 ⁄ σ² = w.
-    let weight = |w: T, square: T| w.squared() / (two + two * two * w * square);
-
-    let r = survey.reference;
-    let reference = &samples[r];
+    let reference = &samples[survey.reference];
     let square = reference.range.squared();
-
-    // The row of an anchor: a, p, λ. Computed twice, since storing it costs more. The reference anchor's own row is zero, and
-    // its λ is made so: it takes part in the sums without a trace.
-    let row = |i: usize, sample: &RangeSample<T, D>| {
-        let a = sub(&sample.anchor, &reference.anchor);
-        let own_square = sample.range.squared();
-        let p = square - own_square + dot(&a, &a);
-        let lambda = match precisions {
-            _ if i == r => T::ZERO,
-            Some(precisions) => weight(precisions[i], own_square),
-            None => T::ONE,
-        };
-        (a, p, lambda)
-    };
     let mut total = T::ZERO;
     let mut a_mean = [T::ZERO; D];
     let mut p_mean = T::ZERO;
-    for (i, sample) in samples.iter().take(MAX_ANCHORS).enumerate() {
-        let (a, p, lambda) = row(i, sample);
-        total += lambda;
+    for (i, sample) in samples.iter().enumerate() {
+        let a = sub(&sample.anchor, &reference.anchor);
+        let own_square = sample.range.squared();
+        let p = a.iter().fold(square - own_square, |p, component| p + component.squared());
+        let (variance, lambda) = match &variance {
+            Some(variance) => {
+                // 1 ⁄ (4 σ² d² + 2 σ⁴) (6-13), but for a factor that all of C has in common.
+                let variance = variance(i, sample);
+                (variance, T::ONE / (variance * (own_square + own_square + variance)))
+            }
+            None => (T::ONE, T::ONE),
+        };
+        // The row of the reference anchor is zero: it takes part in the other sums without a trace.
+        if i != survey.reference {
+            total += lambda;
+        }
         a_mean = add_scaled(&a_mean, lambda, &a);
         p_mean += lambda * p;
+        // Never full: the survey has refused more samples than there are rows.
+        let _ = rows.push(Row { p, lambda, variance });
     }
     let share = T::ONE / total;
-    a_mean = a_mean.map(|component| component * share);
+    a_mean = a_mean.map(|sum| sum * share);
     p_mean *= share;
-    // Λ ⁄ (1 + c Λ); without weights the reference anchor's noise is not told from the others'.
-    let common = precisions.map_or(total, |w| total / (T::ONE + total / weight(w[r], square)));
+    // Λ ⁄ (1 + c Λ); without weights the reference anchor's noise is left out, c = 0.
+    let mut common = total;
+    if let Some(row) = rows.get_mut(survey.reference) {
+        if variance.is_some() {
+            common = total * row.lambda / (row.lambda + total);
+        }
+        row.lambda = T::ZERO;
+    }
 
     let mut normal: Matrix<T, D> = [[T::ZERO; D]; D];
     add_outer(&mut normal, common, &a_mean);
     let mut rhs = a_mean.map(|component| common * component * p_mean);
-    for (i, sample) in samples.iter().take(MAX_ANCHORS).enumerate() {
-        let (a, p, lambda) = row(i, sample);
-        let a = sub(&a, &a_mean);
-        add_outer(&mut normal, lambda, &a);
-        rhs = add_scaled(&rhs, lambda * (p - p_mean), &a);
+    let origin = add_scaled(&reference.anchor, T::ONE, &a_mean);
+    for (sample, row) in samples.iter().zip(rows.iter()) {
+        let a = sub(&sample.anchor, &origin);
+        add_outer(&mut normal, row.lambda, &a);
+        rhs = add_scaled(&rhs, row.lambda * (row.p - p_mean), &a);
     }
     let half = T::of(0.5);
-    match survey.layout.normal() {
-        None => {
-            let solved = Ldl::new(normal).ok_or_else(|| blame(samples, NoFix::Diverged))?.solve(rhs);
-            Ok(add_scaled(&reference.anchor, half, &solved))
-        }
+    let position = match survey.layout.normal() {
+        None => Ldl::new(normal).map(|factors| add_scaled(&reference.anchor, half, &factors.solve(rhs))),
         Some(across) => {
             // Lines say next to nothing across the plane of the anchors: hold the point at a height there, let the ranges lift
             // it, and hold it at that height in the next pass, for anchors that are not quite on a plane.
             let trace = (0..D).fold(T::ZERO, |sum, axis| sum + normal[axis][axis]);
             add_outer(&mut normal, trace, across);
-            let factors = Ldl::new(normal).ok_or_else(|| blame(samples, NoFix::Diverged))?;
-            let mut point = centroid(samples);
-            for _ in 0..FLAT_PASSES {
-                let height = dot(across, &sub(&point, &reference.anchor));
-                let solved = factors.solve(add_scaled(&rhs, T::of(2.0) * trace * height, across));
-                point = survey.layout.lift(add_scaled(&reference.anchor, half, &solved), samples);
-            }
-            Ok(point)
+            Ldl::new(normal).map(|factors| {
+                let mut point = centroid(samples);
+                for _ in 0..FLAT_PASSES {
+                    let height = dot(across, &sub(&point, &reference.anchor));
+                    let solved = factors.solve(add_scaled(&rhs, T::of(2.0) * trace * height, across));
+                    point = survey.layout.lift(add_scaled(&reference.anchor, half, &solved), samples);
+                }
+                point
+            })
         }
-    }
+    };
+    position.ok_or_else(|| blame(samples, NoFix::Diverged))
+}
+
+/// The position of LLS, without its covariance.
+#[inline(never)]
+pub(crate) fn lls_position<T: Real, const D: usize>(
+    samples: &[RangeSample<T, D>],
+    survey: &Survey<T, D>,
+) -> Result<Vector<T, D>, NoFix> {
+    solve_rows(samples, survey, None::<fn(usize, &RangeSample<T, D>) -> T>, &mut Rows::new())
+}
+
+/// The position of the weighted closed form, without its covariance.
+#[inline(never)]
+fn weighted_position<T: Real, const D: usize>(
+    samples: &[RangeSample<T, D>],
+    survey: &Survey<T, D>,
+    variances: &PerSample<T>,
+) -> Result<Vector<T, D>, NoFix> {
+    solve_rows(samples, survey, Some(|i: usize, _: &RangeSample<T, D>| variances[i]), &mut Rows::new())
+}
+
+/// The position of B-WLS, without its covariance.
+pub(crate) fn b_wls_position<T: Real, const D: usize>(
+    samples: &[RangeSample<T, D>],
+    survey: &Survey<T, D>,
+) -> Result<Vector<T, D>, NoFix> {
+    weighted_position(samples, survey, &variances(samples, &survey.boxed))
+}
+
+/// The weighted closed form and its covariance.
+fn solve_weighted<T: Real, const D: usize>(
+    samples: &[RangeSample<T, D>],
+    survey: &Survey<T, D>,
+    variances: &PerSample<T>,
+) -> Result<Fix<T, D>, NoFix> {
+    let position = weighted_position(samples, survey, variances)?;
+    conclude_weighted(samples, &survey.layout, position, &variances.map(|variance| T::ONE / variance))
 }
 
 /// Linear least squares about the anchor of least range (6-8 to 6-10, 6-16).
@@ -129,26 +183,8 @@ pub fn lls<T: Real, const D: usize>(
     constraints: &Constraints<T, D>,
 ) -> Result<Fix<T, D>, NoFix> {
     let survey = Survey::of(samples, constraints)?;
-    let position = solve_linear(samples, &survey, None)?;
+    let position = lls_position(samples, &survey)?;
     conclude_equal(samples, &survey.layout, position)
-}
-
-/// The position of B-WLS, without its covariance.
-pub(crate) fn b_wls_position<T: Real, const D: usize>(
-    samples: &[RangeSample<T, D>],
-    survey: &Survey<T, D>,
-) -> Result<Vector<T, D>, NoFix> {
-    solve_linear(samples, survey, Some(&precisions(samples, &survey.boxed)))
-}
-
-/// The weighted closed form and its covariance.
-fn solve_weighted<T: Real, const D: usize>(
-    samples: &[RangeSample<T, D>],
-    survey: &Survey<T, D>,
-    precisions: &PerSample<T>,
-) -> Result<Fix<T, D>, NoFix> {
-    let position = solve_linear(samples, survey, Some(precisions))?;
-    conclude_weighted(samples, &survey.layout, position, precisions)
 }
 
 /// Linear least squares weighted by the bounding box (6-12 to 6-16).
@@ -159,8 +195,11 @@ pub fn b_wls<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
 ) -> Result<Fix<T, D>, NoFix> {
-    let survey = Survey::of(samples, constraints)?;
-    solve_weighted(samples, &survey, &precisions(samples, &survey.boxed))
+    let survey = Survey::of_inlined(samples, constraints)?;
+    let mut rows = Rows::new();
+    let variance = |_, sample: &RangeSample<T, D>| variance(sample, &survey.boxed);
+    let position = solve_rows(samples, &survey, Some(variance), &mut rows)?;
+    conclude(samples, &survey.layout, position, rows.iter().map(|row| T::ONE / row.variance))
 }
 
 /// B-WLS that treats the ranges judged direct alike (6.2.2.2): each |σ| under 0.45 m becomes the least |σ|, as in annex P.
@@ -172,12 +211,12 @@ pub fn b_wls_c<T: Real, const D: usize>(
     constraints: &Constraints<T, D>,
 ) -> Result<Fix<T, D>, NoFix> {
     let survey = Survey::of(samples, constraints)?;
-    let mut precisions = precisions(samples, &survey.boxed);
-    let greatest = greatest(&precisions);
-    for precision in precisions.iter_mut().filter(|p| **p > T::of(1.0 / (DIRECT_M * DIRECT_M))) {
-        *precision = greatest;
+    let mut variances = variances(samples, &survey.boxed);
+    let least = least(&variances, samples.len());
+    for variance in variances.iter_mut().filter(|v| **v < T::of(DIRECT_M * DIRECT_M)) {
+        *variance = least;
     }
-    solve_weighted(samples, &survey, &precisions)
+    solve_weighted(samples, &survey, &variances)
 }
 
 /// B-WLS once more, weighted by its own answer instead of the bounding box (6.2.3.2, 6-21).
@@ -190,5 +229,5 @@ pub fn b_wls_r<T: Real, const D: usize>(
 ) -> Result<Fix<T, D>, NoFix> {
     let survey = Survey::of(samples, constraints)?;
     let first = b_wls_position(samples, &survey)?;
-    solve_weighted(samples, &survey, &precisions(samples, &first))
+    solve_weighted(samples, &survey, &variances(samples, &first))
 }

@@ -6,7 +6,7 @@
 use crate::fix::{blame, conclude_equal, conclude_weighted};
 use crate::geometry::Survey;
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_scaled, dot, sub};
-use crate::linear::{DIRECT_M, PerSample, b_wls_position, greatest, precisions, solve_linear};
+use crate::linear::{DIRECT_M, PerSample, b_wls_position, least, lls_position, variances};
 use crate::{Area, Constraints, Fix, MAX_ANCHORS, NoFix, RangeSample, Real};
 
 /// The iteration ends when a step is shorter than this, metres.
@@ -123,7 +123,7 @@ fn starts<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     survey: &Survey<T, D>,
 ) -> Result<[Vector<T, D>; 2], NoFix> {
-    Ok([survey.boxed, solve_linear(samples, survey, None)?])
+    Ok([survey.boxed, lls_position(samples, survey)?])
 }
 
 /// Nonlinear least squares, all ranges alike (6-5).
@@ -161,8 +161,8 @@ pub fn nls_ccv<T: Real, const D: usize>(
 }
 
 /// βᵢ = 1 ⁄ |σᵢ| (6-18).
-fn reciprocal_deviations<T: Real>(precisions: &PerSample<T>) -> PerSample<T> {
-    precisions.map(T::sqrt)
+fn reciprocal_deviations<T: Real>(variances: &PerSample<T>) -> PerSample<T> {
+    variances.map(|variance| T::ONE / variance.sqrt())
 }
 
 /// Nonlinear least squares weighted by the bounding box, β = 1 ⁄ |σ| (6-18, 6-19).
@@ -175,7 +175,7 @@ pub fn bb_nls<T: Real, const D: usize>(
 ) -> Result<Fix<T, D>, NoFix> {
     let survey = Survey::of(samples, constraints)?;
     let starts = starts(samples, &survey)?;
-    let beta = reciprocal_deviations(&precisions(samples, &starts[0]));
+    let beta = reciprocal_deviations(&variances(samples, &starts[0]));
     let position = minimise(samples, &beta, &starts, constraints)?;
     conclude_weighted(samples, &survey.layout, position, &beta)
 }
@@ -193,15 +193,15 @@ pub fn bb_nls_c<T: Real, const D: usize>(
 ) -> Result<Fix<T, D>, NoFix> {
     let survey = Survey::of(samples, constraints)?;
     let starts = starts(samples, &survey)?;
-    let mut precisions = precisions(samples, &starts[0]);
-    let greatest = greatest(&precisions);
-    for (precision, sample) in precisions.iter_mut().zip(samples) {
+    let mut variances = variances(samples, &starts[0]);
+    let least = least(&variances, samples.len());
+    for (variance, sample) in variances.iter_mut().zip(samples) {
         // |σ| d ≤ 0.45.
-        if sample.range.squared() <= *precision * T::of(DIRECT_M * DIRECT_M) {
-            *precision = greatest;
+        if *variance * sample.range.squared() <= T::of(DIRECT_M * DIRECT_M) {
+            *variance = least;
         }
     }
-    let beta = reciprocal_deviations(&precisions);
+    let beta = reciprocal_deviations(&variances);
     let position = minimise(samples, &beta, &starts, constraints)?;
     conclude_weighted(samples, &survey.layout, position, &beta)
 }
@@ -216,7 +216,7 @@ pub fn bb_nls_r<T: Real, const D: usize>(
 ) -> Result<Fix<T, D>, NoFix> {
     let survey = Survey::of(samples, constraints)?;
     let start = b_wls_position(samples, &survey)?;
-    let beta = reciprocal_deviations(&precisions(samples, &start));
+    let beta = reciprocal_deviations(&variances(samples, &start));
     let starts = [start, survey.boxed];
     let position = minimise(samples, &beta, &starts, constraints)?;
     conclude_weighted(samples, &survey.layout, position, &beta)

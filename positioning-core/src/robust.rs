@@ -14,7 +14,7 @@
 use crate::fix::{blame, conclude_weighted, widen_to_mirror};
 use crate::geometry::{Survey, centroid};
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_outer_full, add_scaled, dot, sub};
-use crate::linear::{PerSample, b_wls_position, solve_linear};
+use crate::linear::{PerSample, b_wls_position, lls_position};
 use crate::{Constraints, Fix, NoFix, RangeSample, Real};
 
 /// Deviation of a direct range beside its own `sigma`: a surveyed anchor, its antenna and the air add to the radio's noise.
@@ -58,7 +58,7 @@ pub fn robust<T: Real, const D: usize>(
         Posterior { samples, constraints, odds: spare.at_most(T::of(SPARE_RANGES)) * T::of(1.0 / SPARE_RANGES) };
     let starts = [
         b_wls_position(samples, &survey).ok(),
-        solve_linear(samples, &survey, None).ok(),
+        lls_position(samples, &survey).ok(),
         Some(survey.layout.lift(centroid(samples), samples)),
     ];
     let Best { first, second } = posterior.search(starts);

@@ -43,9 +43,9 @@ fn dense_linear(samples: &[RangeSample<f64, 2>], sigma: Option<&[f64]>) -> [f64;
     [z[0], z[1]]
 }
 
-/// |d − ‖z − a‖|, not under the centimetre of the solver.
+/// |d − ‖z − a‖|, joined by the centimetre of the solver.
 fn deviations(samples: &[RangeSample<f64, 2>], z: &[f64; 2]) -> Vec<f64> {
-    samples.iter().map(|s| (s.range - distance(&s.anchor, z)).abs().max(0.01)).collect()
+    samples.iter().map(|s| (s.range - distance(&s.anchor, z)).hypot(0.01)).collect()
 }
 
 #[test]
