@@ -13,7 +13,7 @@
 //! | switch the receiver on, same wait as before | 1 | 3 |
 //! | …with another wait in the chip's timer | +1 | +3 |
 //! | …between a wait the timer can hold (67 ms) and a longer one | +1 | +3 |
-//! | …at an instant | +3 | +16 |
+//! | …at an instant | +3 | +15 |
 //! | receive a frame | 8 | 44 |
 //! | …and keep listening | 9 | 47 |
 //!
