@@ -180,7 +180,7 @@ impl World {
 
     /// Does something at an instant: a fault, a change of the air.
     pub fn at(&self, time: TrueTime, action: impl FnOnce(&World) + 'static) {
-        self.0.kernel.schedule(time, Event::Call(Box::new(action)));
+        self.0.kernel.schedule_action(time, action);
     }
 
     /// Waits until an instant of true time.
@@ -257,7 +257,12 @@ impl World {
                     client.borrow_mut().on_air(self, self.now(), heard);
                 }
             }
-            Event::Call(action) => action(self),
+            Event::Call(number) => {
+                let action = self.0.kernel.take_action(number);
+                if let Some(action) = action {
+                    action(self);
+                }
+            }
         }
     }
 }

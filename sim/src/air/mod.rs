@@ -24,8 +24,10 @@ use crate::kernel::{Event, Kernel};
 use crate::random::{Purpose, stream};
 use crate::time::TrueTime;
 use port::Port;
-use propagation::{Medium, Paths};
-use std::collections::{HashMap, VecDeque};
+use propagation::{Medium, Paths, distance_m, place_between};
+use rustc_hash::FxHashMap;
+use std::collections::VecDeque;
+use std::collections::hash_map::Entry;
 use std::rc::Rc;
 
 /// How the air behaves.
@@ -114,8 +116,10 @@ pub struct Air {
     frames: VecDeque<OnAir>,
     /// Number of `frames[0]`.
     first: u32,
-    /// Ways between ports that never move.
-    paths: HashMap<(PortId, PortId), Paths>,
+    /// Ports that listen, in no particular order.
+    listening: Vec<PortId>,
+    /// The ways between two ports where they last were.
+    paths: FxHashMap<(PortId, PortId), Paths>,
     statistics: AirStatistics,
     sniffers: Vec<Sniffer>,
     nothing: Rc<[u8]>,
@@ -129,7 +133,8 @@ impl Air {
             ports: Vec::new(),
             frames: VecDeque::new(),
             first: 0,
-            paths: HashMap::new(),
+            listening: Vec::new(),
+            paths: FxHashMap::default(),
             statistics: AirStatistics::default(),
             sniffers: Vec::new(),
             nothing: Rc::from([]),
@@ -164,7 +169,7 @@ impl Air {
     pub(crate) fn add_port(&mut self, path: Path) -> PortId {
         let id = self.ports.len() as PortId;
         let random = stream(self.seed, Purpose::Receiver, u64::from(id));
-        self.ports.push(Port { path, listening: None, session: 0, lock: None, random });
+        self.ports.push(Port { path, listening: None, place_in_list: 0, session: 0, lock: None, random });
         id
     }
 
@@ -183,10 +188,8 @@ impl Air {
             collided: false,
         });
         self.statistics.frames_sent += 1;
-        for port in 0..self.ports.len() as PortId {
-            if port != sender {
-                self.offer(kernel, port, id);
-            }
+        for index in 0..self.listening.len() {
+            self.offer(kernel, self.listening[index], id);
         }
         id
     }
@@ -213,10 +216,11 @@ impl Air {
 
     /// Switches a port's receiver on, now.
     pub(crate) fn listen(&mut self, kernel: &Kernel, port: PortId, settings: RxSettings) {
+        self.close(port);
         let p = &mut self.ports[port as usize];
-        p.session = p.session.wrapping_add(1);
-        p.lock = None;
         p.listening = Some((settings, kernel.now()));
+        p.place_in_list = self.listening.len();
+        self.listening.push(port);
         for index in 0..self.frames.len() {
             if self.frames[index].sender != port {
                 self.offer(kernel, port, self.first.wrapping_add(index as u32));
@@ -226,12 +230,23 @@ impl Air {
 
     /// Switches a port's receiver off.
     pub(crate) fn deafen(&mut self, port: PortId) {
-        let p = &mut self.ports[port as usize];
-        p.session = p.session.wrapping_add(1);
-        p.listening = None;
-        if p.lock.take().is_some() {
+        if self.close(port) {
             self.statistics.abandoned += 1;
         }
+    }
+
+    /// Ends a port's session; whether it was at a frame.
+    fn close(&mut self, port: PortId) -> bool {
+        let p = &mut self.ports[port as usize];
+        p.session = p.session.wrapping_add(1);
+        if p.listening.take().is_some() {
+            let place = p.place_in_list;
+            self.listening.swap_remove(place);
+            if let Some(&moved) = self.listening.get(place) {
+                self.ports[moved as usize].place_in_list = place;
+            }
+        }
+        self.ports[port as usize].lock.take().is_some()
     }
 
     /// Lets a listening port find a frame's preamble, if there is enough of it left.
@@ -259,26 +274,19 @@ impl Air {
     /// The way a frame takes to a port; `None` beyond the cut-off.
     fn link_to(&mut self, port: PortId, frame: u32, now: TrueTime) -> Option<Link> {
         let on_air = &self.frames[frame.wrapping_sub(self.first) as usize];
-        let (sender, sent, from) = (on_air.sender, on_air.sent, on_air.position);
-        let (a, b) = (&self.ports[sender as usize].path, &self.ports[port as usize].path);
-        let to = b.at(now);
-        let square: f64 = (0..3).map(|i| (from[i] - to[i]).powi(2)).sum();
-        if square > self.config.cut_off_m * self.config.cut_off_m {
+        let (sent, from) = (on_air.sent, (on_air.sender, on_air.position));
+        let to = (port, self.position(port, now));
+        let distance_m = distance_m(from.1, to.1);
+        if distance_m > self.config.cut_off_m {
             return None;
         }
-        let medium = Medium {
-            seed: self.seed,
-            exponent: self.config.path_loss_exponent,
-            scatter_db: self.config.scatter_db,
-            walls: &self.config.walls,
+        let medium = Medium { seed: self.seed, scatter_db: self.config.scatter_db, walls: &self.config.walls };
+        let place = place_between(from, to);
+        let paths = match self.paths.entry((from.0.min(to.0), from.0.max(to.0))) {
+            Entry::Occupied(known) if known.get().place == place => *known.get(),
+            other => *other.insert_entry(Paths::between(medium, from, to)).get(),
         };
-        let between = || Paths::between(medium, (sender, from), (port, to));
-        let paths = if a.is_fixed() && b.is_fixed() {
-            *self.paths.entry((sender.min(port), sender.max(port))).or_insert_with(between)
-        } else {
-            between()
-        };
-        Some(paths.link(sent.phy.channel, sent.power_dbm))
+        Some(paths.link(self.config.path_loss_exponent, distance_m, sent.phy.channel, sent.power_dbm))
     }
 
     /// Drops frames that can no longer overlap anything still on the air.

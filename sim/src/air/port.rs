@@ -29,10 +29,6 @@ impl Path {
             Self::Function(f) => f(time.as_secs_f64()),
         }
     }
-
-    pub(crate) fn is_fixed(&self) -> bool {
-        matches!(self, Self::Fixed(_))
-    }
 }
 
 fn between(ways: &[(f64, [f64; 3])], seconds: f64) -> [f64; 3] {
@@ -100,6 +96,8 @@ pub(super) struct Lock {
 pub(super) struct Port {
     pub(super) path: Path,
     pub(super) listening: Option<(RxSettings, TrueTime)>,
+    /// Where it stands in the list of those that listen.
+    pub(super) place_in_list: usize,
     /// Counts the times the receiver was switched on or off: events of an earlier time are stale.
     pub(super) session: u32,
     pub(super) lock: Option<Lock>,

@@ -78,23 +78,28 @@ pub enum Sight {
     Undetected,
 }
 
-/// The ways between two places, whatever is sent over them.
+/// What belongs to a pair of places: walls between them, and what is drawn for them.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Paths {
-    distance_m: f64,
-    direct_loss_db: f64,
-    /// Of all paths together.
-    total_loss_db: f64,
-    /// Length of the direct path with what delays it.
-    direct_m: f64,
-    /// How much later the first path comes that is detected instead.
-    late_m: f64,
-    /// That path's loss.
-    late_loss_db: f64,
-    walls: usize,
-    undetected: bool,
+    /// Names the two places.
     pub(crate) place: u64,
+    attenuation_db: f64,
+    excess_m: f64,
+    /// Scattered power against the direct path's in clear sight, dB.
+    scatter_db: f64,
+    /// What multipath adds to an obstructed path, metres, by log₁₀(1 + d).
+    multipath_m: f64,
+    /// Below it the direct path is not detected: to be compared with the probability at the distance.
+    undetected_draw: f64,
+    /// How much later the first path comes that is detected instead, metres.
+    late_m: f64,
+    /// How much weaker than all scattered power that path is, dB.
+    late_db: f64,
+    obstructed: bool,
 }
+
+/// An end of a link: the port's number and where it is.
+pub(crate) type End = (u32, [f64; 3]);
 
 /// A frame's way to a receiver.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -117,65 +122,79 @@ pub struct Link {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Medium<'a> {
     pub(crate) seed: u64,
-    pub(crate) exponent: f64,
     pub(crate) scatter_db: f64,
     pub(crate) walls: &'a [Wall],
 }
 
 impl Paths {
-    pub(crate) fn between(medium: Medium, a: (u32, [f64; 3]), b: (u32, [f64; 3])) -> Self {
-        // The lower number first: what is drawn must not depend on the direction.
-        let (a, b) = if a.0 <= b.0 { (a, b) } else { (b, a) };
-        let distance_m = (0..3).map(|i| (a.1[i] - b.1[i]).powi(2)).sum::<f64>().sqrt().max(NEAREST_M);
+    pub(crate) fn between(medium: Medium, a: End, b: End) -> Self {
+        let (a, b) = ordered(a, b);
         let place = place_of(a, b);
         let mut draws = stream(medium.seed, Purpose::Channel, place);
-        let (mut walls, mut attenuation_db, mut excess_m) = (0, 0.0, 0.0);
+        let (mut obstructed, mut attenuation_db, mut excess_m) = (false, 0.0, 0.0);
         for wall in medium.walls.iter().filter(|w| w.crosses(a.1, b.1)) {
-            walls += 1;
+            obstructed = true;
             attenuation_db += wall.material.attenuation_db;
             excess_m += wall.material.excess_m;
         }
-        let spread_db = 10.0 * medium.exponent * distance_m.log10();
-        let vary_db = 1.5 * gauss(&mut draws);
-        let direct_loss_db = spread_db + attenuation_db;
-        let scatter_loss_db = spread_db + 0.5 * attenuation_db - medium.scatter_db - vary_db;
-        let errors = if walls > 0 { Obstructed::draw(&mut draws, distance_m) } else { Obstructed::NONE };
         Self {
-            distance_m,
-            direct_loss_db,
-            total_loss_db: -dbm(milliwatts(-direct_loss_db) + milliwatts(-scatter_loss_db)),
-            direct_m: distance_m + excess_m + errors.multipath_m,
-            late_m: late_m(&mut draws),
-            late_loss_db: scatter_loss_db + 4.0 + 2.0 * gauss(&mut draws).abs(),
-            walls,
-            undetected: errors.undetected,
             place,
+            attenuation_db,
+            excess_m,
+            scatter_db: medium.scatter_db + 1.5 * gauss(&mut draws),
+            multipath_m: 0.09 + 0.136 * gauss(&mut draws),
+            undetected_draw: draws.random(),
+            late_m: (0.96 + 0.604 * gauss(&mut draws)).max(0.0),
+            late_db: 4.0 + 2.0 * gauss(&mut draws).abs(),
+            obstructed,
         }
     }
 
-    pub(crate) fn link(&self, channel: u8, sent_dbm: f64) -> Link {
-        let reference_dbm = sent_dbm - first_metre_db(channel);
-        let direct_dbm = reference_dbm - self.direct_loss_db;
-        let undetected = self.undetected || direct_dbm < LEADING_EDGE_FLOOR_DBM;
-        let (first_path_dbm, length_m) = if undetected {
-            (reference_dbm - self.late_loss_db, self.direct_m + self.late_m)
+    /// What a frame meets on its way over `distance_m`.
+    pub(crate) fn link(&self, exponent: f64, distance_m: f64, channel: u8, sent_dbm: f64) -> Link {
+        let clear_dbm = sent_dbm - first_metre_db(channel) - 10.0 * exponent * distance_m.log10();
+        let direct_dbm = clear_dbm - self.attenuation_db;
+        let scattered_dbm = clear_dbm - 0.5 * self.attenuation_db + self.scatter_db;
+        let blocked = self.obstructed && self.undetected_draw < undetected_probability(distance_m);
+        let multipath_m = if self.obstructed { self.multipath_m * (1.0 + distance_m).log10() } else { 0.0 };
+        let direct_m = distance_m + self.excess_m + multipath_m;
+        let (first_path_dbm, length_m, sight) = if blocked || direct_dbm < LEADING_EDGE_FLOOR_DBM {
+            (scattered_dbm - self.late_db, direct_m + self.late_m, Sight::Undetected)
+        } else if self.obstructed {
+            (direct_dbm, direct_m, Sight::ObstructedDetected)
         } else {
-            (direct_dbm, self.direct_m)
-        };
-        let sight = match (undetected, self.walls) {
-            (true, _) => Sight::Undetected,
-            (false, 0) => Sight::Clear,
-            (false, _) => Sight::ObstructedDetected,
+            (direct_dbm, direct_m, Sight::Clear)
         };
         Link {
-            power_dbm: reference_dbm - self.total_loss_db,
+            power_dbm: direct_dbm + dbm(1.0 + milliwatts(scattered_dbm - direct_dbm)),
             first_path_dbm,
             delay_ps: length_m / SPEED_OF_LIGHT * 1e12,
-            distance_m: self.distance_m,
+            distance_m,
             sight,
             place: self.place,
         }
     }
+}
+
+/// Alavi and Pahlavan at 1 GHz: how often the direct path of an obstructed link is not detected.
+fn undetected_probability(distance_m: f64) -> f64 {
+    if distance_m > 10.0 { 0.62 } else { 0.064 }
+}
+
+/// How far two ends are apart, metres.
+pub(crate) fn distance_m(a: [f64; 3], b: [f64; 3]) -> f64 {
+    (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt().max(NEAREST_M)
+}
+
+/// The lower number first: what is drawn must not depend on the direction.
+fn ordered(a: End, b: End) -> (End, End) {
+    if a.0 <= b.0 { (a, b) } else { (b, a) }
+}
+
+/// Names the places of two ends.
+pub(crate) fn place_between(a: End, b: End) -> u64 {
+    let (a, b) = ordered(a, b);
+    place_of(a, b)
 }
 
 /// Friis over the first metre, 20 log₁₀(4π f / c), dB, to 0.0001 dB.
@@ -189,29 +208,7 @@ const fn first_metre_db(channel: u8) -> f64 {
     }
 }
 
-/// How an obstructed link errs.
-struct Obstructed {
-    multipath_m: f64,
-    undetected: bool,
-}
-
-impl Obstructed {
-    const NONE: Self = Self { multipath_m: 0.0, undetected: false };
-
-    /// Alavi and Pahlavan at 1 GHz: multipath N(0.09, 0.136) × log₁₀(1 + d); undetected with 0.064 up to 10 m, else 0.62.
-    fn draw(draws: &mut Stream, distance_m: f64) -> Self {
-        let multipath_m = (0.09 + 0.136 * gauss(draws)) * (1.0 + distance_m).log10();
-        let probability = if distance_m > 10.0 { 0.62 } else { 0.064 };
-        Self { multipath_m, undetected: draws.random_bool(probability) }
-    }
-}
-
-/// How much later than the direct path the first detected one comes: N(0.96, 0.604), never negative.
-fn late_m(draws: &mut Stream) -> f64 {
-    (0.96 + 0.604 * gauss(draws)).max(0.0)
-}
-
-fn place_of(a: (u32, [f64; 3]), b: (u32, [f64; 3])) -> u64 {
+fn place_of(a: End, b: End) -> u64 {
     let mut hash = mix(u64::from(a.0) << 32 | u64::from(b.0));
     for x in a.1.iter().chain(&b.1) {
         hash = mix(hash ^ ((x / CELL_M).floor() as i64 as u64));
@@ -239,13 +236,16 @@ mod tests {
     use crate::air::Phy;
 
     fn medium(walls: &[Wall]) -> Medium<'_> {
-        Medium { seed: 7, exponent: 2.0, scatter_db: -200.0, walls }
+        Medium { seed: 7, scatter_db: -200.0, walls }
+    }
+
+    fn link(walls: &[Wall], a: End, b: End, sent_dbm: f64) -> Link {
+        Paths::between(medium(walls), a, b).link(2.0, distance_m(a.1, b.1), 5, sent_dbm)
     }
 
     #[test]
     fn clear_path_follows_friis_and_light() {
-        let paths = Paths::between(medium(&[]), (0, [0.0; 3]), (1, [6.0, 8.0, 0.0]));
-        let link = paths.link(5, -14.3);
+        let link = link(&[], (0, [0.0; 3]), (1, [6.0, 8.0, 0.0]), -14.3);
         // 20 log₁₀(4π · 10 m · 6.4896 GHz / 299.7 Mm/s) = 68.69 dB.
         assert!((link.power_dbm - (-14.3 - 68.69)).abs() < 0.01, "{}", link.power_dbm);
         assert_eq!(link.power_dbm, link.first_path_dbm);
@@ -265,20 +265,21 @@ mod tests {
     #[test]
     fn a_wall_weakens_and_delays_what_crosses_it() {
         let wall = Wall { from: [5.0, -1.0], to: [5.0, 1.0], material: Material::BRICK };
-        let through = |b: [f64; 3]| Paths::between(medium(&[wall]), (0, [0.0; 3]), (1, b));
-        assert_eq!(through([4.0, 0.0, 0.0]).walls, 0);
-        assert_eq!(through([9.0, 9.0, 0.0]).walls, 0);
-        let crossed = through([9.0, 0.0, 0.0]);
-        assert_eq!(crossed.walls, 1);
-        assert!((crossed.direct_loss_db - (20.0 * 9f64.log10() + 9.0)).abs() < 1e-9);
+        let through = |walls: &[Wall], b: [f64; 3]| link(walls, (0, [0.0; 3]), (1, b), 0.0);
+        assert_eq!(through(&[wall], [4.0, 0.0, 0.0]).sight, Sight::Clear);
+        assert_eq!(through(&[wall], [9.0, 9.0, 0.0]).sight, Sight::Clear);
+        let (clear, crossed) = (through(&[], [9.0, 0.0, 0.0]), through(&[wall], [9.0, 0.0, 0.0]));
+        assert_ne!(crossed.sight, Sight::Clear);
+        assert!((clear.power_dbm - crossed.power_dbm - 9.0).abs() < 1e-9);
     }
 
     #[test]
     fn both_directions_share_the_draws() {
         let wall = Wall { from: [5.0, -1.0], to: [5.0, 1.0], material: Material::CONCRETE };
         let (a, b) = ((3, [0.0; 3]), (9, [20.0, 0.0, 1.0]));
-        let medium = Medium { scatter_db: -1.5, ..medium(std::slice::from_ref(&wall)) };
-        assert_eq!(Paths::between(medium, a, b).link(5, 0.0), Paths::between(medium, b, a).link(5, 0.0));
+        assert_eq!(link(&[wall], a, b, 0.0), link(&[wall], b, a, 0.0));
+        // Somewhere else it is another channel.
+        assert_ne!(link(&[wall], a, (9, [20.0, 1.0, 1.0]), 0.0).place, link(&[wall], a, b, 0.0).place);
     }
 
     #[test]
@@ -291,7 +292,7 @@ mod tests {
                     let wall = Wall { from: [1.0, y - 0.4], to: [1.0, y + 0.4], material: Material::DRYWALL };
                     let walls = [wall];
                     let ends = ((0, [0.0, y, 0.0]), (1, [distance, y, 0.0]));
-                    Paths::between(medium(&walls), ends.0, ends.1).link(5, 0.0).sight == Sight::Undetected
+                    link(&walls, ends.0, ends.1, 0.0).sight == Sight::Undetected
                 })
                 .count();
             assert!((missed as f64 / 4000.0 - expected).abs() < tolerance, "{distance}: {missed}");

@@ -142,9 +142,7 @@ impl Air {
         };
         let gauss: f64 = StandardNormal.sample(&mut port.random);
         let noise_seed = port.random.random();
-        port.lock = None;
-        port.listening = None;
-        port.session = port.session.wrapping_add(1);
+        self.close(event.port);
         match (collided, noisy) {
             (true, _) => self.collide(lock.frame),
             (false, true) => self.statistics.lost_to_noise += 1,
@@ -178,10 +176,7 @@ impl Air {
     }
 
     fn give_up_counted(&mut self, port: PortId, heard: Heard) -> Heard {
-        let p = &mut self.ports[port as usize];
-        p.lock = None;
-        p.listening = None;
-        p.session = p.session.wrapping_add(1);
+        self.close(port);
         heard
     }
 

@@ -118,7 +118,8 @@ impl Executor {
     /// Polls whoever is ready, in order, until nobody is.
     pub(crate) fn run_ready(&self) {
         loop {
-            if self.inbox.filled.swap(false, Ordering::Relaxed) {
+            if self.inbox.filled.load(Ordering::Relaxed) {
+                self.inbox.filled.store(false, Ordering::Relaxed);
                 let woken = self.inbox.tasks.lock().map(|mut t| std::mem::take(&mut *t)).unwrap_or_default();
                 woken.into_iter().for_each(|t| self.make_ready(t));
             }

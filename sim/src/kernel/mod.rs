@@ -17,6 +17,7 @@ use crate::time::TrueTime;
 use crate::world::World;
 use queue::Queue;
 use std::cell::{Cell, RefCell};
+use std::collections::BTreeMap;
 use std::task::Waker;
 use timer::Timers;
 
@@ -28,9 +29,11 @@ pub(crate) enum Event {
     Chip { node: u32, event: ChipEvent },
     /// A frame reaches a point of its course at a receiver.
     Air(AirEvent),
-    /// The scenario does something.
-    Call(Box<dyn FnOnce(&World)>),
+    /// The scenario does something: an action by its number, so that events stay small.
+    Call(u32),
 }
+
+type Action = Box<dyn FnOnce(&World)>;
 
 /// The clock, the queue and the tasks.
 pub(crate) struct Kernel {
@@ -38,6 +41,8 @@ pub(crate) struct Kernel {
     horizon: Cell<TrueTime>,
     queue: RefCell<Queue>,
     timers: RefCell<Timers>,
+    /// Actions to come, by number, and the next number.
+    actions: RefCell<(BTreeMap<u32, Action>, u32)>,
     pub(crate) executor: Executor,
 }
 
@@ -48,6 +53,7 @@ impl Kernel {
             horizon: Cell::new(TrueTime::ZERO),
             queue: RefCell::new(Queue::new()),
             timers: RefCell::new(Timers::default()),
+            actions: RefCell::default(),
             executor: Executor::new(),
         }
     }
@@ -58,6 +64,19 @@ impl Kernel {
 
     pub(crate) fn schedule(&self, at: TrueTime, event: Event) {
         self.queue.borrow_mut().push(at.max(self.now.get()), event);
+    }
+
+    /// Does `action` at `at`.
+    pub(crate) fn schedule_action(&self, at: TrueTime, action: impl FnOnce(&World) + 'static) {
+        let mut actions = self.actions.borrow_mut();
+        let number = actions.1;
+        actions.1 += 1;
+        actions.0.insert(number, Box::new(action));
+        self.schedule(at, Event::Call(number));
+    }
+
+    pub(crate) fn take_action(&self, number: u32) -> Option<Action> {
+        self.actions.borrow_mut().0.remove(&number)
     }
 
     /// Wakes `waker` at `at`.
