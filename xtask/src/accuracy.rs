@@ -83,6 +83,9 @@ fn side_by_side(recordings: &[(String, Vec<Score>)]) -> String {
 }
 
 fn cell(score: &Score) -> String {
+    if score.fixed == 0 {
+        return "no fix".to_owned();
+    }
     let metres = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.3}"));
     let missing = match score.epochs.saturating_sub(score.fixed) {
         0 => String::new(),
@@ -111,12 +114,12 @@ mod tests {
         let score =
             |method: &str, fixed, rmse_m| Score { method: method.into(), epochs: 10, fixed, rmse_m, p90_m: rmse_m };
         let here = vec![score("lls", 10, Some(0.5)), score("robust", 8, Some(0.25))];
-        let there = vec![score("robust", 10, None), score("lls", 10, Some(1.0))];
+        let there = vec![score("robust", 0, None), score("lls", 10, Some(1.0))];
         let table = side_by_side(&[("here".to_owned(), here), ("there".to_owned(), there)]);
         let expected = "| RMSE (P90), m | here, 10 epochs | there, 10 epochs |\n\
                         |---|---:|---:|\n\
                         | `lls` | 0.500 (0.500) | 1.000 (1.000) |\n\
-                        | `robust` | 0.250 (0.250, 2 without a fix) | – (–) |\n";
+                        | `robust` | 0.250 (0.250, 2 without a fix) | no fix |\n";
         assert_eq!(table, expected);
     }
 }
