@@ -23,7 +23,7 @@ pub use propagation::{Link, Material, SPEED_OF_LIGHT, Sight, Wall};
 use crate::kernel::{Event, Kernel};
 use crate::random::{Purpose, stream};
 use crate::time::TrueTime;
-use port::Port;
+use port::{Port, Tuning};
 use propagation::{Medium, Paths, distance_m, place_between};
 use rustc_hash::FxHashMap;
 use std::collections::VecDeque;
@@ -116,8 +116,8 @@ pub struct Air {
     frames: VecDeque<OnAir>,
     /// Number of `frames[0]`.
     first: u32,
-    /// Ports that listen, in no particular order.
-    listening: Vec<PortId>,
+    /// Ports that listen and what they could hear, in no particular order.
+    listening: Vec<(PortId, Tuning)>,
     /// The ways between two ports where they last were.
     paths: FxHashMap<(PortId, PortId), Paths>,
     statistics: AirStatistics,
@@ -169,7 +169,15 @@ impl Air {
     pub(crate) fn add_port(&mut self, path: Path) -> PortId {
         let id = self.ports.len() as PortId;
         let random = stream(self.seed, Purpose::Receiver, u64::from(id));
-        self.ports.push(Port { path, listening: None, place_in_list: 0, session: 0, lock: None, random });
+        self.ports.push(Port {
+            path,
+            listening: None,
+            place_in_list: 0,
+            session: 0,
+            offers: Vec::new(),
+            lock: None,
+            random,
+        });
         id
     }
 
@@ -188,8 +196,12 @@ impl Air {
             collided: false,
         });
         self.statistics.frames_sent += 1;
+        let tuning = Tuning::of(tx.phy.channel, tx.phy.code, tx.phy.prf);
         for index in 0..self.listening.len() {
-            self.offer(kernel, self.listening[index], id);
+            let (port, tuned) = self.listening[index];
+            if tuned == tuning {
+                self.offer(kernel, port, id);
+            }
         }
         id
     }
@@ -220,9 +232,11 @@ impl Air {
         let p = &mut self.ports[port as usize];
         p.listening = Some((settings, kernel.now()));
         p.place_in_list = self.listening.len();
-        self.listening.push(port);
+        let tuning = Tuning::of(settings.channel, settings.code, settings.prf);
+        self.listening.push((port, tuning));
         for index in 0..self.frames.len() {
-            if self.frames[index].sender != port {
+            let OnAir { sender, sent: TxStart { phy, .. }, .. } = self.frames[index];
+            if sender != port && Tuning::of(phy.channel, phy.code, phy.prf) == tuning {
                 self.offer(kernel, port, self.first.wrapping_add(index as u32));
             }
         }
@@ -239,10 +253,11 @@ impl Air {
     fn close(&mut self, port: PortId) -> bool {
         let p = &mut self.ports[port as usize];
         p.session = p.session.wrapping_add(1);
+        p.offers.clear();
         if p.listening.take().is_some() {
             let place = p.place_in_list;
             self.listening.swap_remove(place);
-            if let Some(&moved) = self.listening.get(place) {
+            if let Some(&(moved, _)) = self.listening.get(place) {
                 self.ports[moved as usize].place_in_list = place;
             }
         }
@@ -251,14 +266,12 @@ impl Air {
 
     /// Lets a listening port find a frame's preamble, if there is enough of it left.
     fn offer(&mut self, kernel: &Kernel, port: PortId, frame: u32) {
-        let p = &self.ports[port as usize];
-        let Some((settings, since)) = p.listening else { return };
+        let Some((settings, since)) = self.ports[port as usize].listening else { return };
         let on_air = &self.frames[frame.wrapping_sub(self.first) as usize];
         let sent = on_air.sent;
-        if sent.marker <= kernel.now() || !settings.could_hear(sent.phy.channel, sent.phy.code, sent.phy.prf) {
+        if sent.marker <= kernel.now() {
             return;
         }
-        let session = p.session;
         let Some(link) = self.link_to(port, frame, kernel.now()) else { return };
         let arrival = sent.start.plus_ps(link.delay_ps as u64);
         let symbol_ps = receiver::symbol_ps(sent.phy.prf);
@@ -267,8 +280,23 @@ impl Air {
         let margin_db = link.power_dbm - sent.phy.preamble_sensitivity_dbm();
         // 6 dB below its sensitivity a receiver finds one preamble in 160 000.
         if found <= preamble_end && margin_db > -6.0 {
-            kernel.schedule(found, Event::Air(AirEvent { port, session, frame, stage: Stage::Preamble }));
+            let p = &mut self.ports[port as usize];
+            p.offers.push((frame, link));
+            let event = AirEvent { port, session: p.session, frame, stage: Stage::Preamble };
+            kernel.schedule(found, Event::Air(event));
         }
+    }
+
+    /// What a frame would have at a port with nothing in between, dBm.
+    fn clear_dbm(&self, port: PortId, frame: u32, now: TrueTime) -> f64 {
+        let on_air = &self.frames[frame.wrapping_sub(self.first) as usize];
+        let distance_m = distance_m(on_air.position, self.position(port, now));
+        propagation::clear_dbm(
+            self.config.path_loss_exponent,
+            distance_m,
+            on_air.sent.phy.channel,
+            on_air.sent.power_dbm,
+        )
     }
 
     /// The way a frame takes to a port; `None` beyond the cut-off.

@@ -71,12 +71,18 @@ impl RxSettings {
         2 * self.pac - 2
     }
 
-    pub(super) fn could_hear(&self, channel: u8, code: u8, prf: Prf) -> bool {
-        self.channel == channel && self.code == code && self.prf == prf
-    }
-
     pub(super) fn finds_sfd(&self, sfd: Sfd, rate: Rate) -> bool {
         self.sfd == sfd && self.slow == matches!(rate, Rate::Kbps110)
+    }
+}
+
+/// Channel, preamble code and PRF in one: what must agree for a preamble to be found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Tuning(u16);
+
+impl Tuning {
+    pub(super) const fn of(channel: u8, code: u8, prf: Prf) -> Self {
+        Self((channel as u16) << 8 | (code as u16 & 0x1F) << 1 | matches!(prf, Prf::Mhz64) as u16)
     }
 }
 
@@ -100,6 +106,8 @@ pub(super) struct Port {
     pub(super) place_in_list: usize,
     /// Counts the times the receiver was switched on or off: events of an earlier time are stale.
     pub(super) session: u32,
+    /// Frames whose preambles it may find, and how they come.
+    pub(super) offers: Vec<(u32, Link)>,
     pub(super) lock: Option<Lock>,
     pub(super) random: Stream,
 }

@@ -152,7 +152,7 @@ impl Paths {
 
     /// What a frame meets on its way over `distance_m`.
     pub(crate) fn link(&self, exponent: f64, distance_m: f64, channel: u8, sent_dbm: f64) -> Link {
-        let clear_dbm = sent_dbm - first_metre_db(channel) - 10.0 * exponent * distance_m.log10();
+        let clear_dbm = clear_dbm(exponent, distance_m, channel, sent_dbm);
         let direct_dbm = clear_dbm - self.attenuation_db;
         let scattered_dbm = clear_dbm - 0.5 * self.attenuation_db + self.scatter_db;
         let blocked = self.obstructed && self.undetected_draw < undetected_probability(distance_m);
@@ -174,6 +174,11 @@ impl Paths {
             place: self.place,
         }
     }
+}
+
+/// Power of the direct path with nothing in between, dBm.
+pub(crate) fn clear_dbm(exponent: f64, distance_m: f64, channel: u8, sent_dbm: f64) -> f64 {
+    sent_dbm - first_metre_db(channel) - 10.0 * exponent * distance_m.log10()
 }
 
 /// Alavi and Pahlavan at 1 GHz: how often the direct path of an obstructed link is not detected.

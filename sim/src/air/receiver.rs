@@ -43,7 +43,9 @@ impl Air {
 
     fn find_preamble(&mut self, kernel: &Kernel, event: AirEvent) -> Option<Heard> {
         let now = kernel.now();
-        let link = self.link_to(event.port, event.frame, now)?;
+        let offers = &mut self.ports[event.port as usize].offers;
+        let offer = offers.iter().position(|o| o.0 == event.frame)?;
+        let (_, link) = offers.swap_remove(offer);
         let index = event.frame.wrapping_sub(self.first) as usize;
         let sent = self.frames[index].sent;
         let port = &mut self.ports[event.port as usize];
@@ -203,6 +205,10 @@ impl Air {
             }
             let (start, end, phy) = (other.sent.start, other.end, other.sent.phy);
             if !Phy::share_band(own.channel, phy.channel) {
+                continue;
+            }
+            // Nothing a wall or an echo does lifts a frame 15 dB above what free space leaves of it.
+            if self.clear_dbm(port, id, to) + 15.0 < lock.link.power_dbm - self.config.capture_db {
                 continue;
             }
             let Some(link) = self.link_to(port, id, to) else { continue };
