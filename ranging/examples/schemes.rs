@@ -27,21 +27,31 @@ const WARM_UP: usize = 100;
 /// A way of getting ranges to several anchors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scheme {
+    /// Poll and responses, four stamps.
     SingleSided,
+    /// The same, the responder's clock known by the carrier of each response.
     WithCarrier,
+    /// The same, the responder's clock known by successive polls: native mode.
     WithPolls,
+    /// Poll, responses, one final for all, reports; the sum of seed 000, equation 5-2.
     SymmetricOneFinal,
+    /// The same, the product form.
     AsymmetricOneFinal,
+    /// Poll, response, final and report with one anchor after the other, the product form.
     AsymmetricEach,
 }
 
 /// What one scheme costs and gives.
 pub struct Row {
+    /// Which.
     pub scheme: Scheme,
+    /// Mean error in the slot where it is largest, metres.
     pub bias_m: f64,
+    /// Standard deviation about the slots' means, metres.
     pub deviation_m: f64,
 }
 
+/// The table's rows.
 pub const SCHEMES: [Scheme; 6] = [
     Scheme::SingleSided,
     Scheme::WithCarrier,

@@ -1,7 +1,7 @@
 //! What an exchange asks of its node, and what the node answers: sans-I/O.
 //!
 //! A [`Machine`] (the tag's or the anchor's side of an exchange) is stepped with the time and an [`Event`], and answers with an
-//! [`Action`]. All but one action map one to one onto calls of [`Radio`](crate::Radio) or a wait; [`execute`] does that, so that
+//! [`Action`]. All but one action map one to one onto calls of [`Radio`] or a wait; [`execute`] does that, so that
 //! a node's whole loop is
 //!
 //! ```no_run
@@ -54,7 +54,7 @@ pub enum Event<'b> {
 /// What the node is to do next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Action<'m> {
-    /// [`Radio::transmit`](crate::Radio::transmit).
+    /// [`Radio::transmit`].
     Transmit {
         /// The frame, without its check bytes.
         frame: &'m [u8],
@@ -63,7 +63,7 @@ pub enum Action<'m> {
         /// Whether the receiver is to be on as soon as the frame has left.
         listen: bool,
     },
-    /// [`Radio::receive`](crate::Radio::receive).
+    /// [`Radio::receive`].
     Receive {
         /// From when.
         start: Start,
@@ -80,6 +80,7 @@ pub enum Action<'m> {
 
 /// What a machine tells its node.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Report<'m> {
     /// A round of ranging is over: the ranges had, at most one an anchor, perhaps none.
     Round(Round<'m>),
@@ -89,6 +90,7 @@ pub enum Report<'m> {
 
 /// One round of ranging.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Round<'m> {
     /// Counts the rounds of this machine, wrapping.
     pub number: u16,
@@ -102,6 +104,7 @@ pub struct Round<'m> {
 
 /// The distance to a peer.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Range {
     /// Short address of the peer: to a tag the anchor, to an anchor the tag.
     pub peer: u16,

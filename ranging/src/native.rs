@@ -16,6 +16,7 @@ mod clock;
 mod coordination;
 mod neighbours;
 mod plan;
+mod round;
 mod tag;
 mod timing;
 

@@ -1,16 +1,13 @@
 //! The tag in native mode: hears beacons, asks for slots, ranges in its own.
 
-use heapless::Vec;
-
-use super::neighbours::{Neighbours, Team};
+use super::neighbours::Neighbours;
 use super::plan::{Membership, lists, owned_slots};
+use super::round::Exchange;
 use super::timing::{BEACON_SLOTS, HOLDOVER_SUPERFRAMES, Phase, Timing};
-use super::{MAX_ROUND, Network, STAMP_DEVIATION_TICKS, WAKE, prevails, spread};
-use crate::exchange::{Action, Event, Link, Machine, Range, Report, Round};
-use crate::frame::native::{Asked, Beacon, Distance, Frame, MAX_MEMBERS, Message, Poll, Position, Response, Share};
+use super::{Network, WAKE, prevails, spread};
+use crate::exchange::{Action, Event, Link, Machine, Report};
+use crate::frame::native::{Beacon, Frame, MAX_MEMBERS, Message, Position, Share};
 use crate::frame::{BROADCAST, FrameBuffer};
-use crate::time::METRES_PER_TICK;
-use crate::tof::single_sided_corrected;
 use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
 
 /// How often a tag ranges.
@@ -43,9 +40,6 @@ pub struct TagConfig {
 const LOST_AFTER: u16 = 5;
 /// Superframes from a request until the list can tell of it: to a relay, from there to the coordinator, and back.
 const REQUEST_PATIENCE: u16 = 4;
-/// A response may come this much off its slot, ticks (10 µs): the way there and back, and the clocks' drift.
-const SLOT_TOLERANCE_TICKS: u64 = 640_000;
-
 /// What the tag's last action was for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Doing {
@@ -94,17 +88,6 @@ struct Followed {
     joined: bool,
 }
 
-/// The round in progress, or the last.
-#[derive(Clone, Debug)]
-struct Exchange {
-    number: u16,
-    poll_tx: RadioInstant,
-    team: Team,
-    /// Slots of the round whose response may still come.
-    pending: u8,
-    ranges: Vec<Range, MAX_ROUND>,
-}
-
 impl Tag {
     /// A tag that has heard nobody yet.
     pub fn new(config: TagConfig) -> Self {
@@ -119,13 +102,7 @@ impl Tag {
             network: None,
             neighbours: Neighbours::new(),
             position_m: None,
-            round: Exchange {
-                number: 0,
-                poll_tx: RadioInstant::default(),
-                team: Team::new(),
-                pending: 0,
-                ranges: Vec::new(),
-            },
+            round: Exchange::new(),
             sequence: 0,
             out: FrameBuffer::new(),
         }
@@ -145,8 +122,10 @@ impl Tag {
         let Some(told) = Frame::parse(frame.bytes).filter(|told| told.pan == self.config.network.pan) else { return };
         match told.message {
             Message::Beacon(beacon) if told.destination == BROADCAST => self.hear_beacon(told.source, &beacon, frame),
-            Message::Response(response) if told.destination == self.config.address => {
-                self.hear_response(told.source, response, frame);
+            Message::Response(response)
+                if told.destination == self.config.address && self.doing == Doing::Collecting =>
+            {
+                self.round.hear(&self.timing, &self.bias, &mut self.neighbours, told.source, response, frame);
             }
             // Other tags', and what is not for us.
             Message::Beacon(_) | Message::Response(_) | Message::Poll(_) | Message::Request(_) => {}
@@ -207,83 +186,10 @@ impl Tag {
         }
     }
 
-    fn hear_response(&mut self, source: u16, response: Response, frame: &RxFrame<'_>) {
-        let round = &mut self.round;
-        let Some(slot) = round.team.iter().position(|&anchor| anchor == source) else { return };
-        let round1 = frame.rx_time.since(round.poll_tx);
-        let due = self.timing.reply_in(slot).ticks();
-        let in_slot = |time: RadioDuration| time.ticks().abs_diff(due) <= SLOT_TOLERANCE_TICKS;
-        let awaited = self.doing == Doing::Collecting && round.pending >> slot & 1 == 1;
-        if !awaited || response.round != round.number || !in_slot(round1) || !in_slot(response.reply) {
-            return;
-        }
-        // Responses come in the order of their slots: those before have been lost.
-        round.pending &= !(u8::MAX >> (MAX_ROUND - 1 - slot));
-        let diagnostics = frame.diagnostics;
-        let Some(anchor) = self.neighbours.hear(source, diagnostics.rx_power_dbm) else { return };
-        anchor.compare_clocks(round.poll_tx, response.poll_rx, diagnostics.clock_offset_ppm);
-        let flight = single_sided_corrected(round1, response.reply, anchor.clock.rate());
-        let distance_m = flight.metres() - self.bias.metres(diagnostics.rx_power_dbm);
-        // Noise of two stamps and of the rate over the reply, each by half (see `tof`).
-        let reply = response.reply.ticks() as f32;
-        let variance =
-            2.0 * STAMP_DEVIATION_TICKS * STAMP_DEVIATION_TICKS + reply * reply * anchor.clock.rate_variance();
-        let deviation_m = 0.5 * METRES_PER_TICK as f32 * libm::sqrtf(variance);
-        anchor.distance_m = Some(distance_m);
-        let range = Range { peer: source, distance_m, deviation_m, position_m: anchor.position_m, diagnostics };
-        // One a slot at most: it fits.
-        let _ = round.ranges.push(range);
-    }
-
-    /// What follows while responses are awaited: more listening, or `None` when the round is over.
-    fn collect(&self, present: RadioInstant) -> Option<Action<'static>> {
-        let round = &self.round;
-        let last = round.team.len().checked_sub(1)?;
-        let end = self.timing.reply_in(last).ticks() + self.timing.response_tail.ticks() + self.timing.guard.ticks();
-        let window = round.poll_tx.plus(RadioDuration::from_ticks(end)).since(present);
-        let others_may_follow = round.pending & !(1 << last) != 0;
-        (round.pending != 0 && window > RadioDuration::ZERO).then_some(Action::Receive {
-            start: Start::Now,
-            window,
-            keep_listening: others_may_follow,
-        })
-    }
-
     fn finish_round(&mut self) -> Action<'_> {
         self.doing = Doing::Nothing;
-        for &anchor in &self.round.team {
-            let answered = self.round.ranges.iter().any(|range| range.peer == anchor);
-            self.neighbours.asked(anchor, answered);
-        }
-        Action::Report(Report::Round(Round {
-            number: self.round.number,
-            poll: self.round.poll_tx,
-            asked: self.round.team.len() as u8,
-            ranges: &self.round.ranges,
-        }))
-    }
-
-    /// Puts the next poll into `out`.
-    fn write_poll(&mut self) {
-        let round = &mut self.round;
-        round.number = round.number.wrapping_add(1);
-        round.ranges.clear();
-        round.pending = match round.team.len() {
-            0 => 0,
-            places => u8::MAX >> MAX_ROUND.saturating_sub(places),
-        };
-        let mut anchors = Vec::new();
-        for &address in &round.team {
-            let distance = match (self.config.tell_distances, self.neighbours.get_mut(address)) {
-                (false, _) => Distance::Unsent,
-                (true, anchor) => {
-                    anchor.and_then(|anchor| anchor.distance_m).map_or(Distance::Unknown, Distance::from_metres)
-                }
-            };
-            let _ = anchors.push(Asked { address, distance });
-        }
-        let number = round.number;
-        self.write(Message::Poll(Poll { round: number, anchors }));
+        self.round.close(&mut self.neighbours);
+        Action::Report(Report::Round(self.round.report()))
     }
 
     fn write(&mut self, message: Message) {
@@ -322,7 +228,7 @@ impl Tag {
         }
         network.joined &= listed;
         if network.planned.replace(network.phase.number) != Some(network.phase.number) {
-            self.round.team = self.neighbours.choose(self.config.anchors.into(), self.position_m);
+            self.round.set_team(self.neighbours.choose(self.config.anchors.into(), self.position_m));
         }
         self.among_rounds(passed)
     }
@@ -366,11 +272,11 @@ impl Tag {
         let Some(network) = &self.network else { return Self::listen(timing.superframe) };
         let phase = network.phase;
         let half_guard = timing.guard.ticks() / 2;
-        let length = timing.round(self.round.team.len()).ticks() + half_guard;
+        let length = timing.round(self.round.asked()).ticks() + half_guard;
         let earliest = passed.ticks() + timing.transmit.ticks();
         for (begin, end) in runs(network.owned) {
             let pulse = earliest.max(timing.round_slot_begin(begin).ticks() + half_guard);
-            if self.round.team.is_empty() || pulse + length > timing.round_slot_begin(end).ticks() {
+            if self.round.asked() == 0 || pulse + length > timing.round_slot_begin(end).ticks() {
                 continue;
             }
             if pulse - earliest > 2 * WAKE.ticks() {
@@ -383,7 +289,8 @@ impl Tag {
                 Start::Now
             };
             self.doing = Doing::Polling;
-            self.write_poll();
+            let poll = self.round.begin(&mut self.neighbours, self.config.tell_distances);
+            self.write(Message::Poll(poll));
             return Action::Transmit { frame: self.out.bytes(), start, listen: true };
         }
         let wake = timing.superframe.ticks() - WAKE.ticks();
@@ -423,7 +330,7 @@ impl Machine for Tag {
             Event::Sent(departure) => {
                 if self.doing == Doing::Polling {
                     self.doing = Doing::Collecting;
-                    self.round.poll_tx = departure;
+                    self.round.sent(departure);
                 }
             }
             Event::Received(frame) => {
@@ -433,14 +340,14 @@ impl Machine for Tag {
             }
             // The window ended with the round, or the receiver was never on.
             Event::Timeout | Event::Late | Event::NotSent => match self.doing {
-                Doing::Collecting => self.round.pending = 0,
+                Doing::Collecting => self.round.give_up(),
                 Doing::Polling => self.doing = Doing::Nothing,
                 Doing::Nothing => {}
             },
             Event::Corrupt | Event::Woken | Event::Reported => {}
         }
         if self.doing == Doing::Collecting {
-            return match self.collect(present) {
+            return match self.round.await_more(&self.timing, present) {
                 Some(action) => action,
                 None => self.finish_round(),
             };

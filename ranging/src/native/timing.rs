@@ -83,7 +83,7 @@ pub struct Timing {
     pub request_slots: u8,
     /// A round slot.
     pub round_slot: RadioDuration,
-    /// Round slots of a superframe, at most [`MAX_ROUND_SLOTS`].
+    /// Round slots of a superframe, at most 64.
     pub round_slots: u8,
     /// A superframe.
     pub superframe: RadioDuration,

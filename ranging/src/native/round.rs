@@ -1,0 +1,135 @@
+//! A round as the tag sees it: one poll, then a response in each slot of those named.
+
+use heapless::Vec;
+
+use super::neighbours::{Neighbours, Team};
+use super::timing::Timing;
+use super::{MAX_ROUND, STAMP_DEVIATION_TICKS};
+use crate::exchange::{Action, Range, Round};
+use crate::frame::native::{Asked, Distance, Poll, Response};
+use crate::time::METRES_PER_TICK;
+use crate::tof::single_sided_corrected;
+use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
+
+/// A response may come this much off its slot, ticks (10 µs): the way there and back, and the clocks' drift.
+const SLOT_TOLERANCE_TICKS: u64 = 640_000;
+
+/// The round in progress, or the last.
+#[derive(Clone, Debug)]
+pub struct Exchange {
+    number: u16,
+    poll_tx: RadioInstant,
+    team: Team,
+    /// Slots of the round whose response may still come.
+    pending: u8,
+    ranges: Vec<Range, MAX_ROUND>,
+}
+
+impl Exchange {
+    /// No round yet.
+    pub fn new() -> Self {
+        Self { number: 0, poll_tx: RadioInstant::default(), team: Team::new(), pending: 0, ranges: Vec::new() }
+    }
+
+    /// Names the anchors of the next rounds, in the order of their slots.
+    pub fn set_team(&mut self, team: Team) {
+        self.team = team;
+    }
+
+    /// How many anchors are asked.
+    pub fn asked(&self) -> usize {
+        self.team.len()
+    }
+
+    /// The next round's poll.
+    pub fn begin(&mut self, neighbours: &mut Neighbours, tell_distances: bool) -> Poll {
+        self.number = self.number.wrapping_add(1);
+        self.ranges.clear();
+        self.pending = match self.team.len() {
+            0 => 0,
+            places => u8::MAX >> MAX_ROUND.saturating_sub(places),
+        };
+        let ask = |&address: &u16| {
+            let known = neighbours.get_mut(address).and_then(|anchor| anchor.distance_m);
+            let distance = match (tell_distances, known) {
+                (false, _) => Distance::Unsent,
+                (true, None) => Distance::Unknown,
+                (true, Some(metres)) => Distance::from_metres(metres),
+            };
+            Asked { address, distance }
+        };
+        Poll { round: self.number, anchors: self.team.iter().map(ask).collect() }
+    }
+
+    /// The poll has left.
+    pub fn sent(&mut self, departure: RadioInstant) {
+        self.poll_tx = departure;
+    }
+
+    /// No response is awaited any more.
+    pub fn give_up(&mut self) {
+        self.pending = 0;
+    }
+
+    /// A response came for us: where it is of this round, of an anchor asked and in its slot, it makes a range.
+    pub fn hear(
+        &mut self,
+        timing: &Timing,
+        bias: &RangeBias,
+        neighbours: &mut Neighbours,
+        source: u16,
+        response: Response,
+        frame: &RxFrame<'_>,
+    ) {
+        let Some(slot) = self.team.iter().position(|&anchor| anchor == source) else { return };
+        let round1 = frame.rx_time.since(self.poll_tx);
+        let due = timing.reply_in(slot).ticks();
+        let in_slot = |time: RadioDuration| time.ticks().abs_diff(due) <= SLOT_TOLERANCE_TICKS;
+        let awaited = response.round == self.number && self.pending >> slot & 1 == 1;
+        if !awaited || !in_slot(round1) || !in_slot(response.reply) {
+            return;
+        }
+        // Responses come in the order of their slots: those before have been lost.
+        self.pending &= !(u8::MAX >> (MAX_ROUND - 1 - slot));
+        let diagnostics = frame.diagnostics;
+        let Some(anchor) = neighbours.hear(source, diagnostics.rx_power_dbm) else { return };
+        anchor.compare_clocks(self.poll_tx, response.poll_rx, diagnostics.clock_offset_ppm);
+        let flight = single_sided_corrected(round1, response.reply, anchor.clock.rate());
+        let distance_m = flight.metres() - bias.metres(diagnostics.rx_power_dbm);
+        // Noise of two stamps and of the rate over the reply, each by half (see `tof`).
+        let reply = response.reply.ticks() as f32;
+        let stamps = 2.0 * STAMP_DEVIATION_TICKS * STAMP_DEVIATION_TICKS;
+        let variance = stamps + reply * reply * anchor.clock.rate_variance();
+        let deviation_m = 0.5 * METRES_PER_TICK as f32 * libm::sqrtf(variance);
+        anchor.distance_m = Some(distance_m);
+        let range = Range { peer: source, distance_m, deviation_m, position_m: anchor.position_m, diagnostics };
+        // One a slot at most: it fits.
+        let _ = self.ranges.push(range);
+    }
+
+    /// What follows while responses are awaited: more listening, or `None` when the round is over.
+    pub fn await_more(&self, timing: &Timing, present: RadioInstant) -> Option<Action<'static>> {
+        let last = self.team.len().checked_sub(1)?;
+        let end = timing.reply_in(last).ticks() + timing.response_tail.ticks() + timing.guard.ticks();
+        let window = self.poll_tx.plus(RadioDuration::from_ticks(end)).since(present);
+        let others_may_follow = self.pending & !(1 << last) != 0;
+        (self.pending != 0 && window > RadioDuration::ZERO).then_some(Action::Receive {
+            start: Start::Now,
+            window,
+            keep_listening: others_may_follow,
+        })
+    }
+
+    /// The round is over: tells which anchors answered.
+    pub fn close(&mut self, neighbours: &mut Neighbours) {
+        for &anchor in &self.team {
+            let answered = self.ranges.iter().any(|range| range.peer == anchor);
+            neighbours.asked(anchor, answered);
+        }
+    }
+
+    /// What the round gave.
+    pub fn report(&self) -> Round<'_> {
+        Round { number: self.number, poll: self.poll_tx, asked: self.team.len() as u8, ranges: &self.ranges }
+    }
+}
