@@ -468,15 +468,20 @@ fn starting_while_not_idle_is_ignored() {
 
 #[test]
 fn switched_off_in_the_middle_a_frame_breaks_off() {
-    let (_, a, b) = pair(quiet());
-    listen(&b);
-    a.prepare(&BODY);
-    a.command(TXSTRT);
-    a.after_us(60);
-    a.command(TRXOFF);
-    a.after_us(400);
-    assert_eq!(a.status() & TXFRS, 0);
-    assert_eq!(b.status() & (RXPRD | RXPHE | RXDFR), RXPRD | RXPHE);
+    // The preamble lasts until 145 µs after the command, the payload from 167 to 185 µs.
+    for (after_us, error) in [(60, RXPHE), (170, RXRFSL | RXFCE)] {
+        let (_, a, b) = pair(quiet());
+        listen(&b);
+        a.prepare(&BODY);
+        a.command(TXSTRT);
+        a.after_us(after_us);
+        a.command(TRXOFF);
+        a.after_us(400);
+        assert_eq!(a.status() & TXFRS, 0);
+        let status = b.status();
+        assert_ne!(status & error, 0, "{after_us}: {status:x}");
+        assert_eq!(status & RXFCG, 0);
+    }
 }
 
 #[test]

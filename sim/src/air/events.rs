@@ -111,7 +111,7 @@ pub struct Sniffed {
 pub struct AirStatistics {
     /// Frames sent.
     pub frames_sent: u64,
-    /// Frames that reached at least one receiver and that another frame destroyed at one or more.
+    /// Frames that another frame destroyed at one receiver or more.
     pub frames_collided: u64,
     /// Receptions begun: a preamble that a receiver could find.
     pub receptions: u64,
@@ -119,7 +119,7 @@ pub struct AirStatistics {
     pub received: u64,
     /// Receptions lost by the configured chance.
     pub lost_by_chance: u64,
-    /// Receptions lost for want of power.
+    /// Receptions lost for want of power, or because the sender stopped.
     pub lost_to_noise: u64,
     /// Receptions lost under another frame.
     pub lost_to_collision: u64,

@@ -102,7 +102,8 @@ struct OnAir {
     /// Not before the RMARKER if the bytes are not there yet.
     end: TrueTime,
     bytes: Rc<[u8]>,
-    heard: bool,
+    /// Broken off by its sender.
+    cut: bool,
     collided: bool,
 }
 
@@ -192,7 +193,7 @@ impl Air {
             sent: tx,
             end: tx.marker,
             bytes: self.nothing.clone(),
-            heard: false,
+            cut: false,
             collided: false,
         });
         self.statistics.frames_sent += 1;
@@ -223,6 +224,13 @@ impl Air {
         };
         for sniffer in &mut self.sniffers {
             sniffer(&seen);
+        }
+    }
+
+    /// The sender stops in the middle of a frame.
+    pub(crate) fn cut(&mut self, frame: u32) {
+        if let Some(on_air) = self.frames.get_mut(frame.wrapping_sub(self.first) as usize) {
+            on_air.cut = true;
         }
     }
 

@@ -79,7 +79,6 @@ impl Air {
         let sfd_ps = u64::from(sent.phy.sfd.symbols) * symbol;
         let symbols = (marker.ps_since(now).saturating_sub(sfd_ps) + symbol / 2) / symbol;
         port.lock = Some(Lock { frame: event.frame, link, found: now, symbols: symbols as u16, drowned: false });
-        self.frames[index].heard = true;
         if let Some(lost) = taken_over {
             self.collide(lost);
         }
@@ -136,7 +135,8 @@ impl Air {
         let collided = self.drowned(event.port, lock, header_end, end);
         let bytes = self.frames[index].bytes.clone();
         let port = &mut self.ports[event.port as usize];
-        let noisy = !drawn_within(&mut port.random, success(&sent.phy, lock.link.power_dbm, bytes.len()));
+        let cut = self.frames[index].cut;
+        let noisy = cut || !drawn_within(&mut port.random, success(&sent.phy, lock.link.power_dbm, bytes.len()));
         let payload = match (collided || noisy, port.random.random_bool(0.5)) {
             (false, _) => Payload::Good,
             (true, false) => Payload::Uncorrectable,

@@ -125,8 +125,10 @@ impl Chip {
 
     pub(super) fn preamble_timeout(&mut self, world: &World) {
         if self.trx == Trx::Rx && !self.receiver.preamble_found {
-            world.air().deafen(self.port);
-            self.fail(world, status::RXPTO, Counter::PreambleTimeout, false);
+            // Like the other timeout, and unlike errors, it leaves the receiver off.
+            self.status |= status::RXPTO;
+            self.count(Counter::PreambleTimeout);
+            self.idle(world);
         }
     }
 

@@ -65,8 +65,11 @@ impl Chip {
 
     /// Transmitter and receiver off, at once.
     pub(super) fn idle(&mut self, world: &World) {
-        if let Some(Transmission { progress, .. }) = self.transmission.take() {
+        if let Some(Transmission { progress, frame, .. }) = self.transmission.take() {
             self.status |= progress;
+            if let Some(frame) = frame {
+                world.air().cut(frame);
+            }
         }
         if self.trx == Trx::Rx {
             world.air().deafen(self.port);
