@@ -1,0 +1,22 @@
+//! The library behind `baliza`: recordings in, positions, figures and pictures out.
+//!
+//! [`Recording::read`] takes the CSV files, [`Solver`] runs `positioning-core` on every epoch with the `f32` of the node,
+//! [`positions`] writes what comes out, [`Statistics`] condenses its errors, [`plot`] draws it. [`thesis`] is the benchmark on
+#![forbid(unsafe_code)]
+
+pub mod example;
+pub mod output;
+pub mod plot;
+pub mod positions;
+mod recording;
+mod solve;
+mod statistics;
+mod table;
+pub mod thesis;
+mod wrong;
+
+pub use recording::{Anchor, Epoch, Files, Measured, Place, Recording, read_anchors, read_truth};
+pub use solve::{Half, Height, NoPosition, Position, Setup, Solved, Solver, Space};
+pub use statistics::Statistics;
+pub use table::{Column, Row, Table};
+pub use wrong::Wrong;

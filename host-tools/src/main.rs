@@ -1,0 +1,94 @@
+//! `baliza`: positions from recorded ranges, and what goes with them.
+//!
+//! Data goes to standard output or files, diagnostics to standard error. Exit 0: done; 2: the input or the arguments are wrong, one
+//! line says how; 1: anything else, with its causes.
+#![forbid(unsafe_code)]
+
+mod commands;
+mod progress;
+
+use std::io::Write;
+use std::process::ExitCode;
+
+use clap::error::ErrorKind;
+use clap::{Parser, Subcommand};
+use host_tools::Wrong;
+
+/// Positions from UWB ranges, with honest uncertainty.
+#[derive(Parser)]
+#[command(name = "baliza", version, max_term_width = 120, after_help = EXIT_CODES)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXIT_CODES: &str = "Exit code: 0 done; 2 the input or the arguments are wrong, one line on standard error says where and \
+                          how; 1 anything else.";
+
+#[derive(Subcommand)]
+enum Command {
+    Solve(commands::solve::Arguments),
+    #[command(subcommand)]
+    Bench(Bench),
+    Plot(commands::plot::Arguments),
+    Example(commands::example::Arguments),
+}
+
+#[derive(Subcommand)]
+enum Bench {
+    Thesis(commands::thesis::Arguments),
+}
+
+fn main() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => return refuse(&error),
+    };
+    let done = match arguments.command {
+        Command::Solve(arguments) => commands::solve::run(&arguments),
+        Command::Bench(Bench::Thesis(arguments)) => commands::thesis::run(&arguments),
+        Command::Plot(arguments) => commands::plot::run(&arguments),
+        Command::Example(arguments) => commands::example::run(&arguments),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => match error.downcast_ref::<Wrong>() {
+            Some(wrong) => complain(2, &wrong.to_string()),
+            None => complain(1, &format!("baliza: {error:#}")),
+        },
+    }
+}
+
+/// Help and version as they are; an error in the arguments on one line, without the usage.
+fn refuse(error: &clap::Error) -> ExitCode {
+    match error.kind() {
+        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            // A reader that went away needs no help.
+            let _ = error.print();
+            if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS }
+        }
+        _ => {
+            let text = error.render().to_string();
+            let said = text.split("\n\nUsage:").next().unwrap_or(&text);
+            let said = said.split("\n\nFor more information").next().unwrap_or(said);
+            complain(2, &said.trim_start_matches("error: ").split_whitespace().collect::<Vec<_>>().join(" "))
+        }
+    }
+}
+
+fn complain(code: u8, line: &str) -> ExitCode {
+    // Nothing is left to tell it to when standard error is closed.
+    let _ = writeln!(std::io::stderr(), "{line}");
+    ExitCode::from(code)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Arguments;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_arguments_are_consistent() {
+        Arguments::command().debug_assert();
+    }
+}

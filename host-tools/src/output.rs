@@ -1,0 +1,65 @@
+//! Where results go: whole files or none, and a standard output that may be closed early.
+
+use std::fs::{self, File};
+use std::io::{self, ErrorKind, Write};
+use std::path::Path;
+
+use crate::Wrong;
+
+/// Refuses an output file that could not be written, before any work is done for it.
+///
+/// # Errors
+/// It is a folder, or its folder does not exist.
+pub fn check(flag: &'static str, file: &Path) -> Result<(), Wrong> {
+    if file.is_dir() {
+        return Err(Wrong::flag(flag, format!("{} is a folder", file.display())));
+    }
+    let folder = folder_of(file);
+    if file.file_name().is_none() || !folder.is_dir() {
+        return Err(Wrong::flag(flag, format!("the folder {} does not exist", folder.display())));
+    }
+    Ok(())
+}
+
+/// Writes a file as a whole: beside it first, then in its place. A symbolic link stays one; what is not a regular file (a pipe,
+/// a terminal) is written to directly.
+///
+/// # Errors
+/// The file system's.
+pub fn write_file(file: &Path, bytes: &[u8]) -> io::Result<()> {
+    let target = fs::canonicalize(file).unwrap_or_else(|_| file.to_owned());
+    if fs::metadata(&target).is_ok_and(|metadata| !metadata.is_file()) {
+        return File::options().write(true).open(&target)?.write_all(bytes);
+    }
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".baliza-");
+    #[cfg(unix)]
+    {
+        // What any new file gets, less the process's mask: a temporary one would be its owner's alone.
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    let mut beside = builder.tempfile_in(folder_of(&target))?;
+    beside.write_all(bytes)?;
+    beside.persist(&target)?;
+    Ok(())
+}
+
+/// Writes to standard output. A reader that went away (`| head`) has what it wanted.
+///
+/// # Errors
+/// Any other failure.
+pub fn write_stdout(bytes: &[u8]) -> io::Result<()> {
+    let mut stdout = io::stdout().lock();
+    match stdout.write_all(bytes).and_then(|()| stdout.flush()) {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        other => other,
+    }
+}
+
+fn folder_of(file: &Path) -> &Path {
+    match file.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        Some(_) | None => Path::new("."),
+    }
+}

@@ -1,0 +1,73 @@
+//! How many of the positions are closer to the truth than so much.
+
+use anyhow::Result;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use super::map::labels;
+use super::style::{AXIS, GRID, number, pen, pixels, stroke, text};
+use super::{Area, Track};
+
+const LEFT: u32 = 66;
+const RIGHT: u32 = 18;
+const TOP: u32 = 40;
+const BOTTOM: u32 = 52;
+/// The axis ends where this share of the errors of the worst method is, so that a few outliers do not flatten the rest.
+const SHOWN: f64 = 0.97;
+/// Points of a curve; more are not to be seen.
+const POINTS: usize = 400;
+
+/// Draws the curves over the whole area.
+pub fn draw(area: &Area, tracks: &[Track]) -> Result<()> {
+    let sorted: Vec<Vec<f64>> = tracks
+        .iter()
+        .map(|track| {
+            let mut errors = track.errors_m.clone();
+            errors.sort_by(f64::total_cmp);
+            errors
+        })
+        .collect();
+    let ends = sorted.iter().filter_map(|errors| errors.get((SHOWN * errors.len() as f64) as usize));
+    let end = 1.05 * ends.copied().fold(0.01, f64::max);
+    let mut chart = ChartBuilder::on(area)
+        .margin_top(pixels(TOP))
+        .margin_right(pixels(RIGHT))
+        .x_label_area_size(pixels(BOTTOM))
+        .y_label_area_size(pixels(LEFT))
+        .build_cartesian_2d(0.0..end, 0.0..100.0)?;
+    chart
+        .configure_mesh()
+        .light_line_style(TRANSPARENT)
+        .bold_line_style(GRID.stroke_width(stroke(1.0)))
+        .axis_style(AXIS.stroke_width(stroke(1.0)))
+        .set_all_tick_mark_size(pixels(4))
+        .x_labels(7)
+        .y_labels(6)
+        .x_label_formatter(&|x| number(*x))
+        .y_label_formatter(&|y| format!("{y:.0} %"))
+        .label_style(text(Pos::new(HPos::Center, VPos::Center)))
+        .draw()?;
+    labels(area, "Distance from the truth", "error, metres", "positions that err less", [LEFT, BOTTOM])?;
+    for (track, errors) in tracks.iter().zip(&sorted).filter(|(_, errors)| !errors.is_empty()) {
+        chart.draw_series([pen(&track.method).line::<(f64, f64)>(curve(errors, end))])?;
+    }
+    Ok(())
+}
+
+/// The share of the sorted errors that are below, from zero to the end of the axis.
+fn curve(sorted: &[f64], end: f64) -> Vec<(f64, f64)> {
+    let share = |error: f64| 100.0 * sorted.partition_point(|e| *e <= error) as f64 / sorted.len() as f64;
+    (0..=POINTS).map(|i| end * i as f64 / POINTS as f64).map(|error| (error, share(error))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{POINTS, curve};
+
+    #[test]
+    fn half_of_two_errors_is_below_their_middle() {
+        let curve = curve(&[0.1, 0.3], 0.4);
+        let at = |i: usize| curve[i].1;
+        assert_eq!((at(0), at(POINTS / 2), at(POINTS)), (0.0, 50.0, 100.0));
+    }
+}

@@ -1,0 +1,226 @@
+//! The map: anchors, truth, positions, ellipses, one metre as long in x as in y.
+
+use std::f64::consts::TAU;
+
+use anyhow::Result;
+use plotters::coord::types::RangedCoordf64;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use super::style::{AXIS, GRID, INK, number, pen, pixels, stroke, text, title, upright};
+use super::{Area, Picture, Track};
+
+/// Room for axes and title around the map, pixels.
+const LEFT: u32 = 62;
+const RIGHT: u32 = 18;
+const TOP: u32 = 40;
+const BOTTOM: u32 = 52;
+/// The least and the greatest height of a map, pixels.
+const HEIGHTS: (u32, u32) = (260, 760);
+/// How many ellipses are drawn at most: more cover each other.
+const ELLIPSES: usize = 48;
+/// Of how many standard deviations an ellipse is.
+pub const SIGMAS: f64 = 2.0;
+/// A truth that stays within this box is a point and not a way, metres.
+const STILL_M: f64 = 0.02;
+
+type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+
+/// A box in metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    least: [f64; 2],
+    greatest: [f64; 2],
+}
+
+impl View {
+    /// What the map shows: all anchors and the truth, and as many positions as lie within half as much around them; far outliers
+    /// would shrink the rest to a dot.
+    pub fn of(picture: &Picture) -> Self {
+        let dots = || picture.tracks.iter().flat_map(|track| &track.dots).map(|dot| dot.at_m);
+        let known = Self::around(
+            picture
+                .anchors
+                .iter()
+                .map(|(_, at)| *at)
+                .chain(picture.truth_m.iter().flatten().copied())
+                .chain(picture.walls_m.iter().flatten().copied()),
+        );
+        let view = match known {
+            Some(known) => {
+                let reach = known.grown(0.5, 1.0);
+                Self::around([known.least, known.greatest].into_iter().chain(dots().filter(|at| reach.has(*at))))
+            }
+            None => Self::around(middle(dots())),
+        };
+        view.unwrap_or(Self { least: [0.0; 2], greatest: [1.0; 2] }).grown(0.05, 0.5)
+    }
+
+    fn around(points: impl Iterator<Item = [f64; 2]>) -> Option<Self> {
+        points.map(|at| Self { least: at, greatest: at }).reduce(|a, b| Self {
+            least: std::array::from_fn(|axis| a.least[axis].min(b.least[axis])),
+            greatest: std::array::from_fn(|axis| a.greatest[axis].max(b.greatest[axis])),
+        })
+    }
+
+    /// Larger on every side by a share of its longer side, and by so many metres at least.
+    fn grown(self, share: f64, least_m: f64) -> Self {
+        let [width, height] = self.sides();
+        let more = (share * width.max(height)).max(least_m);
+        Self { least: self.least.map(|c| c - more), greatest: self.greatest.map(|c| c + more) }
+    }
+
+    fn sides(&self) -> [f64; 2] {
+        std::array::from_fn(|axis| self.greatest[axis] - self.least[axis])
+    }
+
+    /// Whether a point is within.
+    pub fn has(&self, at: [f64; 2]) -> bool {
+        (0..2).all(|axis| (self.least[axis]..=self.greatest[axis]).contains(&at[axis]))
+    }
+
+    /// Whether the map is better drawn over the whole width of a picture.
+    pub fn is_wide(&self) -> bool {
+        let [width, height] = self.sides();
+        width > 1.7 * height
+    }
+
+    /// How high a map of that width should be, pixels.
+    pub fn height_for(&self, width: u32) -> u32 {
+        let [metres_wide, metres_high] = self.sides();
+        let plot = f64::from(width - LEFT - RIGHT) * metres_high / metres_wide;
+        (plot as u32 + TOP + BOTTOM).clamp(HEIGHTS.0, HEIGHTS.1)
+    }
+
+    /// Larger on two sides, so that it has the shape of the paper.
+    fn shaped(self, paper: [f64; 2]) -> Self {
+        let sides = self.sides();
+        let metres_a_pixel = (sides[0] / paper[0]).max(sides[1] / paper[1]);
+        let more: [f64; 2] = std::array::from_fn(|axis| 0.5 * (metres_a_pixel * paper[axis] - sides[axis]));
+        Self {
+            least: std::array::from_fn(|axis| self.least[axis] - more[axis]),
+            greatest: std::array::from_fn(|axis| self.greatest[axis] + more[axis]),
+        }
+    }
+}
+
+/// The points whose coordinates are both among the middle 98 %.
+fn middle(points: impl Iterator<Item = [f64; 2]>) -> impl Iterator<Item = [f64; 2]> {
+    let points: Vec<_> = points.collect();
+    let bounds: [(f64, f64); 2] = std::array::from_fn(|axis| {
+        let mut sorted: Vec<f64> = points.iter().map(|at| at[axis]).collect();
+        sorted.sort_by(f64::total_cmp);
+        let cut = sorted.len() / 100;
+        let kept = sorted.get(cut..sorted.len() - cut).unwrap_or(&[]);
+        (kept.first().copied().unwrap_or(0.0), kept.last().copied().unwrap_or(0.0))
+    });
+    points.into_iter().filter(move |at| (0..2).all(|axis| (bounds[axis].0..=bounds[axis].1).contains(&at[axis])))
+}
+
+/// Every how manyth position of a picture has its ellipse.
+pub fn ellipse_step(picture: &Picture) -> usize {
+    let ellipses = picture.tracks.iter().flat_map(|track| &track.dots).filter(|dot| dot.sigma_m.is_some()).count();
+    ellipses.div_ceil(ELLIPSES).max(1)
+}
+
+/// Whether the truth is one point.
+pub fn is_still(truth_m: &[[f64; 2]]) -> bool {
+    View::around(truth_m.iter().copied()).is_some_and(|view| view.sides().iter().all(|side| *side < STILL_M))
+}
+
+/// Draws the map over the whole area.
+pub fn draw(area: &Area, picture: &Picture, view: &View) -> Result<()> {
+    let (width, height) = area.dim_in_pixel();
+    let paper = [width - pixels(LEFT + RIGHT), height - pixels(TOP + BOTTOM)].map(f64::from);
+    let view = view.shaped(paper);
+    let mut chart = ChartBuilder::on(area)
+        .margin_top(pixels(TOP))
+        .margin_right(pixels(RIGHT))
+        .x_label_area_size(pixels(BOTTOM))
+        .y_label_area_size(pixels(LEFT))
+        .build_cartesian_2d(view.least[0]..view.greatest[0], view.least[1]..view.greatest[1])?;
+    let ticks = |paper: f64| (paper / f64::from(pixels(70))).ceil() as usize;
+    chart
+        .configure_mesh()
+        .light_line_style(TRANSPARENT)
+        .bold_line_style(GRID.stroke_width(stroke(1.0)))
+        .axis_style(AXIS.stroke_width(stroke(1.0)))
+        .set_all_tick_mark_size(pixels(4))
+        .x_labels(ticks(paper[0]))
+        .y_labels(ticks(paper[1]))
+        .x_label_formatter(&|x| number(*x))
+        .y_label_formatter(&|y| number(*y))
+        .label_style(text(Pos::new(HPos::Center, VPos::Center)))
+        .draw()?;
+    labels(area, "Positions", "x, metres", "y, metres", [LEFT, BOTTOM])?;
+
+    let walls = picture.walls_m.iter().map(|ends| ends.map(|at| (at[0], at[1])).to_vec());
+    chart.draw_series(walls.map(|wall| PathElement::new(wall, AXIS.stroke_width(stroke(3.0)))))?;
+    let step = ellipse_step(picture);
+    for track in &picture.tracks {
+        ellipses(&mut chart, track, &view, step)?;
+    }
+    for track in &picture.tracks {
+        let color = pen(&track.method).color.mix(0.6).filled();
+        let dots = track.dots.iter().filter(|dot| view.has(dot.at_m));
+        chart.draw_series(dots.map(|dot| Circle::new((dot.at_m[0], dot.at_m[1]), stroke(2.0), color)))?;
+    }
+    for way in &picture.truth_m {
+        truth(&mut chart, way)?;
+    }
+    anchors(&mut chart, picture, &view)
+}
+
+/// A panel's title and the names of its axes, at its edges.
+pub fn labels(area: &Area, head: &str, x: &str, y: &str, [left, bottom]: [u32; 2]) -> Result<()> {
+    let (width, height) = area.dim_in_pixel();
+    let at = |x: u32, y: u32| (x as i32, y as i32);
+    area.draw_text(head, &title(Pos::new(HPos::Left, VPos::Top)), at(pixels(left), pixels(14)))?;
+    let middle = (pixels(left) + width - pixels(RIGHT)) / 2;
+    area.draw_text(x, &text(Pos::new(HPos::Center, VPos::Bottom)), at(middle, height - pixels(6)))?;
+    let middle = (pixels(TOP) + height - pixels(bottom)) / 2;
+    area.draw_text(y, &upright(Pos::new(HPos::Center, VPos::Center)), at(pixels(14), middle))?;
+    Ok(())
+}
+
+fn ellipses(chart: &mut Chart, track: &Track, view: &View, step: usize) -> Result<()> {
+    let color = pen(&track.method).color;
+    for dot in track.dots.iter().step_by(step) {
+        let Some(sigma_m) = dot.sigma_m else { continue };
+        let outline: Vec<(f64, f64)> = (0..48)
+            .map(|i| (TAU * f64::from(i) / 48.0).sin_cos())
+            .map(|(sin, cos)| (dot.at_m[0] + SIGMAS * sigma_m[0] * cos, dot.at_m[1] + SIGMAS * sigma_m[1] * sin))
+            .collect();
+        if outline.iter().all(|(x, y)| view.has([*x, *y])) {
+            chart.draw_series([Polygon::new(outline.clone(), color.mix(0.08))])?;
+            let closed = outline.iter().chain(outline.first()).copied().collect::<Vec<_>>();
+            chart.draw_series([PathElement::new(closed, color.mix(0.45).stroke_width(stroke(0.7)))])?;
+        }
+    }
+    Ok(())
+}
+
+fn truth(chart: &mut Chart, truth_m: &[[f64; 2]]) -> Result<()> {
+    let points = || truth_m.iter().map(|at| (at[0], at[1]));
+    if is_still(truth_m) {
+        chart.draw_series(points().take(1).map(|at| Cross::new(at, pixels(6), INK.stroke_width(stroke(2.2)))))?;
+    } else {
+        chart.draw_series(LineSeries::new(points(), INK.stroke_width(stroke(1.3))))?;
+    }
+    Ok(())
+}
+
+fn anchors(chart: &mut Chart, picture: &Picture, view: &View) -> Result<()> {
+    for (name, at) in &picture.anchors {
+        // The name stands on the side where there is more room.
+        let right = at[0] < 0.5 * (view.least[0] + view.greatest[0]);
+        let (side, away) = if right { (HPos::Left, 9) } else { (HPos::Right, -9) };
+        let style = text(Pos::new(side, VPos::Center));
+        let away = away * pixels(1) as i32;
+        let name: String = name.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();
+        chart.draw_series([EmptyElement::at((at[0], at[1]))
+            + TriangleMarker::new((0, 0), pixels(6), INK.filled())
+            + Text::new(name, (away, 0), style)])?;
+    }
+    Ok(())
+}

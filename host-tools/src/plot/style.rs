@@ -1,0 +1,122 @@
+//! Colours, sizes, strokes: what the panels of a picture share.
+
+use plotters::element::{DashedPathElement, DynElement, IntoDynElement};
+use plotters::prelude::*;
+use plotters::style::FontTransform;
+use plotters::style::text_anchor::Pos;
+
+/// `plotters` rounds to whole pixels; so everything is drawn so many times as large, and shown as small as it should be.
+pub const FINE: u32 = 8;
+
+/// Everything that is drawn with a font.
+pub const INK: RGBColor = RGBColor(40, 40, 40);
+/// Axes.
+pub const AXIS: RGBColor = RGBColor(130, 130, 130);
+/// The lines behind a chart.
+pub const GRID: RGBColor = RGBColor(232, 232, 232);
+
+/// Size of text, pixels.
+const TEXT: u32 = 13;
+/// Size of a panel's title, pixels.
+const TITLE: u32 = 16;
+
+/// Pixels of the shown picture as those of the drawn one.
+pub fn pixels(shown: u32) -> u32 {
+    shown * FINE
+}
+
+/// Fractions of a pixel, as radii and widths of lines.
+pub fn stroke(shown: f64) -> u32 {
+    (shown * f64::from(FINE)).round() as u32
+}
+
+/// Text of the usual size.
+pub fn text(anchor: Pos) -> TextStyle<'static> {
+    sized(TEXT, anchor)
+}
+
+/// The title of a panel.
+pub fn title(anchor: Pos) -> TextStyle<'static> {
+    sized(TITLE, anchor)
+}
+
+/// The label of an upright axis.
+pub fn upright(anchor: Pos) -> TextStyle<'static> {
+    text(anchor).transform(FontTransform::Rotate270)
+}
+
+fn sized(size: u32, anchor: Pos) -> TextStyle<'static> {
+    // The SVG backend divides font sizes by 1.24.
+    TextStyle::from(("sans-serif", 1.24 * f64::from(pixels(size))).into_font()).color(&INK).pos(anchor)
+}
+
+/// How a method's line is broken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Dash {
+    /// Not at all.
+    Solid,
+    /// Into dashes.
+    Dashed,
+    /// Into dots.
+    Dotted,
+}
+
+/// How a method is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pen {
+    /// Its colour.
+    pub color: RGBColor,
+    /// Its line.
+    pub dash: Dash,
+    /// The line's width, pixels.
+    pub width: f64,
+}
+
+/// The pen of a method: a colour a family (Okabe and Ito's palette, which the colour-blind can tell apart), a dash a variant.
+pub fn pen(method: &str) -> Pen {
+    const GREY: RGBColor = RGBColor(120, 120, 120);
+    const ORANGE: RGBColor = RGBColor(230, 159, 0);
+    const VERMILION: RGBColor = RGBColor(213, 94, 0);
+    const GREEN: RGBColor = RGBColor(0, 158, 115);
+    const PURPLE: RGBColor = RGBColor(204, 121, 167);
+    const BLUE: RGBColor = RGBColor(0, 114, 178);
+    const SKY: RGBColor = RGBColor(86, 180, 233);
+    let (color, dash) = match method {
+        "bounding-box" => (GREY, Dash::Solid),
+        "lls" => (ORANGE, Dash::Solid),
+        "nls" => (VERMILION, Dash::Solid),
+        "nls-ccv" => (VERMILION, Dash::Dotted),
+        "b-wls" => (GREEN, Dash::Solid),
+        "b-wls-c" => (GREEN, Dash::Dashed),
+        "b-wls-r" => (GREEN, Dash::Dotted),
+        "bb-nls" => (PURPLE, Dash::Solid),
+        "bb-nls-c" => (PURPLE, Dash::Dashed),
+        "bb-nls-r" => (PURPLE, Dash::Dotted),
+        "robust" => (BLUE, Dash::Solid),
+        _ => (SKY, Dash::Solid),
+    };
+    Pen { color, dash, width: if method == "robust" { 2.5 } else { 1.6 } }
+}
+
+impl Pen {
+    /// The line through points.
+    pub fn line<'a, C: Clone + 'static>(self, points: Vec<C>) -> DynElement<'static, SVGBackend<'a>, C> {
+        let stroke = self.stroke();
+        match self.dash {
+            Dash::Solid => PathElement::new(points, stroke).into_dyn(),
+            Dash::Dashed => DashedPathElement::new(points, pixels(7), pixels(4), stroke).into_dyn(),
+            Dash::Dotted => DashedPathElement::new(points, pixels(2), pixels(3), stroke).into_dyn(),
+        }
+    }
+
+    fn stroke(self) -> ShapeStyle {
+        self.color.stroke_width(stroke(self.width))
+    }
+}
+
+/// A number as short as it is exact to a thousandth.
+pub fn number(value: f64) -> String {
+    let text = format!("{value:.3}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" { "0".to_owned() } else { text.to_owned() }
+}

@@ -1,0 +1,91 @@
+//! The file of positions: what `solve` writes and `plot` reads.
+
+use std::path::Path;
+
+use crate::recording::{Epoch, Place};
+use crate::{Solved, Table, Wrong};
+
+pub(crate) const COLUMNS: [&str; 11] =
+    ["epoch", "t_s", "method", "x_m", "y_m", "z_m", "sigma_x_m", "sigma_y_m", "sigma_z_m", "used", "reason"];
+
+/// The file as text, of every method the epochs in their order; with a column of errors or not.
+pub fn to_csv<'a>(
+    epochs: &[Epoch],
+    solved: impl IntoIterator<Item = (&'a str, &'a [Solved])>,
+    with_errors: bool,
+) -> csv::Result<Vec<u8>> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(COLUMNS.into_iter().chain(with_errors.then_some("error_m")))?;
+    for (method, solved) in solved {
+        for (epoch, solved) in epochs.iter().zip(solved) {
+            let time = epoch.t_s.map_or_else(String::new, |t_s| t_s.to_string());
+            let (position, reason) = match &solved.outcome {
+                Ok(position) => (Some(position), ""),
+                Err(reason) => (None, reason.as_str()),
+            };
+            let used = position.map_or_else(String::new, |position| position.used.to_string());
+            let place = coordinates(position.map(|position| position.place));
+            let sigma = coordinates(position.map(|position| position.sigma));
+            writer.write_field(&epoch.name)?;
+            writer.write_field(time)?;
+            writer.write_field(method)?;
+            for field in place.iter().chain(&sigma) {
+                writer.write_field(field)?;
+            }
+            writer.write_field(used)?;
+            writer.write_field(reason)?;
+            if with_errors {
+                writer.write_field(metres(solved.error_m))?;
+            }
+            writer.write_record(None::<&[u8]>)?;
+        }
+    }
+    writer.into_inner().map_err(|error| error.into_error().into())
+}
+
+fn coordinates(place: Option<Place>) -> [String; 3] {
+    [place.map(|place| place.x_m), place.map(|place| place.y_m), place.and_then(|place| place.z_m)].map(metres)
+}
+
+/// A tenth of a millimetre is finer than any range.
+fn metres(value: Option<f64>) -> String {
+    value.map_or_else(String::new, |value| format!("{value:.4}"))
+}
+
+/// One row of the file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PositionRow {
+    /// The epoch's name.
+    pub epoch: String,
+    /// Who found the position.
+    pub method: String,
+    /// The position; `None` where none was found.
+    pub place: Option<Place>,
+    /// Standard deviation of x and y, metres.
+    pub sigma_m: Option<[f64; 2]>,
+    /// Distance from the truth, metres.
+    pub error_m: Option<f64>,
+}
+
+/// Reads a file of positions.
+///
+/// # Errors
+/// The first line that is wrong.
+pub fn read(file: &Path) -> Result<Vec<PositionRow>, Wrong> {
+    let mut table = Table::open(file)?;
+    let (epoch, x, y) = (table.column("epoch")?, table.column("x_m")?, table.column("y_m")?);
+    let [method, z, sigma_x, sigma_y, error] =
+        ["method", "z_m", "sigma_x_m", "sigma_y_m", "error_m"].map(|name| table.optional(name));
+    let mut rows = Vec::new();
+    while let Some(row) = table.next_row()? {
+        let z_m = row.number(z)?;
+        rows.push(PositionRow {
+            epoch: row.some_text(epoch)?.to_owned(),
+            method: row.text(method).to_owned(),
+            place: row.number(x)?.zip(row.number(y)?).map(|(x_m, y_m)| Place { x_m, y_m, z_m }),
+            sigma_m: row.number(sigma_x)?.zip(row.number(sigma_y)?).map(|(x, y)| [x, y]),
+            error_m: row.number(error)?,
+        });
+    }
+    if rows.is_empty() { Err(Wrong::line(file, 1, "no positions below the header")) } else { Ok(rows) }
+}

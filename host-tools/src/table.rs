@@ -1,0 +1,268 @@
+//! A CSV file that anyone may have written: columns by name, rows one at a time, in bounded memory.
+//!
+//! A row is a line: unlike general CSV, a quoted field ends on the line where it began. So no file, however broken, makes
+//! the reader hold more than [`LONGEST_LINE`], and every error knows its line.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+
+use csv_core::{ReadRecordResult, Reader};
+
+use crate::Wrong;
+
+/// The longest line that is read, bytes.
+pub const LONGEST_LINE: usize = 64 * 1024;
+
+/// A CSV file whose header has been read.
+#[derive(Debug)]
+pub struct Table {
+    file: PathBuf,
+    input: BufReader<File>,
+    header: Vec<String>,
+    line: u64,
+    text: Vec<u8>,
+    fields: Fields,
+}
+
+/// A column, found by its name; an optional one may be absent, and all its fields are empty then.
+#[derive(Clone, Copy, Debug)]
+pub struct Column {
+    name: &'static str,
+    index: Option<usize>,
+}
+
+impl Column {
+    /// Whether the file has it.
+    pub fn is_present(&self) -> bool {
+        self.index.is_some()
+    }
+}
+
+/// One line of the table.
+#[derive(Clone, Copy, Debug)]
+pub struct Row<'a> {
+    file: &'a Path,
+    line: u64,
+    fields: &'a Fields,
+}
+
+impl Table {
+    /// Opens a file and reads its header.
+    ///
+    /// # Errors
+    /// The file cannot be opened, is empty, or its first line is not a CSV header.
+    pub fn open(file: &Path) -> Result<Self, Wrong> {
+        let input = File::open(file).map_err(|error| Wrong::file(file, format!("cannot open it: {error}")))?;
+        let mut table = Self {
+            file: file.to_owned(),
+            input: BufReader::new(input),
+            header: Vec::new(),
+            line: 0,
+            text: Vec::new(),
+            fields: Fields { parser: Reader::new(), text: String::new(), ends: Vec::new() },
+        };
+        if !table.advance()? {
+            return Err(Wrong::line(file, 1, "the file is empty; a header is expected"));
+        }
+        table.header = table.fields.iter().map(str::to_owned).collect();
+        for (index, name) in table.header.iter().enumerate() {
+            if !name.is_empty() && table.header[..index].contains(name) {
+                return Err(table.wrong(format!("column {} stands twice", quoted(name))));
+            }
+        }
+        Ok(table)
+    }
+
+    /// A column that must be there.
+    ///
+    /// # Errors
+    /// It is not.
+    pub fn column(&self, name: &'static str) -> Result<Column, Wrong> {
+        let column = self.optional(name);
+        if column.is_present() {
+            Ok(column)
+        } else {
+            Err(Wrong::line(
+                &self.file,
+                1,
+                format!("no column {name} in the header {}", quoted(&self.header.join(","))),
+            ))
+        }
+    }
+
+    /// A column that may be there.
+    pub fn optional(&self, name: &'static str) -> Column {
+        Column { name, index: self.header.iter().position(|column| column == name) }
+    }
+
+    /// The next row that is not blank; `None` at the end of the file.
+    ///
+    /// # Errors
+    /// The line is too long, is not UTF-8, does not have the header's number of fields, or cannot be read.
+    pub fn next_row(&mut self) -> Result<Option<Row<'_>>, Wrong> {
+        if !self.advance()? {
+            return Ok(None);
+        }
+        if self.fields.len() != self.header.len() {
+            let (found, expected) = (self.fields.len(), self.header.len());
+            return Err(self.wrong(format!("{found} fields where the header has {expected}")));
+        }
+        Ok(Some(Row { file: &self.file, line: self.line, fields: &self.fields }))
+    }
+
+    /// Reads the next line that is not blank into `self.fields`; false at the end of the file.
+    fn advance(&mut self) -> Result<bool, Wrong> {
+        loop {
+            self.line += 1;
+            self.text.clear();
+            let read = self.input.by_ref().take(LONGEST_LINE as u64 + 1).read_until(b'\n', &mut self.text);
+            if let Err(error) = read {
+                return Err(self.wrong(format!("cannot read it: {error}")));
+            }
+            if self.text.is_empty() {
+                return Ok(false);
+            }
+            if self.text.len() > LONGEST_LINE {
+                return Err(self.wrong(format!("the line is longer than {LONGEST_LINE} bytes")));
+            }
+            let text = match std::str::from_utf8(&self.text) {
+                Ok(text) => text,
+                Err(error) => {
+                    let byte = self.text[error.valid_up_to()];
+                    return Err(self.wrong(format!("not a text file: byte {byte:#04x} is not UTF-8")));
+                }
+            };
+            let text = text.trim_end_matches(['\r', '\n']);
+            if text.trim().is_empty() {
+                continue;
+            }
+            return match self.fields.split(text) {
+                Ok(()) => Ok(true),
+                Err(what) => Err(self.wrong(what)),
+            };
+        }
+    }
+
+    fn wrong(&self, what: impl Into<String>) -> Wrong {
+        Wrong::line(&self.file, self.line, what)
+    }
+}
+
+impl<'a> Row<'a> {
+    /// The line of the file, from 1.
+    pub fn line(&self) -> u64 {
+        self.line
+    }
+
+    /// The text of a field, without blanks around it; empty where it is unknown.
+    pub fn text(&self, column: Column) -> &'a str {
+        column.index.map_or("", |index| self.fields.get(index))
+    }
+
+    /// The text of a field that must not be empty.
+    ///
+    /// # Errors
+    /// It is.
+    pub fn some_text(&self, column: Column) -> Result<&'a str, Wrong> {
+        match self.text(column) {
+            "" => Err(self.wrong(column, "is empty")),
+            text => Ok(text),
+        }
+    }
+
+    /// A finite number; `None` where the field is empty.
+    ///
+    /// # Errors
+    /// The field is something else.
+    pub fn number(&self, column: Column) -> Result<Option<f64>, Wrong> {
+        match self.text(column) {
+            "" => Ok(None),
+            text => match text.parse::<f64>() {
+                Ok(number) if number.is_finite() => Ok(Some(number)),
+                Ok(_) => Err(self.wrong(column, &format!("{} is not finite", quoted(text)))),
+                Err(_) => Err(self.wrong(column, &format!("{} is not a number", quoted(text)))),
+            },
+        }
+    }
+
+    /// A finite number that must be there.
+    ///
+    /// # Errors
+    /// The field is empty or something else.
+    pub fn some_number(&self, column: Column) -> Result<f64, Wrong> {
+        self.number(column)?.ok_or_else(|| self.wrong(column, "is empty"))
+    }
+
+    /// 1 or 0; `None` where the field is empty.
+    ///
+    /// # Errors
+    /// The field is something else.
+    pub fn truth_value(&self, column: Column) -> Result<Option<bool>, Wrong> {
+        match self.text(column) {
+            "" => Ok(None),
+            "1" => Ok(Some(true)),
+            "0" => Ok(Some(false)),
+            text => Err(self.wrong(column, &format!("{} is neither 1 nor 0", quoted(text)))),
+        }
+    }
+
+    /// A field of this row is wrong.
+    pub fn wrong(&self, column: Column, what: &str) -> Wrong {
+        Wrong::line(self.file, self.line, format!("{} {what}", column.name))
+    }
+}
+
+/// Foreign text in an error: printable, on one line, and short.
+pub(crate) fn quoted(text: &str) -> String {
+    const LONGEST: usize = 60;
+    match text.char_indices().nth(LONGEST) {
+        Some((end, _)) => format!("{:?}…", &text[..end]),
+        None => format!("{text:?}"),
+    }
+}
+
+/// The fields of one line, one after the other in one buffer.
+#[derive(Debug)]
+struct Fields {
+    parser: Reader,
+    text: String,
+    ends: Vec<usize>,
+}
+
+impl Fields {
+    /// Splits a line that has no line end, without its byte order mark; says what is wrong with it.
+    fn split(&mut self, line: &str) -> Result<(), &'static str> {
+        // Fields are never longer than their line, and one more than the commas; the parser wants a byte to spare.
+        let mut text = std::mem::take(&mut self.text).into_bytes();
+        text.resize(line.len() + 1, 0);
+        self.ends.resize(line.len() + 2, 0);
+        self.parser.reset();
+        let (begun, read, written, ends) = self.parser.read_record(line.as_bytes(), &mut text, &mut self.ends);
+        if begun != ReadRecordResult::InputEmpty || read != line.len() {
+            return Err("a carriage return within the line");
+        }
+        let (ended, _, more, last) = self.parser.read_record(b"\n", &mut text[written..], &mut self.ends[ends..]);
+        if ended != ReadRecordResult::Record {
+            return Err("a quote is not closed on its line");
+        }
+        text.truncate(written + more);
+        self.ends.truncate(ends + last);
+        self.text = String::from_utf8(text).map_err(|_| "not UTF-8")?;
+        Ok(())
+    }
+
+    fn len(&self) -> usize {
+        self.ends.len()
+    }
+
+    fn get(&self, index: usize) -> &str {
+        let begin = index.checked_sub(1).and_then(|before| self.ends.get(before)).copied().unwrap_or(0);
+        let end = self.ends.get(index).copied().unwrap_or(begin);
+        self.text.get(begin..end).unwrap_or("").trim()
+    }
+
+    fn iter(&self) -> impl Iterator<Item = &str> {
+        (0..self.len()).map(|index| self.get(index))
+    }
+}
