@@ -6,6 +6,7 @@ use std::ops::Range;
 
 use positioning_core::Method;
 use ranging::PhyConfig;
+use ranging::frame::decaranging::Variant;
 use ranging::phy::{Channel, DataRate, PreambleLength, Prf};
 use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
@@ -342,8 +343,8 @@ impl NetworkTable {
     fn network(&self) -> Result<Network, String> {
         let mode = match self.mode {
             ModeName::Native => Mode::Native,
-            ModeName::Decaranging => Mode::DecaRanging,
-            ModeName::DecarangingFast => Mode::DecaRangingFast,
+            ModeName::Decaranging => Mode::DecaRanging(Variant::Standard),
+            ModeName::DecarangingFast => Mode::DecaRanging(Variant::Fast),
         };
         Ok(Network { mode, pan: self.pan.unwrap_or(Network::default().pan), phy: self.phy()? })
     }

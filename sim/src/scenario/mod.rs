@@ -13,6 +13,7 @@ mod sink;
 
 use positioning_core::Method;
 use ranging::PhyConfig;
+use ranging::frame::decaranging::Variant;
 
 use crate::air::Wall;
 use crate::board::BoardProfile;
@@ -126,9 +127,7 @@ pub enum Mode {
     #[default]
     Native,
     /// That of an EVK1000, a tag and an anchor each.
-    DecaRanging,
-    /// The same in its fast variant.
-    DecaRangingFast,
+    DecaRanging(Variant),
 }
 
 /// An anchor.

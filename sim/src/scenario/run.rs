@@ -5,11 +5,11 @@ use std::collections::HashMap;
 use std::convert::Infallible;
 use std::rc::Rc;
 
-use firmware_tag::{Dimensions, Locator};
+use firmware_tag::{AnchorPlace, Dimensions, Locator};
 use rand::Rng;
 use ranging::native::{self, Turnaround};
 use ranging::node::Restart;
-use ranging::{RadioDuration, dw1000};
+use ranging::{RadioDuration, decaranging, dw1000};
 
 use super::hardware::{Firmware, Hardware, NodePlan};
 use super::record::{Record, Summary};
@@ -17,6 +17,9 @@ use super::sink::{AnchorSink, Log, Notebook, TagSink};
 use super::{Anchor, Level, Mode, Network, Scenario, Tag};
 use crate::air::{Path, PortId, Sniffed};
 use crate::{AirConfig, ClockConfig, SimDelay, TrueTime, World};
+
+/// Rounds a second of a DecaRanging tag that nobody told.
+const DECARANGING_HZ: f64 = 20.0;
 
 /// A scenario that runs.
 pub struct Simulation {
@@ -112,6 +115,23 @@ fn native_network(network: &Network) -> native::Network {
     native::Network { pan: network.pan, phy: network.phy, turnaround: Turnaround::DWM1001 }
 }
 
+fn period(hz: f64) -> RadioDuration {
+    RadioDuration::from_micros((1e6 / hz) as u32)
+}
+
+/// What the driver adds in sending; a radio straight on the air has no antenna delay.
+fn antenna_delay(level: Level) -> RadioDuration {
+    RadioDuration::from_ticks(match level {
+        Level::Spi => i64::from(dw1000::DEFAULT_ANTENNA_DELAY),
+        Level::Air => 0,
+    })
+}
+
+/// The long address of a node.
+fn eui(address: u16) -> u64 {
+    0xDECA_0000_0000_0000 | u64::from(address)
+}
+
 /// `firmware-anchor` for one node of a scenario.
 struct AnchorFirmware {
     anchor: Anchor,
@@ -126,11 +146,7 @@ impl Firmware for AnchorFirmware {
     ) -> impl Future<Output = Infallible> + 'static {
         let scenario = &self.notebook.scenario;
         let network = network_of(scenario, self.anchor.network);
-        // What the driver adds; a radio straight on the air has no antenna delay.
-        let antenna_ticks = match scenario.level {
-            Level::Spi => i64::from(dw1000::DEFAULT_ANTENNA_DELAY),
-            Level::Air => 0,
-        };
+        let antenna_delay = antenna_delay(scenario.level);
         let (address, at, sink) = (self.anchor.address, self.anchor.at, AnchorSink(self.notebook.clone()));
         async move {
             match network.mode {
@@ -138,12 +154,22 @@ impl Firmware for AnchorFirmware {
                     let machine = native::Anchor::new(native::AnchorConfig {
                         address,
                         network: native_network(&network),
-                        antenna_delay: RadioDuration::from_ticks(antenna_ticks),
+                        antenna_delay,
                         position_m: Some(at.map(|metres| metres as f32)),
                     });
                     firmware_anchor::run(radio, delay, machine, sink).await
                 }
-                Mode::DecaRanging | Mode::DecaRangingFast => std::future::pending().await,
+                // The anchor answers in the tag's variant.
+                Mode::DecaRanging(_) => {
+                    let machine = decaranging::Anchor::new(decaranging::AnchorConfig {
+                        address,
+                        eui: eui(address),
+                        phy: network.phy,
+                        turnaround: Turnaround::DWM1001,
+                        antenna_delay,
+                    });
+                    firmware_anchor::run(radio, delay, machine, sink).await
+                }
             }
         }
     }
@@ -174,7 +200,7 @@ impl Firmware for TagFirmware {
             match network.mode {
                 Mode::Native => {
                     let rate = match settings.rate_hz {
-                        Some(hz) => native::Rate::Every(RadioDuration::from_micros((1e6 / hz) as u32)),
+                        Some(hz) => native::Rate::Every(period(hz)),
                         None => native::Rate::Greedy,
                     };
                     let machine = native::Tag::new(native::TagConfig {
@@ -188,7 +214,23 @@ impl Firmware for TagFirmware {
                     let locator = Locator { dimensions, method: settings.method, anchors: &[] };
                     firmware_tag::run(radio, delay, machine, locator, sink).await
                 }
-                Mode::DecaRanging | Mode::DecaRangingFast => std::future::pending().await,
+                Mode::DecaRanging(variant) => {
+                    let machine = decaranging::Tag::new(decaranging::TagConfig {
+                        eui: eui(address),
+                        variant,
+                        phy: network.phy,
+                        turnaround: Turnaround::DWM1001,
+                        antenna_delay: antenna_delay(scenario.level),
+                        period: period(settings.rate_hz.unwrap_or(DECARANGING_HZ)),
+                    });
+                    let places = scenario.anchors.iter().map(|anchor| AnchorPlace {
+                        address: anchor.address,
+                        position_m: anchor.at.map(|metres| metres as f32),
+                    });
+                    let places: Vec<_> = places.collect();
+                    let locator = Locator { dimensions, method: settings.method, anchors: &places };
+                    firmware_tag::run(radio, delay, machine, locator, sink).await
+                }
             }
         }
     }

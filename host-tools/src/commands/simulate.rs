@@ -1,0 +1,330 @@
+//! `baliza simulate`: whole nodes over simulated chips and air.
+
+use std::fmt::Write as _;
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use clap::ValueEnum;
+use host_tools::plot::Format;
+use host_tools::simulate::{Capture, Logbook, picture, position_header, position_row};
+use host_tools::{Wrong, output};
+use positioning_core::Method;
+use sim::scenario::{Epoch, Level, Record, Scenario, Simulation, Summary, What};
+
+use crate::progress::Progress;
+
+/// Simulate whole nodes: tags that range to anchors and find their positions
+///
+/// The firmware's own apps run, each over the driver on a simulated DW1000 behind SPI, with drifting clocks, walls, losses and
+/// collisions in between. Without --scenario, tags walk in a furnished room of 12 m by 8 m. Equal arguments print equal bytes. Positions go to standard
+/// output (on a terminal a table of some of them), a summary to standard error.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// What to simulate: a TOML file, as docs/scenarios.md describes it
+    #[arg(long, value_name = "FILE")]
+    scenario: Option<PathBuf>,
+    /// Anchors on the room's walls
+    #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u16).range(1..=4000), conflicts_with = "scenario")]
+    anchors: u16,
+    /// Walking tags; more than twenty fill more rooms, each with its share of the anchors and a network of its own
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=4000), conflicts_with = "scenario")]
+    tags: u16,
+    /// Simulated time, seconds [default: the scenario's, or 10]
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    seconds: Option<f64>,
+    /// Seed of everything random [default: the scenario's, or 1]
+    #[arg(long, value_name = "S")]
+    seed: Option<u64>,
+    /// Probability that a reception is lost, whatever its power
+    #[arg(long, value_name = "P", value_parser = probability)]
+    loss: Option<f64>,
+    /// How deep radios are simulated [default: the scenario's, or spi]
+    #[arg(long, value_name = "LEVEL")]
+    level: Option<LevelName>,
+    /// Positions a second that each tag wants [default: as many as it can get]
+    #[arg(long, value_name = "HZ", value_parser = rate)]
+    rate: Option<f64>,
+    /// How ranges become a position: any method of `baliza solve`
+    #[arg(long, value_name = "METHOD")]
+    method: Option<Method>,
+    /// Solve in the plane at the tags' height (2) or in space (3) [default: the scenario's, or 2]
+    #[arg(long, value_name = "2|3", value_parser = clap::value_parser!(u8).range(2..=3))]
+    dims: Option<u8>,
+    /// The tags' height, metres (--dims 2) [default: the scenario's, or 1.2]
+    #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = height)]
+    height_m: Option<f32>,
+    /// A folder for anchors.csv, ranges.csv, truth.csv and positions.csv, as `baliza solve` reads and writes them
+    #[arg(long, value_name = "FOLDER")]
+    out: Option<PathBuf>,
+    /// Capture every frame on the air, for Wireshark
+    #[arg(long, value_name = "FILE")]
+    pcap: Option<PathBuf>,
+    /// Draw the tracks on the floor plan, as .svg or .png
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+    /// Print JSON and no positions: tags, anchors, seconds, fixes, fixes_per_s, rmse_m, p50_m, p90_m, frames_sent,
+    /// frames_lost, collisions, airtime_share
+    #[arg(long)]
+    json: bool,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  baliza simulate
+  baliza simulate --tags 15 --anchors 16 --loss 0.1 --plot room.png
+  baliza simulate --scenario office.toml --out run --pcap run.pcap
+  baliza simulate --level air --tags 1000 --anchors 200 --rate 10 --json";
+
+/// The height of tags in the plane that nobody told, metres.
+const HEIGHT_M: f32 = 1.2;
+/// From one look at the simulation to the next, simulated seconds.
+const STEP_S: f64 = 0.1;
+/// From one row a tag of the table on a terminal to the next, seconds; and the tags that have rows.
+const ROW_S: f64 = 0.5;
+const ROW_TAGS: usize = 8;
+
+/// `--level`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum LevelName {
+    /// The driver on register-level chips behind SPI
+    Spi,
+    /// Radios straight on the air: for many nodes
+    Air,
+}
+
+fn number(text: &str, least: f64, greatest: f64) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if (least..=greatest).contains(&number) => Ok(number),
+        Ok(_) | Err(_) => Err(format!("{text:?} is not a number from {least} to {greatest}")),
+    }
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    number(text, 0.001, 1e6)
+}
+
+fn probability(text: &str) -> Result<f64, String> {
+    number(text, 0.0, 1.0)
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    number(text, 0.01, 1000.0)
+}
+
+fn height(text: &str) -> Result<f32, String> {
+    number(text, -1e4, 1e4).map(|metres| metres as f32)
+}
+
+impl Arguments {
+    fn scenario(&self) -> Result<Scenario, Wrong> {
+        let mut scenario = match &self.scenario {
+            Some(file) => read(file)?,
+            None => Scenario::rooms(self.anchors.into(), self.tags.into()),
+        };
+        scenario.seconds = self.seconds.unwrap_or(scenario.seconds);
+        scenario.seed = self.seed.unwrap_or(scenario.seed);
+        scenario.loss = self.loss.unwrap_or(scenario.loss);
+        scenario.level = match self.level {
+            Some(LevelName::Spi) => Level::Spi,
+            Some(LevelName::Air) => Level::Air,
+            None => scenario.level,
+        };
+        scenario.tag.rate_hz = self.rate.or(scenario.tag.rate_hz);
+        scenario.tag.method = self.method.unwrap_or(scenario.tag.method);
+        scenario.tag.height_m = match (self.dims, self.height_m) {
+            (Some(3), Some(_)) => return Err(Wrong::flag("--height-m", "only with --dims 2")),
+            (Some(3), None) => None,
+            (_, Some(height_m)) => Some(height_m),
+            (Some(_), None) => scenario.tag.height_m.or(Some(HEIGHT_M)),
+            (None, None) => scenario.tag.height_m,
+        };
+        Ok(scenario)
+    }
+}
+
+fn read(file: &Path) -> Result<Scenario, Wrong> {
+    let text = std::fs::read_to_string(file).map_err(|error| Wrong::file(file, format!("cannot read it: {error}")))?;
+    Scenario::parse(&text).map_err(|error| Wrong::line(file, error.line as u64, error.message))
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let scenario = arguments.scenario()?;
+    let format = match &arguments.plot {
+        Some(file) => {
+            output::check("--plot", file)?;
+            Some(Format::of("--plot", file)?)
+        }
+        None => None,
+    };
+    if let Some(file) = &arguments.pcap {
+        output::check("--pcap", file)?;
+    }
+    if let Some(folder) = &arguments.out {
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    }
+    let mut logbook = arguments.out.as_ref().map(|_| Logbook::new(&scenario)).transpose()?;
+    let mut drawn = Vec::new();
+    let mut show = Show::new(arguments.json, &scenario);
+    show.begin()?;
+
+    let mut simulation = Simulation::new(scenario);
+    let capture = arguments.pcap.as_ref().map(|_| Capture::of(&simulation));
+    let seconds = simulation.scenario().seconds;
+    let steps = (seconds / STEP_S).ceil() as usize;
+    let progress = Progress::new(steps);
+    for step in 1..=steps {
+        let records = simulation.run_until(seconds.min(step as f64 * STEP_S));
+        for record in &records {
+            if let Some(logbook) = &mut logbook {
+                logbook.take(record)?;
+            }
+        }
+        show.take(&records)?;
+        if format.is_some() {
+            drawn.extend(records);
+        }
+        progress.step();
+    }
+    drop(progress);
+
+    if let (Some(folder), Some(logbook)) = (&arguments.out, logbook) {
+        for (name, bytes) in logbook.finish()? {
+            super::write(&folder.join(name), &bytes)?;
+        }
+    }
+    if let (Some(file), Some(capture)) = (&arguments.pcap, capture) {
+        super::write(file, &capture.to_pcap()?)?;
+    }
+    if let (Some(file), Some(format)) = (&arguments.plot, format) {
+        super::write_picture(file, format, picture(simulation.scenario(), &drawn).to_svg()?)?;
+    }
+    let summary = simulation.summary();
+    if arguments.json {
+        return super::print_json(&summary);
+    }
+    let mut said = told(&summary);
+    for (what, file) in [("files", &arguments.out), ("capture", &arguments.pcap), ("picture", &arguments.plot)] {
+        if let Some(file) = file {
+            let _ = writeln!(said, "{what}: {}", file.display());
+        }
+    }
+    super::tell(&said);
+    Ok(())
+}
+
+/// What goes to standard output while the simulation runs.
+enum Show {
+    Nothing,
+    /// Every position, as a file.
+    Rows {
+        method: &'static str,
+    },
+    /// On a terminal: now and then a line a tag, and whatever changes.
+    Lines {
+        next_s: Vec<(u16, f64)>,
+    },
+}
+
+impl Show {
+    fn new(json: bool, scenario: &Scenario) -> Self {
+        if json {
+            Self::Nothing
+        } else if std::io::stdout().is_terminal() {
+            Self::Lines { next_s: scenario.tags.iter().take(ROW_TAGS).map(|tag| (tag.address, 0.0)).collect() }
+        } else {
+            Self::Rows { method: scenario.tag.method.as_str() }
+        }
+    }
+
+    fn begin(&self) -> Result<()> {
+        match self {
+            Self::Nothing => Ok(()),
+            Self::Rows { .. } => super::print(&row(&position_header())?),
+            Self::Lines { .. } => super::print(
+                format!(
+                    "{:>8} {:>6} {:>9} {:>9} {:>8} {:>9} {:>8} {:>8}\n",
+                    "t_s", "tag", "x_m", "y_m", "z_m", "sigma_m", "anchors", "error_m"
+                )
+                .as_bytes(),
+            ),
+        }
+    }
+
+    fn take(&mut self, records: &[Record]) -> Result<()> {
+        let mut text = Vec::new();
+        for record in records {
+            match (&mut *self, &record.what) {
+                (Self::Rows { method }, What::Epoch(epoch)) => {
+                    text.extend(row(&position_row(record.t_s, record.node, method, epoch))?);
+                }
+                (Self::Lines { next_s }, What::Epoch(epoch)) => {
+                    let due = next_s.iter_mut().find(|(tag, next)| *tag == record.node && record.t_s >= *next);
+                    if let Some((_, next)) = due {
+                        *next = (record.t_s / ROW_S).floor() * ROW_S + ROW_S;
+                        text.extend(line(record, epoch).into_bytes());
+                    }
+                }
+                (Self::Lines { .. }, What::Link(link)) => {
+                    text.extend(format!("{:>8.3} {:>6} {link:?}\n", record.t_s, record.node).into_bytes());
+                }
+                (Self::Lines { .. }, What::Fault(fault)) => {
+                    text.extend(format!("{:>8.3} {:>6} fault: {fault:?}\n", record.t_s, record.node).into_bytes());
+                }
+                (Self::Lines { .. }, What::RadioFailed(times)) => {
+                    text.extend(format!("{:>8.3} {:>6} radio failed: {times}\n", record.t_s, record.node).into_bytes());
+                }
+                (Self::Nothing, _) | (Self::Rows { .. }, What::Link(_) | What::Fault(_) | What::RadioFailed(_)) => {}
+            }
+        }
+        super::print(&text)
+    }
+}
+
+fn row<T: AsRef<[u8]>>(fields: &[T]) -> Result<Vec<u8>> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(fields)?;
+    writer.into_inner().map_err(|error| anyhow::Error::from(error.into_error()))
+}
+
+fn line(record: &Record, epoch: &Epoch) -> String {
+    let mut text = format!("{:>8.3} {:>6} ", record.t_s, record.node);
+    match &epoch.outcome {
+        Ok(position) => {
+            let [x, y, z] = position.position_m;
+            let sigma = position.deviation_m().iter().map(|s| s * s).sum::<f32>().sqrt();
+            let _ = write!(text, "{x:>9.2} {y:>9.2} {z:>8.2} {sigma:>9.2} {:>8}", position.used.count_ones());
+        }
+        Err(reason) => {
+            let _ = write!(text, "no position: {reason}");
+        }
+    }
+    if let Some(error_m) = epoch.error_m() {
+        let _ = write!(text, " {error_m:>8.3}");
+    }
+    text.push('\n');
+    text
+}
+
+/// The summary for reading.
+fn told(summary: &Summary) -> String {
+    let metres = |figure: Option<f64>| figure.map_or_else(|| "-".to_owned(), |m| format!("{m:.3} m"));
+    format!(
+        "{} tags, {} anchors, {} s: {} positions, {:.1} a second\n\
+         error: RMSE {}, half below {}, nine in ten below {}\n\
+         air: {} frames, {} receptions lost, {} frames collided, {:.1} % of the time\n",
+        summary.tags,
+        summary.anchors,
+        summary.seconds,
+        summary.fixes,
+        summary.fixes_per_s,
+        metres(summary.rmse_m),
+        metres(summary.p50_m),
+        metres(summary.p90_m),
+        summary.frames_sent,
+        summary.frames_lost,
+        summary.collisions,
+        100.0 * summary.airtime_share
+    )
+}

@@ -1,0 +1,144 @@
+//! A simulation's records as the files of a recording, and its positions as `solve` writes them; each with one more column, the
+//! tag. Epochs count through all tags, so that one number is one fix.
+
+use sim::scenario::{Epoch, Scenario, What};
+
+use crate::positions::COLUMNS;
+
+type Writer = csv::Writer<Vec<u8>>;
+
+/// The columns of a range, as the contract of the files names them.
+const RANGE_COLUMNS: [&str; 15] = [
+    "epoch",
+    "t_s",
+    "anchor",
+    "range_m",
+    "rx_power_dbm",
+    "fp_power_dbm",
+    "los",
+    "fp_idx",
+    "fp_amp1",
+    "fp_amp2",
+    "fp_amp3",
+    "cir_pwr",
+    "rxpacc",
+    "std_noise",
+    "tag",
+];
+
+/// The files, as they fill.
+pub struct Logbook {
+    anchors: Writer,
+    ranges: Writer,
+    truth: Writer,
+    positions: Writer,
+    method: &'static str,
+}
+
+impl Logbook {
+    /// Of a scenario.
+    ///
+    /// # Errors
+    /// The CSV writer's.
+    pub fn new(scenario: &Scenario) -> csv::Result<Self> {
+        let mut anchors = with_header(&["anchor", "x_m", "y_m", "z_m"])?;
+        for anchor in &scenario.anchors {
+            let [x, y, z] = anchor.at.map(metres);
+            anchors.write_record([anchor.address.to_string(), x, y, z])?;
+        }
+        Ok(Self {
+            anchors,
+            ranges: with_header(&RANGE_COLUMNS)?,
+            truth: with_header(&["epoch", "t_s", "x_m", "y_m", "z_m", "tag"])?,
+            positions: with_header(&position_header())?,
+            method: scenario.tag.method.as_str(),
+        })
+    }
+
+    /// Takes a record; only epochs are written.
+    ///
+    /// # Errors
+    /// The CSV writer's.
+    pub fn take(&mut self, record: &sim::scenario::Record) -> csv::Result<()> {
+        let What::Epoch(epoch) = &record.what else { return Ok(()) };
+        let (number, time, tag) = (epoch.number.to_string(), seconds(record.t_s), record.node.to_string());
+        for measured in &epoch.ranges {
+            let (range, d) = (measured.range, measured.range.diagnostics);
+            let [amp1, amp2, amp3] = d.first_path_amplitudes.map(|a| a.to_string());
+            self.ranges.write_record([
+                number.clone(),
+                time.clone(),
+                range.peer.to_string(),
+                metres(range.distance_m.into()),
+                format!("{:.2}", d.rx_power_dbm),
+                format!("{:.2}", d.first_path_power_dbm),
+                if measured.los { "1" } else { "0" }.to_owned(),
+                d.first_path_index.to_string(),
+                amp1,
+                amp2,
+                amp3,
+                d.cir_power.to_string(),
+                d.preamble_count.to_string(),
+                d.noise_deviation.to_string(),
+                tag.clone(),
+            ])?;
+        }
+        let [x, y, z] = epoch.truth_m.map(metres);
+        self.truth.write_record([number, time, x, y, z, tag])?;
+        self.positions.write_record(position_row(record.t_s, record.node, self.method, epoch))
+    }
+
+    /// The files by name.
+    ///
+    /// # Errors
+    /// The CSV writer's.
+    pub fn finish(self) -> csv::Result<[(&'static str, Vec<u8>); 4]> {
+        let bytes = |writer: Writer| writer.into_inner().map_err(|error| csv::Error::from(error.into_error()));
+        Ok([
+            ("anchors.csv", bytes(self.anchors)?),
+            ("ranges.csv", bytes(self.ranges)?),
+            ("truth.csv", bytes(self.truth)?),
+            ("positions.csv", bytes(self.positions)?),
+        ])
+    }
+}
+
+/// The columns of a position.
+pub fn position_header() -> Vec<&'static str> {
+    COLUMNS.into_iter().chain(["error_m", "tag"]).collect()
+}
+
+/// The fields of a position, or of the reason why there is none.
+pub fn position_row(t_s: f64, tag: u16, method: &str, epoch: &Epoch) -> Vec<String> {
+    let mut row = vec![epoch.number.to_string(), seconds(t_s), method.to_owned()];
+    match &epoch.outcome {
+        Ok(position) => {
+            let sigma = position.deviation_m().map(|sigma| metres(sigma.into()));
+            let [sigma_x, sigma_y, sigma_z] = sigma;
+            row.extend(position.position_m.map(|coordinate| metres(coordinate.into())));
+            row.extend([sigma_x, sigma_y, if position.height_is_given() { String::new() } else { sigma_z }]);
+            row.extend([position.used.count_ones().to_string(), String::new()]);
+        }
+        Err(reason) => {
+            row.extend([const { String::new() }; 7]);
+            row.push(reason.to_string());
+        }
+    }
+    row.extend([epoch.error_m().map_or_else(String::new, metres), tag.to_string()]);
+    row
+}
+
+fn with_header(columns: &[&str]) -> csv::Result<Writer> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(columns)?;
+    Ok(writer)
+}
+
+/// A tenth of a millimetre is finer than any range.
+fn metres(value: f64) -> String {
+    format!("{value:.4}")
+}
+
+fn seconds(value: f64) -> String {
+    format!("{value:.6}")
+}
