@@ -23,13 +23,11 @@ use crate::board::BoardProfile;
 use crate::chip::{Chip, ChipConfig, ChipStatistics};
 use crate::irq::{IrqLine, IrqPin};
 use crate::kernel::{Event, Kernel, Sleep, TaskId};
+use crate::pins::{ResetPin, SimDelay};
 use crate::random::{Purpose, Stream, stream};
 use crate::spi::SimSpi;
 use crate::time::TrueTime;
-use embedded_hal::digital::{ErrorType, OutputPin};
-use embedded_hal_async::delay::DelayNs;
 use std::cell::{Cell, RefCell, RefMut};
-use std::convert::Infallible;
 use std::future::Future;
 use std::pin::Pin;
 use std::rc::{Rc, Weak};
@@ -363,56 +361,5 @@ impl Node {
         if let Some(world) = self.world() {
             tasks.into_iter().for_each(|t| world.abort(t));
         }
-    }
-}
-
-/// RSTn: an open drain, pulled low or let go.
-pub struct ResetPin {
-    world: World,
-    chip: Rc<RefCell<Chip>>,
-}
-
-impl ErrorType for ResetPin {
-    type Error = Infallible;
-}
-
-impl OutputPin for ResetPin {
-    fn set_low(&mut self) -> Result<(), Infallible> {
-        self.chip.borrow_mut().set_reset(&self.world, true);
-        Ok(())
-    }
-
-    fn set_high(&mut self) -> Result<(), Infallible> {
-        self.chip.borrow_mut().set_reset(&self.world, false);
-        Ok(())
-    }
-}
-
-/// Waits in virtual time; true time, as a processor's crystal errs by parts per million.
-#[derive(Clone)]
-pub struct SimDelay {
-    world: World,
-}
-
-impl SimDelay {
-    /// Waits `ms` milliseconds; unlike the trait's methods it counts from the call, not from the first poll.
-    pub fn pause_ms(&self, ms: u64) -> Sleep {
-        self.pause(Duration::from_millis(ms))
-    }
-
-    /// Waits from the call on.
-    pub fn pause(&self, duration: Duration) -> Sleep {
-        self.world.sleep_until(self.world.now() + duration)
-    }
-
-    /// The world, for true time.
-    pub fn world(&self) -> &World {
-        &self.world
-    }
-}
-
-impl DelayNs for SimDelay {
-    async fn delay_ns(&mut self, ns: u32) {
-        self.pause(Duration::from_nanos(u64::from(ns))).await;
     }
 }
