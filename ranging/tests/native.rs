@@ -372,6 +372,25 @@ fn neighbouring_networks_are_apart_by_pan() {
 }
 
 #[test]
+fn slow_modes_work_too() {
+    use ranging::phy::{Channel, DataRate, PreambleLength, Prf};
+    let slow = PhyConfig::new(Channel::Ch2, Prf::Mhz64, DataRate::Kbps850, PreambleLength::Symbols256).unwrap();
+    for (phy, power, least) in [(slow, -77.0, 150), (PhyConfig::evk1000_mode(5).unwrap(), -81.0, 15)] {
+        let network = Network { phy, ..NETWORK };
+        let mut air = Air::new(phy, 22);
+        air.power_dbm = power;
+        let place = |i: u16| corner(i, 4);
+        let anchors: Vec<usize> =
+            (0..4).map(|i| air.add(place(i), drift(i), anchor_of(network, i + 1, place(i)))).collect();
+        let node = air.add([1.0, 2.0, 1.0], 20.0, tag_of(network, 0x100, Rate::Greedy));
+        air.run_until(20.0);
+        let rounds = air.rounds(node, 12.0);
+        assert!(rounds.len() > least * 8, "{phy:?}: {} rounds in 8 s", rounds.len());
+        assert_accurate(&air, node, 12.0, &anchors);
+    }
+}
+
+#[test]
 fn rates_are_what_was_asked_for() {
     let mut air = Air::new(NETWORK.phy, 18);
     room(&mut air, 4);

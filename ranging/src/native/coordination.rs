@@ -128,7 +128,7 @@ impl Coordination {
                 self.adopt(source, beacon, phase, true);
                 return Heard::Followed;
             }
-            if !in_step || self.coordinates() && source == self.address {
+            if !in_step {
                 return Heard::Ignored;
             }
             let hops = beacon.hops.saturating_add(1);
