@@ -72,7 +72,7 @@ impl<'a> Key<'a> {
             area.draw(&Circle::new((symbol, y), pixels(7), INK.mix(0.45).stroke_width(stroke(0.7))))?;
             let every = match ellipse_step(self.picture) {
                 1 => String::new(),
-                step => format!(", every {step}th position"),
+                step => format!(", of one position in {step}"),
             };
             area.draw_text(&format!("{SIGMAS} σ along x and y{every}"), &left, name(y))?;
         }

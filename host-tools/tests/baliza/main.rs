@@ -1,0 +1,9 @@
+//! `baliza` as a user runs it: arguments and files in; exit code, standard output, standard error and files out.
+
+mod contract;
+mod example;
+mod pictures;
+mod recordings;
+mod support;
+mod thesis;
+mod wrong_input;

@@ -1,0 +1,95 @@
+//! Runs the program in a folder of its own.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use tempfile::TempDir;
+
+/// What a run left.
+#[derive(Debug)]
+pub struct Run {
+    pub code: Option<i32>,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+impl Run {
+    /// Asserts that the run succeeded.
+    pub fn ok(self) -> Self {
+        assert_eq!(self.code, Some(0), "{self:?}");
+        self
+    }
+
+    /// Standard output as JSON.
+    pub fn json(&self) -> serde_json::Value {
+        serde_json::from_str(&self.stdout).expect("one JSON document on standard output")
+    }
+
+    /// The fields of a column of the CSV on standard output, found by its name.
+    pub fn column(&self, name: &str) -> Vec<&str> {
+        let mut rows = self.stdout.lines().map(|line| line.split(',').collect::<Vec<_>>());
+        let header = rows.next().expect("a header");
+        let at = header.iter().position(|column| *column == name).unwrap_or_else(|| panic!("no column {name}"));
+        rows.map(|row| row[at]).collect()
+    }
+
+    /// The numbers of a column; an empty field is NaN.
+    pub fn numbers(&self, name: &str) -> Vec<f64> {
+        let number = |field: &str| if field.is_empty() { f64::NAN } else { field.parse().expect("a number") };
+        self.column(name).into_iter().map(number).collect()
+    }
+}
+
+/// A folder with files, where the program runs.
+pub struct Folder(TempDir);
+
+impl Folder {
+    /// With these files.
+    pub fn with(files: &[(&str, &str)]) -> Self {
+        let folder = Self(TempDir::new().expect("a temporary folder"));
+        for (name, text) in files {
+            folder.write(name, text.as_bytes());
+        }
+        folder
+    }
+
+    pub fn write(&self, name: &str, bytes: &[u8]) {
+        fs::write(self.path(name), bytes).expect("a file in the temporary folder");
+    }
+
+    pub fn read(&self, name: &str) -> Vec<u8> {
+        fs::read(self.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// The names of all files, sorted.
+    pub fn names(&self) -> Vec<String> {
+        let entries = fs::read_dir(self.0.path()).expect("the temporary folder");
+        let mut names: Vec<_> =
+            entries.map(|entry| entry.expect("an entry").file_name().into_string().expect("a name in UTF-8")).collect();
+        names.sort();
+        names
+    }
+
+    /// Runs `baliza` with arguments that are separated by blanks.
+    pub fn run(&self, arguments: &str) -> Run {
+        let output = self.command(arguments).output().expect("baliza runs");
+        let text = |bytes| String::from_utf8(bytes).expect("UTF-8");
+        Run { code: output.status.code(), stdout: text(output.stdout), stderr: text(output.stderr) }
+    }
+
+    pub fn command(&self, arguments: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_baliza"));
+        command.args(arguments.split_whitespace()).current_dir(self.0.path()).stdin(Stdio::null());
+        command
+    }
+}
+
+/// The root of the repository.
+pub fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("host-tools is in the repository")
+}
