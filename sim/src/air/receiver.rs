@@ -54,7 +54,8 @@ impl Air {
         let taken_over = match port.lock {
             // Past its delimiter the followed frame keeps the receiver, for better or worse.
             Some(lock) => {
-                let followed = &self.frames[lock.frame.wrapping_sub(self.first) as usize];
+                // A frame that is over and forgotten is followed still by a receiver that waits in vain for its delimiter.
+                let followed = self.frames.get(lock.frame.wrapping_sub(self.first) as usize)?;
                 let in_preamble = now < followed.sent.marker.plus_ps(lock.link.delay_ps as u64);
                 if !in_preamble || link.power_dbm < lock.link.power_dbm + capture_db {
                     return None;
