@@ -2,6 +2,7 @@
 //!
 //! [`Recording::read`] takes the CSV files, [`Solver`] runs `positioning-core` on every epoch with the `f32` of the node,
 //! [`positions`] writes what comes out, [`Statistics`] condenses its errors, [`plot`] draws it. [`thesis`] is the benchmark on
+//! simulated ranges. Nothing here knows of arguments or prints: that is the binary's, one module a subcommand.
 #![forbid(unsafe_code)]
 
 pub mod example;
@@ -9,6 +10,7 @@ pub mod output;
 pub mod plot;
 pub mod positions;
 mod recording;
+pub mod simulate;
 mod solve;
 mod statistics;
 mod table;

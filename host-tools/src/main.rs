@@ -28,9 +28,11 @@ const EXIT_CODES: &str = "Exit code: 0 done; 2 the input or the arguments are wr
 #[derive(Subcommand)]
 enum Command {
     Solve(commands::solve::Arguments),
+    /// Benchmarks on simulated ranges
     #[command(subcommand)]
     Bench(Bench),
     Plot(commands::plot::Arguments),
+    Simulate(commands::simulate::Arguments),
     Example(commands::example::Arguments),
 }
 
@@ -48,6 +50,7 @@ fn main() -> ExitCode {
         Command::Solve(arguments) => commands::solve::run(&arguments),
         Command::Bench(Bench::Thesis(arguments)) => commands::thesis::run(&arguments),
         Command::Plot(arguments) => commands::plot::run(&arguments),
+        Command::Simulate(arguments) => commands::simulate::run(&arguments),
         Command::Example(arguments) => commands::example::run(&arguments),
     };
     match done {

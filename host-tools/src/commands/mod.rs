@@ -2,6 +2,7 @@
 
 pub mod example;
 pub mod plot;
+pub mod simulate;
 pub mod solve;
 pub mod thesis;
 
