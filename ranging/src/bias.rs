@@ -2,8 +2,8 @@
 //!
 //! The first path of a strong signal is found too early, that of a weak one too late. The tables are those of Decawave's
 //! application note APS011 (Sources of error in DW1000 based two-way ranging schemes, table 2), in steps of 2 dB, between
-//! which is interpolated linearly; beyond their ends the end value holds. The power is that of APS011, too: the driver's
-//! estimate, whose compression at high power is the driver's to undo.
+//! which is interpolated linearly; beyond their ends the end value holds. They go by the power received, of which the chip's
+//! own estimate falls short where it is high (DW1000 user manual, figure 22).
 //! True distance = measured − [`RangeBias::metres`].
 
 use crate::PhyConfig;
@@ -35,31 +35,66 @@ const WIDE_64: [f32; 18] = [
     0.245, 0.264, 0.284,
 ];
 
+/// Points of the curve of estimates by power received, dBm, as read off figure 22: estimate, power. Below the first the
+/// estimate is right.
+type Estimates = [(f32, f32); 6];
+/// PRF 16 MHz.
+const ESTIMATES_16: Estimates =
+    [(-90.0, -90.0), (-87.5, -85.0), (-85.0, -77.0), (-82.5, -69.5), (-80.0, -64.0), (-77.5, -58.5)];
+/// PRF 64 MHz.
+const ESTIMATES_64: Estimates =
+    [(-90.0, -90.0), (-87.5, -86.5), (-85.0, -83.5), (-82.5, -80.0), (-80.0, -72.5), (-77.5, -60.0)];
+
 /// The bias of measured distances by received power, for one channel width and pulse rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RangeBias(&'static [f32; 18]);
+pub struct RangeBias {
+    table: &'static [f32; 18],
+    estimates: &'static Estimates,
+}
 
 impl RangeBias {
     /// That of a configuration.
     pub const fn of(phy: &PhyConfig) -> Self {
-        Self(match (phy.channel().is_wide(), phy.prf()) {
-            (false, Prf::Mhz16) => &NARROW_16,
-            (false, Prf::Mhz64) => &NARROW_64,
-            (true, Prf::Mhz16) => &WIDE_16,
-            (true, Prf::Mhz64) => &WIDE_64,
-        })
+        let (table, estimates) = match (phy.channel().is_wide(), phy.prf()) {
+            (false, Prf::Mhz16) => (&NARROW_16, &ESTIMATES_16),
+            (false, Prf::Mhz64) => (&NARROW_64, &ESTIMATES_64),
+            (true, Prf::Mhz16) => (&WIDE_16, &ESTIMATES_16),
+            (true, Prf::Mhz64) => (&WIDE_64, &ESTIMATES_64),
+        };
+        Self { table, estimates }
     }
 
-    /// What a distance reads too long at this received power, metres; 0 where the power is not a number.
+    /// What a distance reads too long at this received power, as [`Diagnostics`](crate::Diagnostics) have it, metres; 0 where
+    /// the power is not a number.
     pub fn metres(&self, rx_power_dbm: f32) -> f32 {
         if rx_power_dbm.is_nan() {
             return 0.0;
         }
-        let place = ((FIRST_DBM - rx_power_dbm) / STEP_DB).clamp(0.0, (self.0.len() - 1) as f32);
+        self.at_power(power_of(self.estimates, rx_power_dbm))
+    }
+
+    /// By the table, at a power that is not an estimate.
+    fn at_power(&self, power_dbm: f32) -> f32 {
+        let place = ((FIRST_DBM - power_dbm) / STEP_DB).clamp(0.0, (self.table.len() - 1) as f32);
         let below = place as usize;
-        let [left, right] = [below, below + 1].map(|i| self.0[i.min(self.0.len() - 1)]);
+        let [left, right] = [below, below + 1].map(|i| self.table[i.min(self.table.len() - 1)]);
         left + (right - left) * (place - below as f32)
     }
+}
+
+/// The power received, of which the chip makes this estimate; beyond the curve's end that of the end.
+fn power_of(estimates: &Estimates, estimate_dbm: f32) -> f32 {
+    let mut last = estimates[0];
+    if estimate_dbm <= last.0 {
+        return estimate_dbm;
+    }
+    for &next in &estimates[1..] {
+        if estimate_dbm <= next.0 {
+            return last.1 + (next.1 - last.1) * (estimate_dbm - last.0) / (next.0 - last.0);
+        }
+        last = next;
+    }
+    last.1
 }
 
 /// What a distance reads too long when both chips are warmer than at calibration, metres a degree Celsius (APS011, 4).
@@ -92,7 +127,7 @@ mod tests {
 
     fn bias(channel: Channel, prf: Prf, dbm: f32) -> f32 {
         let phy = PhyConfig::new(channel, prf, DataRate::Kbps6810, PreambleLength::Symbols128).unwrap();
-        RangeBias::of(&phy).metres(dbm)
+        RangeBias::of(&phy).at_power(dbm)
     }
 
     #[test]
@@ -123,7 +158,21 @@ mod tests {
         assert_eq!(bias(Channel::Ch5, Prf::Mhz64, -40.0), -0.110);
         assert_eq!(bias(Channel::Ch5, Prf::Mhz64, f32::NEG_INFINITY), 0.086);
         assert_eq!(bias(Channel::Ch5, Prf::Mhz64, f32::INFINITY), -0.110);
-        assert_eq!(bias(Channel::Ch5, Prf::Mhz64, f32::NAN), 0.0);
+    }
+
+    #[test]
+    fn estimates_of_high_powers_are_raised() {
+        let metres = |prf, dbm| {
+            let phy = PhyConfig::new(Channel::Ch5, prf, DataRate::Kbps6810, PreambleLength::Symbols128).unwrap();
+            RangeBias::of(&phy).metres(dbm)
+        };
+        // −93 dBm is −93; −81.25 is half way from −82.5 (−80) to −80 (−72.5), so −76.25: 3/8 of the way from −77 (0) to −75
+        // (−2.7 cm). PRF 16: −85 is −77, where the table has −5.9 cm. −70 is more than the curve's end, so more than −61.
+        assert!((metres(Prf::Mhz64, -93.0) - 0.081).abs() < 1e-6);
+        assert!((metres(Prf::Mhz64, -81.25) + 0.010_125).abs() < 1e-6);
+        assert!((metres(Prf::Mhz16, -85.0) + 0.059).abs() < 1e-6);
+        assert!((metres(Prf::Mhz64, -70.0) + 0.110).abs() < 1e-6);
+        assert_eq!((metres(Prf::Mhz64, f32::INFINITY), metres(Prf::Mhz64, f32::NAN)), (-0.110, 0.0));
     }
 
     #[test]

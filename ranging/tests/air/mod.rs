@@ -201,7 +201,8 @@ impl Air {
             corruption: 0.0,
             stamp_noise: 6.4,
             carrier_noise: 0.2,
-            power_dbm: -77.0,
+            // What the chip makes of −77 dBm, where its range bias is none (PRF 64).
+            power_dbm: -81.5,
             reach: f64::INFINITY,
             now: 0.0,
             reports: Vec::new(),
