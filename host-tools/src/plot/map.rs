@@ -10,8 +10,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::style::{AXIS, GRID, INK, number, pen, pixels, stroke, text, title, upright};
 use super::{Area, Picture, Track};
 
-/// Room for axes and title around the map, pixels.
-const LEFT: u32 = 62;
+/// Room for axes and title around the map, pixels; that on the left grows with the numbers.
 const RIGHT: u32 = 18;
 const TOP: u32 = 40;
 const BOTTOM: u32 = 52;
@@ -85,10 +84,21 @@ impl View {
         width > 1.7 * height
     }
 
+    /// How wide the numbers along an axis are, pixels.
+    fn numbers_width(&self, axis: usize) -> u32 {
+        let longest = [self.least[axis], self.greatest[axis]].map(|c| format!("{c:.0}").len()).into_iter().max();
+        8 * (longest.unwrap_or(0) as u32).clamp(3, 16)
+    }
+
+    /// Room for the upright axis, pixels.
+    fn left(&self) -> u32 {
+        38 + self.numbers_width(1)
+    }
+
     /// How high a map of that width should be, pixels.
     pub fn height_for(&self, width: u32) -> u32 {
         let [metres_wide, metres_high] = self.sides();
-        let plot = f64::from(width - LEFT - RIGHT) * metres_high / metres_wide;
+        let plot = f64::from(width - self.left() - RIGHT) * metres_high / metres_wide;
         (plot as u32 + TOP + BOTTOM).clamp(HEIGHTS.0, HEIGHTS.1)
     }
 
@@ -131,28 +141,29 @@ pub fn is_still(truth_m: &[[f64; 2]]) -> bool {
 /// Draws the map over the whole area.
 pub fn draw(area: &Area, picture: &Picture, view: &View) -> Result<()> {
     let (width, height) = area.dim_in_pixel();
-    let paper = [width - pixels(LEFT + RIGHT), height - pixels(TOP + BOTTOM)].map(f64::from);
+    let left = view.left();
+    let paper = [width - pixels(left + RIGHT), height - pixels(TOP + BOTTOM)].map(f64::from);
     let view = view.shaped(paper);
     let mut chart = ChartBuilder::on(area)
         .margin_top(pixels(TOP))
         .margin_right(pixels(RIGHT))
         .x_label_area_size(pixels(BOTTOM))
-        .y_label_area_size(pixels(LEFT))
+        .y_label_area_size(pixels(left))
         .build_cartesian_2d(view.least[0]..view.greatest[0], view.least[1]..view.greatest[1])?;
-    let ticks = |paper: f64| (paper / f64::from(pixels(70))).ceil() as usize;
+    let ticks = |axis: usize, spacing: u32| (paper[axis] / f64::from(pixels(spacing))).ceil() as usize;
     chart
         .configure_mesh()
         .light_line_style(TRANSPARENT)
         .bold_line_style(GRID.stroke_width(stroke(1.0)))
         .axis_style(AXIS.stroke_width(stroke(1.0)))
         .set_all_tick_mark_size(pixels(4))
-        .x_labels(ticks(paper[0]))
-        .y_labels(ticks(paper[1]))
+        .x_labels(ticks(0, 46 + view.numbers_width(0)))
+        .y_labels(ticks(1, 70))
         .x_label_formatter(&|x| number(*x))
         .y_label_formatter(&|y| number(*y))
         .label_style(text(Pos::new(HPos::Center, VPos::Center)))
         .draw()?;
-    labels(area, "Positions", "x, metres", "y, metres", [LEFT, BOTTOM])?;
+    labels(area, "Positions", "x, metres", "y, metres", [left, BOTTOM])?;
 
     let walls = picture.walls_m.iter().map(|ends| ends.map(|at| (at[0], at[1])).to_vec());
     chart.draw_series(walls.map(|wall| PathElement::new(wall, AXIS.stroke_width(stroke(3.0)))))?;
