@@ -23,6 +23,7 @@ use ranging::{
 
 use crate::air::{
     AirClient, Heard, Path, Payload, Phy, PortId, Prf, Rate, Reception, Response, RxSettings, Sfd, SfdKind, TxStart,
+    estimated_dbm,
 };
 use crate::clock::{Clock, ClockConfig, Count, TICKS_PER_PS};
 use crate::random::{Purpose, stream};
@@ -168,6 +169,10 @@ impl State {
         }
         let stamp = self.clock.count_at(reception.marker).plus_ticks(reception.stamp_error_ps * TICKS_PER_PS);
         let response = Response::of(reception);
+        // What the chip would make of the powers.
+        let (link, prf) = (&reception.link, reception.phy.prf);
+        let rx_power_dbm = estimated_dbm(prf, link.power_dbm);
+        let first_path_power_dbm = link.first_path_dbm + rx_power_dbm - link.power_dbm;
         let mut noise = rand_pcg::Pcg64Mcg::new(u128::from(reception.noise_seed) | 1);
         let gauss: f64 = StandardNormal.sample(&mut noise);
         let offset_ppm = reception.sender_ppm - self.clock.ppm_at(now) + CARRIER_DEVIATION_PPM * gauss;
@@ -175,8 +180,8 @@ impl State {
             bytes: Rc::from(payload),
             rx_time: RadioInstant::from_ticks(stamp.ticks()),
             diagnostics: Diagnostics {
-                rx_power_dbm: reception.link.power_dbm as f32,
-                first_path_power_dbm: reception.link.first_path_dbm as f32,
+                rx_power_dbm: rx_power_dbm as f32,
+                first_path_power_dbm: first_path_power_dbm as f32,
                 first_path_index: response.first_path as f32,
                 first_path_amplitudes: response.first_path_amplitudes(),
                 cir_power: response.cir_power,

@@ -13,7 +13,7 @@ mod port;
 mod propagation;
 mod receiver;
 
-pub use channel::Response;
+pub use channel::{Response, estimated_dbm};
 pub use events::{AirClient, AirStatistics, Heard, Payload, Reception, Sniffed};
 pub(crate) use events::{AirEvent, Stage};
 pub use phy::{Phy, Prf, Rate, Sfd, SfdKind};
