@@ -18,11 +18,12 @@ fn the_files_that_ship_are_those_that_the_command_makes() {
 }
 
 #[test]
-fn the_readme_s_first_command_prints_positions_and_says_where_the_picture_is() {
+fn the_readme_s_command_prints_positions_and_says_where_the_picture_is() {
     let readme = fs::read_to_string(root().join("README.md")).expect("README.md");
-    let begin = "cargo run --release -p host-tools --bin baliza -- ";
-    let start = readme.find(begin).expect("the command is in the README") + begin.len();
-    let command = readme[start..].split("```").next().expect("text").replace('\\', " ");
+    let begin = "cargo run --release -p host-tools --bin baliza -- solve ";
+    let (_, command) = readme.split_once(begin).expect("the command is in the README");
+    let command = format!("solve {command}");
+    let command = command.split("```").next().expect("text").replace('\\', " ");
     let folder = Folder::with(&[]);
     let in_repository = |path: &str| root().join(path).display().to_string();
     let command = command.replace("examples/room", &in_repository("examples/room"));
