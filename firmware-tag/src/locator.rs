@@ -55,22 +55,22 @@ pub struct Position {
     pub position_m: [f32; 3],
     /// Covariance, m²; zero in the row and column of a height that was given.
     pub covariance_m2: [[f32; 3]; 3],
-    /// The ranges that made it: bit i is the round's i-th range.
+    /// The ranges that made it: bit i is the i-th of those it was made from, the round's own first.
     pub used: u16,
     /// How far the ranges agree with it, 0 to 1.
     pub quality: f32,
 }
 
 impl Locator<'_> {
-    /// The position of a round.
-    pub fn locate<'r>(&self, round: Round<'r>) -> Epoch<'r> {
+    /// The position at the end of a round, from `ranges`: the round's, and those that stand in for lost ones.
+    pub fn locate<'r>(&self, round: Round<'r>, ranges: &[Range]) -> Epoch<'r> {
         let outcome = match self.dimensions {
-            Dimensions::Plane { height_m } => self.solve::<2>(round.ranges, Some(height_m)).map(|fix| {
+            Dimensions::Plane { height_m } => self.solve::<2>(ranges, Some(height_m)).map(|fix| {
                 let mut position = Position::from(fix);
                 position.position_m[2] = height_m;
                 position
             }),
-            Dimensions::Space => self.solve::<3>(round.ranges, None).map(Position::from),
+            Dimensions::Space => self.solve::<3>(ranges, None).map(Position::from),
         };
         Epoch { round, outcome }
     }
@@ -163,7 +163,7 @@ mod tests {
     #[test]
     fn a_tag_at_a_known_height_is_found_in_the_plane() {
         let heard = ranges(|i| Some(CORNERS[i]));
-        let epoch = locator(Dimensions::Plane { height_m: 0.0 }, &[]).locate(round(&heard));
+        let epoch = locator(Dimensions::Plane { height_m: 0.0 }, &[]).locate(round(&heard), &heard);
         let position = epoch.outcome.unwrap();
         assert!(near(position.position_m, TAG), "{position:?}");
         assert_eq!((position.used, position.covariance_m2[2]), (0b1111, [0.0; 3]));
@@ -175,14 +175,14 @@ mod tests {
         let heard = ranges(|_| Some([9.0, 9.0, 9.0]));
         let table: [AnchorPlace; 4] =
             core::array::from_fn(|i| AnchorPlace { address: i as u16 + 1, position_m: CORNERS[i] });
-        let epoch = locator(Dimensions::Plane { height_m: 0.0 }, &table).locate(round(&heard));
+        let epoch = locator(Dimensions::Plane { height_m: 0.0 }, &table).locate(round(&heard), &heard);
         assert!(near(epoch.outcome.unwrap().position_m, TAG));
     }
 
     #[test]
     fn a_range_to_an_anchor_of_unknown_place_is_left_out_and_the_others_keep_their_bits() {
         let heard = ranges(|i| (i != 1).then_some(CORNERS[i]));
-        let position = locator(Dimensions::Plane { height_m: 0.0 }, &[]).locate(round(&heard)).outcome.unwrap();
+        let position = locator(Dimensions::Plane { height_m: 0.0 }, &[]).locate(round(&heard), &heard).outcome.unwrap();
         assert_eq!(position.used, 0b1101);
         assert!(near(position.position_m, TAG), "{position:?}");
     }
@@ -191,14 +191,14 @@ mod tests {
     fn too_few_ranges_give_a_reason() {
         let heard = ranges(|i| Some(CORNERS[i]));
         let space = locator(Dimensions::Space, &[]);
-        assert_eq!(space.locate(round(&heard[..3])).outcome, Err(NoFix::TooFewAnchors));
-        assert_eq!(space.locate(round(&[])).outcome, Err(NoFix::TooFewAnchors));
+        assert_eq!(space.locate(round(&heard[..3]), &heard[..3]).outcome, Err(NoFix::TooFewAnchors));
+        assert_eq!(space.locate(round(&[]), &[]).outcome, Err(NoFix::TooFewAnchors));
     }
 
     #[test]
     fn in_space_below_coplanar_anchors_the_lower_image_is_taken_and_its_doubt_told() {
         let heard = ranges(|i| Some(CORNERS[i]));
-        let position = locator(Dimensions::Space, &[]).locate(round(&heard)).outcome.unwrap();
+        let position = locator(Dimensions::Space, &[]).locate(round(&heard), &heard).outcome.unwrap();
         assert!(near(position.position_m, TAG), "{position:?}");
         // The mirror image is 4 m above: half of its squared distance is 8 m².
         assert!(position.covariance_m2[2][2] > 7.5, "{position:?}");
