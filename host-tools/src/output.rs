@@ -63,3 +63,40 @@ fn folder_of(file: &Path) -> &Path {
         Some(_) | None => Path::new("."),
     }
 }
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::fs;
+    use std::os::unix::fs::{PermissionsExt, symlink};
+
+    use super::{check, write_file};
+
+    #[test]
+    fn a_new_file_may_be_read_by_whom_any_new_file_may() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let (usual, ours) = (folder.path().join("usual"), folder.path().join("ours"));
+        fs::write(&usual, b"").expect("written");
+        write_file(&ours, b"text").expect("written");
+        let mode = |file| fs::metadata(file).expect("it is there").permissions().mode();
+        assert_eq!(mode(&ours), mode(&usual));
+    }
+
+    #[test]
+    fn a_link_stays_a_link_to_the_file_that_is_replaced() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let (file, link) = (folder.path().join("file"), folder.path().join("link"));
+        fs::write(&file, b"before").expect("written");
+        symlink(&file, &link).expect("linked");
+        write_file(&link, b"after").expect("written");
+        assert!(fs::symlink_metadata(&link).expect("it is there").is_symlink());
+        assert_eq!(fs::read(&file).expect("it is there"), b"after");
+    }
+
+    #[test]
+    fn what_could_not_be_written_is_refused_before() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        assert!(check("--out", &folder.path().join("file")).is_ok());
+        assert!(check("--out", folder.path()).is_err());
+        assert!(check("--out", &folder.path().join("nowhere/file")).is_err());
+    }
+}

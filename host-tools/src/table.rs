@@ -194,15 +194,15 @@ impl<'a> Row<'a> {
         self.number(column)?.ok_or_else(|| self.wrong(column, "is empty"))
     }
 
-    /// 1 or 0; `None` where the field is empty.
+    /// 1 or 0, which some programs write as 1.0 or 0.0; `None` where the field is empty.
     ///
     /// # Errors
     /// The field is something else.
     pub fn truth_value(&self, column: Column) -> Result<Option<bool>, Wrong> {
         match self.text(column) {
             "" => Ok(None),
-            "1" => Ok(Some(true)),
-            "0" => Ok(Some(false)),
+            "1" | "1.0" => Ok(Some(true)),
+            "0" | "0.0" => Ok(Some(false)),
             text => Err(self.wrong(column, &format!("{} is neither 1 nor 0", quoted(text)))),
         }
     }

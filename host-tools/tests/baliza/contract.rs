@@ -207,7 +207,7 @@ fn the_sixteen_shortest_of_many_ranges_are_taken() {
 #[test]
 fn the_oracle_needs_to_know_what_is_blocked() {
     // The range to d is 2 m too long, and the file says so or not.
-    let ranges = "epoch,t_s,anchor,range_m,los\n7,0.5,a,5,1\n7,0.5,b,4,1\n7,0.5,c,3,1\n7,0.5,d,7,0\n";
+    let ranges = "epoch,t_s,anchor,range_m,los\n7,0.5,a,5,1\n7,0.5,b,4,1\n7,0.5,c,3,1.0\n7,0.5,d,7,0.0\n";
     let run = solve(&[("anchors.csv", ANCHORS), ("ranges.csv", ranges)], "--dims 2 --method nls-ccv");
     // Four ranges, the blocked one of lesser weight: nearer to (3, 4) than the 2 m that the range is off.
     assert!((run.numbers("x_m")[0] - 3.0).hypot(run.numbers("y_m")[0] - 4.0) < 0.2, "{}", run.stdout);
