@@ -37,7 +37,7 @@ fn bytes(rng: &mut Pcg64) -> Vec<u8> {
         }
         _ => {
             bytes.extend([0x41, 0x88, rng.random()].into_iter().chain(pan).chain(destination).chain(source));
-            bytes.push(rng.random_range(0xB0..=0xB3));
+            bytes.push(rng.random_range(0x30..=0x33));
         }
     }
     let lengths = [1, 2, 3, 4, 8, 9, 11, 15, 42, 5 + bytes.len() % 3];

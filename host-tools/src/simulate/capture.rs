@@ -12,15 +12,18 @@ use sim::scenario::Simulation;
 /// The longest frame of the standard, bytes.
 const LONGEST_FRAME: u32 = 127;
 
+/// When a frame's RMARKER left, since the beginning, and its bytes.
+type Frame = (Duration, Rc<[u8]>);
+
 /// A capture that fills while a simulation runs.
 pub struct Capture {
-    frames: Rc<RefCell<Vec<(Duration, Rc<[u8]>)>>>,
+    frames: Rc<RefCell<Vec<Frame>>>,
 }
 
 impl Capture {
     /// Of all frames from now on.
     pub fn of(simulation: &Simulation) -> Self {
-        let frames: Rc<RefCell<Vec<(Duration, Rc<[u8]>)>>> = Rc::default();
+        let frames: Rc<RefCell<Vec<Frame>>> = Rc::default();
         let filled = frames.clone();
         simulation.sniff(move |sniffed| {
             let nanoseconds = sniffed.marker.as_ps() / 1000;

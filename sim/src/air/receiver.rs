@@ -152,7 +152,7 @@ impl Air {
             (false, false) => self.statistics.received += 1,
         }
         let first_path_dbm = lock.link.first_path_dbm;
-        let stamp_m = gauss * stamp_deviation_m(self.config.stamp_noise_m, first_path_dbm)
+        let stamp_m = gauss * stamp_deviation_m(self.config.stamp_noise_m, first_path_dbm, lock.symbols)
             + if self.config.range_bias {
                 range_bias_m(sent.phy.channel, sent.phy.prf, lock.link.power_dbm)
             } else {
@@ -240,9 +240,11 @@ fn success(phy: &Phy, power_dbm: f64, bytes: usize) -> f64 {
     for_20.powf(bytes as f64 / 20.0)
 }
 
-/// Deviation of a stamp: the configured one at high power, 1.41 times as much at −93 dBm on the first path.
-fn stamp_deviation_m(at_high_power_m: f64, first_path_dbm: f64) -> f64 {
-    at_high_power_m * (1.0 + 10f64.powf((-93.0 - first_path_dbm) / 20.0).powi(2)).sqrt()
+/// Deviation of a stamp: the configured one at high power; 1.41 times as much at −93 dBm on the first path when 114 preamble
+/// symbols were gathered, as of 128. The noise in the accumulator falls with the symbols summed in it.
+fn stamp_deviation_m(at_high_power_m: f64, first_path_dbm: f64, symbols: u16) -> f64 {
+    let noise = 10f64.powf((-93.0 - first_path_dbm) / 10.0) * 114.0 / f64::from(symbols.max(1));
+    at_high_power_m * (1.0 + noise).sqrt()
 }
 
 #[cfg(test)]
@@ -264,7 +266,9 @@ mod tests {
 
     #[test]
     fn stamps_are_noisier_when_weak() {
-        assert!((stamp_deviation_m(0.027, -93.0) - 0.027 * 2f64.sqrt()).abs() < 1e-12);
-        assert!((stamp_deviation_m(0.027, -73.0) - 0.027 * 1.01f64.sqrt()).abs() < 1e-12);
+        assert!((stamp_deviation_m(0.027, -93.0, 114) - 0.027 * 2f64.sqrt()).abs() < 1e-12);
+        assert!((stamp_deviation_m(0.027, -73.0, 114) - 0.027 * 1.01f64.sqrt()).abs() < 1e-12);
+        // Eight times the symbols: an eighth of the noise.
+        assert!((stamp_deviation_m(0.027, -93.0, 912) - 0.027 * 1.125f64.sqrt()).abs() < 1e-12);
     }
 }

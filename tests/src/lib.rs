@@ -1,0 +1,96 @@
+//! What system tests share: a scenario run to its end, and questions to what it recorded.
+#![forbid(unsafe_code)]
+
+use sim::scenario::{Epoch, RangeRecord, Record, Scenario, Simulation, Summary, What};
+
+/// A scenario that has been run.
+pub struct Run {
+    /// All that was recorded, in the order of time.
+    pub records: Vec<Record>,
+    /// The figures.
+    pub summary: Summary,
+}
+
+impl Run {
+    /// Runs a scenario.
+    pub fn of(scenario: Scenario) -> Self {
+        let seconds = scenario.seconds;
+        let mut simulation = Simulation::new(scenario);
+        let records = simulation.run_until(seconds);
+        Self { records, summary: simulation.summary() }
+    }
+
+    /// Runs a scenario file's text.
+    ///
+    /// # Panics
+    /// The text is not a scenario.
+    pub fn of_text(text: &str) -> Self {
+        match Scenario::parse(text) {
+            Ok(scenario) => Self::of(scenario),
+            Err(error) => panic!("the test's scenario, line {error}"),
+        }
+    }
+
+    /// The epochs of a tag with their times.
+    pub fn epochs(&self, tag: u16) -> impl Iterator<Item = (f64, &Epoch)> {
+        self.records.iter().filter(move |record| record.node == tag).filter_map(|record| match &record.what {
+            What::Epoch(epoch) => Some((record.t_s, epoch)),
+            What::Link(_) | What::RadioFailed(_) | What::Fault(_) => None,
+        })
+    }
+
+    /// When a tag had positions, within a time.
+    pub fn fix_times(&self, tag: u16, from_s: f64, to_s: f64) -> Vec<f64> {
+        let within = |t_s: &f64| (from_s..=to_s).contains(t_s);
+        self.epochs(tag).filter(|(_, epoch)| epoch.outcome.is_ok()).map(|(t_s, _)| t_s).filter(within).collect()
+    }
+
+    /// The longest time without a position within a time, seconds.
+    pub fn longest_gap(&self, tag: u16, from_s: f64, to_s: f64) -> f64 {
+        let times = self.fix_times(tag, from_s, to_s);
+        let ends = times.iter().copied().chain([to_s]);
+        let mut last = from_s;
+        ends.map(|t_s| t_s - std::mem::replace(&mut last, t_s)).fold(0.0, f64::max)
+    }
+
+    /// A tag's ranges to an anchor within a time, with their times.
+    pub fn ranges(&self, tag: u16, anchor: u16, from_s: f64, to_s: f64) -> Vec<RangeRecord> {
+        let epochs = self.epochs(tag).filter(|(t_s, _)| (from_s..=to_s).contains(t_s));
+        epochs.flat_map(|(_, epoch)| &epoch.ranges).filter(|range| range.range.peer == anchor).copied().collect()
+    }
+
+    /// Mean and standard deviation of measured less true distance, metres.
+    pub fn range_error(&self, tag: u16, anchor: u16, from_s: f64, to_s: f64) -> (f64, f64) {
+        let ranges = self.ranges(tag, anchor, from_s, to_s);
+        moments(ranges.iter().map(|range| f64::from(range.range.distance_m) - range.truth_m))
+    }
+}
+
+/// Mean and standard deviation.
+pub fn moments(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    let values: Vec<f64> = values.collect();
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64;
+    (mean, variance.sqrt())
+}
+
+/// The text of a hall of 20 m × 12 m with `anchors` anchors around, without walls, in the plane; more text may follow.
+pub fn hall(head: &str, anchors: usize, tags: &[&str]) -> String {
+    let mut text = format!("height_m = 1.2\n{head}\n");
+    for i in 0..anchors {
+        let angle = std::f64::consts::TAU * i as f64 / anchors as f64;
+        let (x, y) = (10.0 + 9.0 * angle.cos(), 6.0 + 5.0 * angle.sin());
+        text += &format!("[[anchor]]\nat = [{x:.3}, {y:.3}, 2.5]\n");
+    }
+    for path in tags {
+        text += &format!("[[tag]]\npath = {path}\nclosed = true\n");
+    }
+    text
+}
+
+/// The first tag's address in a scenario that gives none.
+pub const TAG: u16 = 0x1001;
+/// A walk through the hall.
+pub const WALK: &str = "[[4, 3, 1.2], [16, 3, 1.2], [16, 9, 1.2], [4, 9, 1.2]]";
+/// A place in the hall.
+pub const STAND: &str = "[[8, 5, 1.2]]";

@@ -1,0 +1,47 @@
+//! How true a range is, whole nodes on register-level chips: in line of sight, calibrated, clocks up to ±20 ppm off.
+
+use system_tests::{Run, TAG};
+
+/// One anchor, one tag: a range over so many metres in a mode of the network.
+fn over(distance_m: f64, network: &str, seconds: f64, seed: u64) -> Run {
+    Run::of_text(&format!(
+        "seconds = {seconds}\nseed = {seed}\nheight_m = 1.5\n[[network]]\n{network}\n\
+         [[anchor]]\nat = [0, 0, 1.5]\n[[tag]]\npath = [[{distance_m}, 0, 1.5]]\n"
+    ))
+}
+
+/// Modes of the EVK1000: 1, 3, 5, 7 at 110 kbit/s, the others at 6.81 Mbit/s.
+fn seconds_of(mode: u8) -> f64 {
+    if mode % 2 == 1 { 30.0 } else { 3.0 }
+}
+
+fn assert_true(run: &Run, least: usize, what: &str) {
+    let ranges = run.ranges(TAG, 1, 0.0, f64::INFINITY).len();
+    assert!(ranges >= least, "{what}: {ranges} ranges");
+    let (bias, deviation) = run.range_error(TAG, 1, 0.0, f64::INFINITY);
+    assert!(bias.abs() <= 0.01, "{what}: bias {bias} m of {ranges}");
+    assert!(deviation <= 0.03, "{what}: deviation {deviation} m of {ranges}");
+}
+
+#[test]
+fn native_ranges_are_true_from_0_3_to_50_metres_in_every_mode() {
+    for mode in 1..=8 {
+        for (seed, distance_m) in [0.3, 1.0, 3.0, 10.0, 25.0, 50.0].into_iter().enumerate() {
+            let run = over(distance_m, &format!("evk1000_mode = {mode}"), seconds_of(mode), seed as u64 + 1);
+            assert_true(&run, 60, &format!("mode {mode}, {distance_m} m"));
+        }
+    }
+}
+
+#[test]
+fn decaranging_ranges_are_true_from_0_3_to_50_metres_in_every_mode() {
+    for mode in 1..=8 {
+        for (seed, distance_m) in [0.3, 10.0, 50.0].into_iter().enumerate() {
+            for variant in ["decaranging", "decaranging-fast"] {
+                let network = format!("mode = \"{variant}\"\nevk1000_mode = {mode}");
+                let run = over(distance_m, &network, 2.0 * seconds_of(mode), seed as u64 + 1);
+                assert_true(&run, 60, &format!("{variant}, mode {mode}, {distance_m} m"));
+            }
+        }
+    }
+}

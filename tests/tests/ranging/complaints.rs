@@ -1,0 +1,122 @@
+//! What the users of other systems complain about, each as a scenario: whole nodes, the driver on register-level chips.
+
+use positioning_core::NoFix;
+use system_tests::{Run, STAND, TAG, WALK, hall};
+
+/// After this long everybody has joined, seconds.
+const JOINED_S: f64 = 1.0;
+
+fn fault(at_s: f64, node: u16, what: &str) -> String {
+    format!("[[fault]]\nat_s = {at_s}\nnode = {node}\nwhat = \"{what}\"\n")
+}
+
+/// "More than four anchors or one tag makes it freeze."
+#[test]
+fn nine_anchors_and_five_tags_do_not_freeze_it() {
+    let run = Run::of_text(&hall("seconds = 6", 9, &[WALK; 5]));
+    for tag in TAG..TAG + 5 {
+        let gap = run.longest_gap(tag, 2.0, 6.0);
+        assert!(gap < 0.2, "tag {tag}: {gap} s without a position");
+    }
+}
+
+/// "A range changes when another anchor is switched on."
+#[test]
+fn an_anchor_that_is_switched_on_moves_no_other_range() {
+    let text = hall("seconds = 6", 5, &[STAND]) + &fault(0.0, 5, "off") + &fault(3.0, 5, "on");
+    let run = Run::of_text(&text);
+    assert!(run.ranges(TAG, 5, 0.0, 3.0).is_empty(), "it was off");
+    assert!(run.ranges(TAG, 5, 3.0, 6.0).len() > 100, "it is on");
+    for anchor in 1..=4 {
+        let (before, _) = run.range_error(TAG, anchor, JOINED_S, 3.0);
+        let (after, _) = run.range_error(TAG, anchor, 4.0, 6.0);
+        assert!((after - before).abs() < 0.01, "anchor {anchor}: {before} m, then {after} m");
+    }
+}
+
+/// "An anchor needs a reset after a tag's reset": neither end needs one after the other's.
+#[test]
+fn neither_end_needs_a_reset_after_the_others() {
+    let text = hall("seconds = 7", 4, &[STAND]) + &fault(2.0, TAG, "reset") + &fault(4.5, 2, "reset");
+    let run = Run::of_text(&text);
+    let again = |from_s| run.fix_times(TAG, from_s, from_s + 2.0).first().map(|t_s| t_s - from_s);
+    assert!(again(2.0).is_some_and(|s| s < 1.0), "after the tag's reset: {:?} s", again(2.0));
+    assert!(again(4.5).is_some_and(|s| s < 1.0), "after the anchor's reset: {:?} s", again(4.5));
+    assert!(run.ranges(TAG, 2, 5.5, 7.0).len() > 100, "the anchor that was reset ranges again");
+    for anchor in [1, 3, 4] {
+        let (before, _) = run.range_error(TAG, anchor, JOINED_S, 2.0);
+        let (after, _) = run.range_error(TAG, anchor, 4.5, 7.0);
+        assert!((after - before).abs() < 0.01, "anchor {anchor}: {before} m, then {after} m");
+    }
+}
+
+/// The anchor that coordinates goes: another takes over.
+#[test]
+fn a_lost_coordinator_is_replaced_within_a_second() {
+    // Whoever coordinates after two seconds, it is one of the four; each is switched off in a run of its own.
+    for lost in 1..=4 {
+        let text = hall("seconds = 6", 5, &[STAND]) + &fault(2.0, lost, "off") + &fault(4.0, lost, "on");
+        let run = Run::of_text(&text);
+        let gap = run.longest_gap(TAG, JOINED_S, 6.0);
+        assert!(gap < 1.0, "anchor {lost} off: {gap} s without a position");
+        assert!(run.ranges(TAG, lost, 5.0, 6.0).len() > 30, "anchor {lost} is back");
+        for anchor in (1..=5).filter(|anchor| *anchor != lost) {
+            let (before, _) = run.range_error(TAG, anchor, JOINED_S, 2.0);
+            let (between, _) = run.range_error(TAG, anchor, 2.5, 4.0);
+            let (after, _) = run.range_error(TAG, anchor, 5.0, 6.0);
+            assert!((between - before).abs() < 0.01, "anchor {anchor} without {lost}: {before} m, then {between} m");
+            assert!((after - before).abs() < 0.01, "anchor {anchor} with {lost} back: {before} m, then {after} m");
+        }
+    }
+}
+
+/// "A link at the edge of range dies for good."
+#[test]
+fn a_tag_that_comes_back_from_beyond_reach_is_found_again() {
+    // 300 m away and back at 60 m/s: nothing is heard beyond 150 m, and the edge is crossed slowly enough for the link to
+    // die by degrees. Gone from 2 s to about 10 s.
+    let text =
+        hall("seconds = 14", 4, &[]) + "[[tag]]\npath = [[10, 6, 1.2], [310, 6, 1.2], [10, 6, 1.2]]\nspeed_m_s = 60\n";
+    let run = Run::of_text(&text);
+    assert!(run.fix_times(TAG, 3.5, 7.0).is_empty(), "nobody hears the tag");
+    assert!(run.longest_gap(TAG, 10.0, 14.0) < 0.2, "it is back and stays: {} s", run.longest_gap(TAG, 10.0, 14.0));
+}
+
+/// "The tag repeats one value for ever", and "0,0,0 instead of no fix".
+#[test]
+fn without_anchors_there_is_a_reason_and_no_old_value() {
+    let off: String = (1..=4).map(|anchor| fault(2.0, anchor, "off")).collect();
+    let run = Run::of_text(&(hall("seconds = 5", 4, &[STAND]) + &off));
+    let positions: Vec<[f32; 3]> =
+        run.epochs(TAG).filter_map(|(_, epoch)| epoch.outcome.as_ref().ok()).map(|p| p.position_m).collect();
+    assert!(positions.len() > 300);
+    assert!(positions.windows(2).all(|pair| pair[0] != pair[1]), "two positions are never the same");
+    assert!(positions.iter().all(|position| position[0] > 7.0), "never zero");
+    let later: Vec<_> = run.epochs(TAG).filter(|(t_s, _)| *t_s > 2.01).collect();
+    assert!(later.iter().all(|(_, epoch)| epoch.outcome == Err(NoFix::TooFewAnchors)), "a reason each time");
+}
+
+/// "5 s gaps every two minutes", and whatever wraps after 17.2 s.
+#[test]
+fn five_minutes_have_no_gap() {
+    let run = Run::of_text(&hall("seconds = 300\nlevel = \"air\"\nrate_hz = 10", 5, &[WALK]));
+    let gap = run.longest_gap(TAG, JOINED_S, 300.0);
+    assert!(gap < 0.35, "{gap} s without a position");
+}
+
+/// Two networks side by side on one channel: neither follows the other, nobody's ranges suffer.
+#[test]
+fn two_networks_side_by_side_keep_apart() {
+    let second = "[[network]]\n[[network]]\npan = 0xBA13\ncode = 10\n\
+                  [[anchor]]\nnetwork = 1\nat = [41, 1, 2.5]\n[[anchor]]\nnetwork = 1\nat = [59, 1, 2.5]\n\
+                  [[anchor]]\nnetwork = 1\nat = [59, 11, 2.5]\n[[anchor]]\nnetwork = 1\nat = [41, 11, 2.5]\n\
+                  [[tag]]\nnetwork = 1\npath = [[50, 6, 1.2]]\n";
+    let run = Run::of_text(&(hall("seconds = 4", 4, &[STAND]) + second));
+    for (tag, anchors) in [(TAG, 1..=4), (TAG + 1, 5..=8)] {
+        assert!(run.fix_times(tag, 2.0, 4.0).len() > 100, "tag {tag}");
+        for anchor in 1..=8 {
+            let ranges = run.ranges(tag, anchor, 0.0, 4.0).len();
+            assert_eq!(ranges > 0, anchors.contains(&anchor), "tag {tag}, anchor {anchor}: {ranges} ranges");
+        }
+    }
+}

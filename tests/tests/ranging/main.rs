@@ -1,0 +1,7 @@
+//! Ranging, whole: the complaints that users of other systems have, the figures that are promised, and the captures.
+
+mod accuracy;
+mod captures;
+mod complaints;
+mod rates;
+mod reproducible;
