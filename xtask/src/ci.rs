@@ -11,7 +11,8 @@ use crate::root;
 /// What a step proves, its command, and what is added to its environment.
 type Step = (&'static str, &'static [&'static str], &'static [(&'static str, &'static str)]);
 
-const STEPS: [Step; 6] = [
+const STEPS: [Step; 7] = [
+    ("lock file", &["cargo", "fetch", "--locked"], &[]),
     ("tests", &["cargo", "test"], &[]),
     ("formatting", &["cargo", "fmt", "--all", "--check"], &[]),
     ("lints", &["cargo", "clippy", "--workspace", "--all-targets", "--", "-D", "warnings"], &[]),
