@@ -11,15 +11,20 @@ use crate::root;
 /// What a step proves, its command, and what is added to its environment.
 type Step = (&'static str, &'static [&'static str], &'static [(&'static str, &'static str)]);
 
-const STEPS: [Step; 7] = [
+const STEPS: [Step; 8] = [
     ("lock file", &["cargo", "fetch", "--locked"], &[]),
     ("tests", &["cargo", "test"], &[]),
     ("formatting", &["cargo", "fmt", "--all", "--check"], &[]),
     ("lints", &["cargo", "clippy", "--workspace", "--all-targets", "--", "-D", "warnings"], &[]),
     ("documentation", &["cargo", "doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-D warnings")]),
+    ("first command", &FIRST_COMMAND, &[]),
     ("bare-metal builds", &["cargo", "xtask", "no-std"], &[]),
     ("cost on the chip", &["cargo", "xtask", "bench", "--check"], &[]),
 ];
+
+/// The first command of the README, word by word.
+const FIRST_COMMAND: [&str; 11] =
+    ["cargo", "run", "--release", "-p", "host-tools", "--bin", "baliza", "--", "simulate", "--plot", "room.png"];
 
 /// Runs every step, even after one has failed, and ends with the list of what passed.
 pub fn run() -> Result<()> {
