@@ -14,6 +14,8 @@ use std::task::{Poll, Waker};
 use crc::{CRC_16_KERMIT, Crc};
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
+use ranging::dw1000::{Config, FrameFilter};
+use ranging::frame::{Address, BROADCAST, Header};
 use ranging::node::Restart;
 use ranging::phy::{DataRate, Prf as PhyPrf, Sfd as PhySfd};
 use ranging::radio::MAX_FRAME;
@@ -61,6 +63,8 @@ pub struct Direct(Antenna);
 struct State {
     port: PortId,
     settings: RxSettings,
+    /// Network and address, of those who want to hear nothing else.
+    filter: Option<(u16, u16)>,
     clock: Clock,
     /// On, or to be on again as soon as the frame that comes is there.
     listening: bool,
@@ -77,15 +81,19 @@ struct Received {
 }
 
 impl Antenna {
-    /// An antenna that moves along `path`; its clock starts anywhere.
-    pub fn new(world: &World, path: Path, clock: ClockConfig, phy: &PhyConfig) -> Self {
+    /// An antenna that moves along `path`; its clock starts anywhere. Of the driver's configuration it takes the PHY and, unless
+    /// the filter is off, network and address: then data frames to this node and to everyone are heard.
+    pub fn new(world: &World, path: Path, clock: ClockConfig, config: &Config) -> Self {
+        let phy = &config.phy;
         let air_phy = air_phy(phy);
+        let filter = (config.filter != FrameFilter::OFF).then_some((config.pan, config.short_address));
         let state = |port: PortId| {
             let first = WRAP + stream(world.seed(), Purpose::Birth, u64::from(port)).random_range(0..WRAP);
             let oscillator = stream(world.seed(), Purpose::Oscillator, u64::from(port));
             Rc::new(RefCell::new(State {
                 port,
                 settings: settings(phy, &air_phy),
+                filter,
                 clock: Clock::new(clock, Count::from_ticks(first), oscillator),
                 listening: false,
                 keep_listening: false,
@@ -161,6 +169,14 @@ impl State {
         world.air().listen(world.kernel(), self.port, self.settings);
     }
 
+    fn wants(&self, bytes: &[u8]) -> bool {
+        let Some((pan, address)) = self.filter else { return true };
+        Header::parse(bytes).is_some_and(|(header, _)| {
+            let ours = [Address::Short(address), Address::Short(BROADCAST)];
+            header.pan == pan && ours.contains(&header.destination)
+        })
+    }
+
     fn take(&mut self, now: TrueTime, reception: &Reception) -> Option<Received> {
         let length = reception.bytes.len();
         let payload = reception.bytes.get(..length.checked_sub(2)?)?;
@@ -196,7 +212,14 @@ impl State {
 impl AirClient for State {
     fn on_air(&mut self, world: &World, now: TrueTime, heard: Heard) {
         let received = match heard {
-            Heard::Preamble | Heard::Sfd | Heard::Header { .. } => return,
+            Heard::Preamble | Heard::Sfd => return,
+            Heard::Header { bytes, .. } => {
+                if !self.wants(&bytes) {
+                    world.air().deafen(self.port);
+                    self.switch_on(world);
+                }
+                return;
+            }
             Heard::SfdTimeout | Heard::HeaderError => None,
             Heard::Frame(reception) => self.take(now, &reception),
         };

@@ -8,7 +8,6 @@ use std::rc::Rc;
 use embedded_hal::digital::OutputPin;
 use embedded_hal::spi::{ErrorType, Operation};
 use embedded_hal_async::spi::SpiDevice;
-use ranging::PhyConfig;
 use ranging::dw1000::{ClockedSpi, Config, Dw1000, ResetLine, SpiClock};
 use ranging::node::Restart;
 
@@ -57,7 +56,7 @@ impl Hardware {
                 Self::Board(started)
             }
             Level::Air => {
-                let antenna = Antenna::new(world, node.path, node.clock, &node.config.phy);
+                let antenna = Antenna::new(world, node.path, node.clock, &node.config);
                 let task_world = world.clone();
                 let spawn = move |antenna: &Antenna| {
                     let running = firmware.clone().run::<Direct>(antenna.radio(), task_world.delay());
@@ -102,13 +101,6 @@ pub(super) struct NodePlan {
     pub(super) path: Path,
     pub(super) clock: ClockConfig,
     pub(super) config: Config,
-}
-
-impl NodePlan {
-    /// A node whose radio hears every frame of this kind.
-    pub(super) fn new(path: Path, clock: ClockConfig, phy: PhyConfig) -> Self {
-        Self { path, clock, config: Config::new(phy) }
-    }
 }
 
 /// A node without a board.

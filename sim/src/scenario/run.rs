@@ -104,7 +104,17 @@ impl Simulation {
 
 fn plan(world: &World, scenario: &Scenario, address: u16, path: Path, network: usize) -> NodePlan {
     let offset_ppm = world.random(u64::from(address)).random_range(-1.0..=1.0) * scenario.clock_ppm;
-    NodePlan::new(path, ClockConfig::crystal(offset_ppm), network_of(scenario, network).phy)
+    let network = network_of(scenario, network);
+    let mut config = dw1000::Config::new(network.phy);
+    match network.mode {
+        Mode::Native => {
+            config.filter = dw1000::FrameFilter::DATA;
+            (config.pan, config.short_address) = (network.pan, address);
+        }
+        // Blinks, and addresses that a tag learns when it is taken: everything is heard.
+        Mode::DecaRanging(_) => {}
+    }
+    NodePlan { path, clock: ClockConfig::crystal(offset_ppm), config }
 }
 
 fn network_of(scenario: &Scenario, network: usize) -> Network {
