@@ -102,8 +102,8 @@ impl firmware_tag::Sink for TagSink {
 }
 
 /// Instructions of a position from so many ranges, on a Cortex-M4F: a straight line through the counts of `robust`, the most
-/// expensive method, in docs/performance.md (17 197 and 27 736 for 4 and 8 anchors in the plane, 28 448 and 42 599 in space).
+/// expensive method, in docs/performance.md (11 309 and 13 964 for 4 and 8 anchors in the plane, 17 384 and 27 230 in space).
 fn solving_instructions(space: bool, ranges: usize) -> f64 {
-    let (for_four, for_each) = if space { (28_448.0, 3_538.0) } else { (17_197.0, 2_635.0) };
+    let (for_four, for_each) = if space { (17_384.0, 2_462.0) } else { (11_309.0, 664.0) };
     (for_four + for_each * (ranges as f64 - 4.0)).max(0.0)
 }
