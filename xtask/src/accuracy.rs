@@ -95,7 +95,7 @@ fn cell(score: &Score) -> String {
 }
 
 /// What `baliza` prints with these arguments.
-fn baliza(arguments: impl IntoIterator<Item: AsRef<OsStr>>) -> Result<String> {
+pub fn baliza(arguments: impl IntoIterator<Item: AsRef<OsStr>>) -> Result<String> {
     let mut command = Command::new("cargo");
     command.args(["run", "--quiet", "--release", "--package", "host-tools", "--bin", "baliza", "--"]);
     let output = command.args(arguments).current_dir(root()).stderr(Stdio::inherit()).output()?;

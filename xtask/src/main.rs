@@ -6,6 +6,7 @@ mod ci;
 mod document;
 mod onchip;
 mod qemu;
+mod simulation;
 mod toolchain;
 
 use std::path::{Path, PathBuf};
@@ -34,8 +35,8 @@ enum Chore {
     Ci,
     /// Build the crates of the node for bare-metal Cortex-M4F and RISC-V.
     NoStd,
-    /// Measure what every positioning method costs on the chip (instructions, stack, code, in QEMU) and how accurate it is, and
-    /// remake the tables of docs/performance.md.
+    /// Measure what every positioning method costs on the chip (instructions, stack, code, in QEMU) and how accurate it is, simulate
+    /// whole nodes, and remake the tables of docs/performance.md.
     ///
     /// Recordings are looked for in the folder that BALIZA_DATA names: each a folder with anchors.csv, ranges.csv and truth.csv.
     Bench {
@@ -63,6 +64,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Bench { check: false } => {
             let cost = onchip::bench();
             accuracy::bench()?;
+            simulation::bench()?;
             cost
         }
     }
