@@ -90,7 +90,7 @@ fn root() -> &'static Path {
 
 /// Where builds go.
 fn target_directory() -> PathBuf {
-    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
+    root().join(std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()))
 }
 
 /// Runs a command in the foreground; an error where it fails.
