@@ -162,6 +162,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         output::check("--pcap", file)?;
     }
     if let Some(folder) = &arguments.out {
+        if folder.exists() && !folder.is_dir() {
+            return Err(Wrong::flag("--out", format!("{} is not a folder", folder.display())).into());
+        }
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     }
     let mut logbook = arguments.out.as_ref().map(|_| Logbook::new(&scenario)).transpose()?;

@@ -4,6 +4,7 @@ mod contract;
 mod example;
 mod pictures;
 mod recordings;
+mod simulate;
 mod support;
 mod thesis;
 mod wrong_input;

@@ -1,0 +1,110 @@
+//! `baliza simulate`: what scripts rely on, files that `solve` reads, and errors that name their line.
+
+use crate::support::Folder;
+
+const SCENARIO: &str = "seconds = 2\nheight_m = 1.2\n\
+    [[anchor]]\nat = [0, 0, 2]\n[[anchor]]\nat = [6, 0, 2]\n[[anchor]]\nat = [6, 5, 2]\n[[anchor]]\nat = [0, 5, 2]\n\
+    [[tag]]\npath = [[2, 2, 1.2], [4, 3, 1.2]]\n";
+
+fn folder() -> Folder {
+    Folder::with(&[("hall.toml", SCENARIO)])
+}
+
+#[test]
+fn without_arguments_positions_move_and_a_summary_ends_it() {
+    let run = folder().run("simulate").ok();
+    assert!(run.stderr.starts_with("2 tags, 6 anchors, 10 s: "), "{}", run.stderr);
+    let x = run.numbers("x_m");
+    assert!(x.len() > 1000);
+    let found = || x.iter().copied().filter(|x| x.is_finite());
+    let (least, greatest) = (found().fold(f64::INFINITY, f64::min), found().fold(f64::NEG_INFINITY, f64::max));
+    assert!(greatest - least > 5.0, "from {least} to {greatest} m");
+    let reasons = run.column("reason");
+    assert!(x.iter().zip(reasons).all(|(x, reason)| x.is_nan() != reason.is_empty()), "a position or a reason");
+}
+
+#[test]
+fn json_has_the_keys_of_the_contract_and_nothing_else_is_printed() {
+    let run = folder().run("simulate --json --seconds 1 --anchors 5 --tags 1").ok();
+    let keys = [
+        "tags",
+        "anchors",
+        "seconds",
+        "fixes",
+        "fixes_per_s",
+        "rmse_m",
+        "p50_m",
+        "p90_m",
+        "frames_sent",
+        "frames_lost",
+        "collisions",
+        "airtime_share",
+    ];
+    let json = run.json();
+    let object = json.as_object().expect("an object");
+    assert_eq!(object.len(), keys.len());
+    assert!(keys.iter().all(|key| object.get(*key).is_some_and(serde_json::Value::is_number)), "{object:?}");
+    assert_eq!((&object["tags"], &object["anchors"], &object["seconds"]), (&1.into(), &5.into(), &1.0.into()));
+    assert_eq!(run.stderr, "");
+}
+
+#[test]
+fn equal_arguments_print_equal_bytes_and_another_seed_others() {
+    let bytes = |seed: u8| {
+        let folder = folder();
+        let arguments =
+            format!("simulate --scenario hall.toml --loss 0.1 --seed {seed} --out out --pcap air.pcap --plot a.svg");
+        let run = folder.run(&arguments).ok();
+        let files = ["out/ranges.csv", "out/truth.csv", "out/positions.csv", "air.pcap", "a.svg"];
+        (run.stdout, run.stderr, files.map(|file| folder.read(file)))
+    };
+    let first = bytes(1);
+    assert!(first == bytes(1));
+    assert!(first.0 != bytes(2).0);
+}
+
+#[test]
+fn solve_reads_what_was_simulated_and_finds_what_the_tag_found() {
+    let folder = folder();
+    let simulated = folder.run("simulate --scenario hall.toml --out out").ok();
+    let files = "--anchors out/anchors.csv --ranges out/ranges.csv --truth out/truth.csv";
+    let solved = folder.run(&format!("solve {files} --dims 2 --height-m 1.2")).ok();
+    // The tag solves the same ranges by the same code; files have four decimals.
+    let by_epoch = |run: &crate::support::Run| -> Vec<(String, f64, f64)> {
+        let (x, y) = (run.numbers("x_m"), run.numbers("y_m"));
+        let rows = run.column("epoch").into_iter().map(str::to_owned).zip(x).zip(y);
+        rows.map(|((epoch, x), y)| (epoch, x, y)).filter(|row| row.1.is_finite()).collect()
+    };
+    let (tag, host) = (by_epoch(&simulated), by_epoch(&solved));
+    assert!(tag.len() > 500);
+    // The first rounds may lend each other ranges.
+    for (tag, host) in tag.iter().zip(&host).skip(50) {
+        assert_eq!(tag.0, host.0);
+        assert!((tag.1 - host.1).abs() < 0.005 && (tag.2 - host.2).abs() < 0.005, "{tag:?} {host:?}");
+    }
+}
+
+#[test]
+fn what_is_wrong_is_told_in_one_line_and_nothing_is_written() {
+    let folder = folder();
+    folder.write("loss.toml", b"seconds = 1\nloss = 3\n");
+    folder.write("file", b"");
+    let cases = [
+        ("--scenario loss.toml", "loss.toml:2: 3 is not a probability from 0 to 1\n"),
+        ("--scenario none.toml", "none.toml: cannot read it"),
+        ("--loss 2", "invalid value '2' for '--loss <P>'"),
+        ("--tags 0", "invalid value '0' for '--tags <N>'"),
+        ("--scenario hall.toml --tags 2", "the argument '--scenario <FILE>' cannot be used with"),
+        ("--dims 3 --height-m 1", "--height-m: only with --dims 2\n"),
+        ("--plot room.gif", "--plot: room.gif ends in neither .svg nor .png\n"),
+        ("--pcap none/air.pcap", "--pcap: the folder none does not exist\n"),
+        ("--out file", "--out: file is not a folder\n"),
+    ];
+    let before = folder.names();
+    for (arguments, said) in cases {
+        let run = folder.run(&format!("simulate {arguments}"));
+        assert_eq!((run.code, run.stdout.as_str()), (Some(2), ""), "{arguments}: {run:?}");
+        assert!(run.stderr.starts_with(said) && run.stderr.lines().count() == 1, "{arguments}: {}", run.stderr);
+    }
+    assert_eq!(folder.names(), before);
+}
