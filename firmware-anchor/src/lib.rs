@@ -1,6 +1,7 @@
 //! The anchor, whole: a board's binary brings a radio, a delay and a listener for telemetry, and calls [`run`].
 //!
-//! Radio → machine of the exchange → changes of links, and the distances of tags where the exchange tells them to anchors.
+//! Radio → machine of the exchange → changes of links, and the distances of tags where the exchange tells them to
+//! anchors.
 #![no_std]
 #![forbid(unsafe_code)]
 

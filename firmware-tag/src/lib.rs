@@ -1,7 +1,7 @@
 //! The tag, whole: a board's binary brings a radio, a delay and a [`Sink`], and calls [`run`].
 //!
-//! Radio → machine of the exchange → a round of ranges → [`Memory`] → [`Locator`] → an [`Epoch`]: a position with its covariance, or the
-//! reason why there is none. Every round gives exactly one epoch.
+//! Radio → machine of the exchange → a round of ranges → [`Memory`] → [`Locator`] → an [`Epoch`]: a position with its
+//! covariance, or the reason why there is none. Every round gives exactly one epoch.
 #![no_std]
 #![forbid(unsafe_code)]
 

@@ -1,10 +1,10 @@
 //! What the DW1000 adds to a distance by itself: by received power, temperature and supply.
 //!
-//! The first path of a strong signal is found too early, that of a weak one too late. The tables are those of Decawave's
-//! application note APS011 (Sources of error in DW1000 based two-way ranging schemes, table 2), in steps of 2 dB, between
-//! which is interpolated linearly; beyond their ends the end value holds. They go by the power received, of which the chip's
-//! own estimate falls short where it is high (DW1000 user manual, figure 22).
-//! True distance = measured − [`RangeBias::metres`].
+//! The first path of a strong signal is found too early, that of a weak one too late. The tables are those of
+//! Decawave's application note APS011 (Sources of error in DW1000 based two-way ranging schemes, table 2), in steps of
+//! 2 dB, between which is interpolated linearly; beyond their ends the end value holds. They go by the power received,
+//! of which the chip's own estimate falls short where it is high (DW1000 user manual, figure 22). True distance =
+//! measured − [`RangeBias::metres`].
 
 use crate::PhyConfig;
 use crate::phy::Prf;
@@ -64,8 +64,8 @@ impl RangeBias {
         Self { table, estimates }
     }
 
-    /// What a distance reads too long at this received power, as [`Diagnostics`](crate::Diagnostics) have it, metres; 0 where
-    /// the power is not a number.
+    /// What a distance reads too long at this received power, as [`Diagnostics`](crate::Diagnostics) have it, metres; 0
+    /// where the power is not a number.
     pub fn metres(&self, rx_power_dbm: f32) -> f32 {
         if rx_power_dbm.is_nan() {
             return 0.0;
@@ -113,8 +113,8 @@ pub struct Conditions {
 }
 
 impl Conditions {
-    /// What a distance reads too long with one end under these conditions and the other under those of calibration: half of
-    /// what both ends would add.
+    /// What a distance reads too long with one end under these conditions and the other under those of calibration:
+    /// half of what both ends would add.
     pub fn metres(&self) -> f32 {
         0.5 * (self.warmer_by_c * METRES_PER_DEGREE + self.higher_by_v * METRES_PER_VOLT)
     }
@@ -166,8 +166,9 @@ mod tests {
             let phy = PhyConfig::new(Channel::Ch5, prf, DataRate::Kbps6810, PreambleLength::Symbols128).unwrap();
             RangeBias::of(&phy).metres(dbm)
         };
-        // −93 dBm is −93; −81.25 is half way from −82.5 (−80) to −80 (−72.5), so −76.25: 3/8 of the way from −77 (0) to −75
-        // (−2.7 cm). PRF 16: −85 is −77, where the table has −5.9 cm. −70 is more than the curve's end, so more than −61.
+        // −93 dBm is −93; −81.25 is half way from −82.5 (−80) to −80 (−72.5), so −76.25: 3/8 of the way from −77 (0) to
+        // −75 (−2.7 cm). PRF 16: −85 is −77, where the table has −5.9 cm. −70 is more than the curve's end, so more
+        // than −61.
         assert!((metres(Prf::Mhz64, -93.0) - 0.081).abs() < 1e-6);
         assert!((metres(Prf::Mhz64, -81.25) + 0.010_125).abs() < 1e-6);
         assert!((metres(Prf::Mhz16, -85.0) + 0.059).abs() < 1e-6);

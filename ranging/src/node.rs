@@ -1,7 +1,7 @@
 //! The loop of a node: a machine and a radio drive each other, for ever.
 //!
-//! Actions go to the radio, events back to the machine, reports to a [`Listener`]. An error of the radio ends nothing: the radio
-//! is brought up again, after a pause that grows from failure to failure, and the machine begins anew.
+//! Actions go to the radio, events back to the machine, reports to a [`Listener`]. An error of the radio ends nothing:
+//! the radio is brought up again, after a pause that grows from failure to failure, and the machine begins anew.
 
 use core::convert::Infallible;
 
@@ -11,7 +11,8 @@ use crate::Radio;
 use crate::exchange::{Action, Event, Machine, Report, execute};
 use crate::radio::MAX_FRAME;
 
-/// The first pause after a failure, and what it grows to, milliseconds: a chip that is back is used again within a second.
+/// The first pause after a failure, and what it grows to, milliseconds: a chip that is back is used again within a
+/// second.
 const SHORTEST_PAUSE_MS: u32 = 1;
 const LONGEST_PAUSE_MS: u32 = 250;
 
@@ -25,8 +26,8 @@ pub trait Restart: Radio {
 /// Who takes what a node finds out. The exchange waits meanwhile.
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
 pub trait Listener {
-    /// A round of ranging, or a change of a link. Answers with where the node is, metres, if it knows: a tag's machine chooses
-    /// its next anchors by it.
+    /// A round of ranging, or a change of a link. Answers with where the node is, metres, if it knows: a tag's machine
+    /// chooses its next anchors by it.
     async fn report(&mut self, report: Report<'_>) -> Option<[f32; 3]>;
 
     /// The radio failed, for the `failures`-th time since it last worked; it is brought up again.

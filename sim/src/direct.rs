@@ -1,7 +1,7 @@
 //! A radio straight on the air: [`ranging::Radio`] without a chip, a bus or an interrupt in between.
 //!
-//! It hears, is deaf, is late and loses frames as the chip does, on the same air and with the same kind of clock; what it leaves
-//! out is the time that a board takes. A thousand nodes run in the time that a dozen take on simulated chips.
+//! It hears, is deaf, is late and loses frames as the chip does, on the same air and with the same kind of clock; what
+//! it leaves out is the time that a board takes. A thousand nodes run in the time that a dozen take on simulated chips.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -35,8 +35,8 @@ use crate::world::World;
 const CHECK: Crc<u16> = Crc::<u16>::new(&CRC_16_KERMIT);
 /// From a command to the first preamble symbol, ticks (10 µs): a delayed start nearer than this is late.
 const LEAD_TICKS: i64 = 638_976;
-/// Radiated power: the regulatory limit, −41.3 dBm/MHz over 500 MHz, and what short frames are boosted by (smart power, DW1000
-/// user manual, 7.2.31.2).
+/// Radiated power: the regulatory limit, −41.3 dBm/MHz over 500 MHz, and what short frames are boosted by (smart power,
+/// DW1000 user manual, 7.2.31.2).
 const RADIATED_DBM: f64 = -14.3;
 const BOOSTS: [(f64, f64); 3] = [(125.0, 9.0), (250.0, 6.0), (500.0, 3.0)];
 /// Deviation of the clock offset that the carrier integrator shows, millionths.
@@ -81,8 +81,8 @@ struct Received {
 }
 
 impl Antenna {
-    /// An antenna that moves along `path`; its clock starts anywhere. Of the driver's configuration it takes the PHY and, unless
-    /// the filter is off, network and address: then data frames to this node and to everyone are heard.
+    /// An antenna that moves along `path`; its clock starts anywhere. Of the driver's configuration it takes the PHY
+    /// and, unless the filter is off, network and address: then data frames to this node and to everyone are heard.
     pub fn new(world: &World, path: Path, clock: ClockConfig, config: &Config) -> Self {
         let phy = &config.phy;
         let air_phy = air_phy(phy);

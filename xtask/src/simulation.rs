@@ -37,8 +37,8 @@ pub fn bench() -> Result<()> {
     baliza(["--version"])?;
     let binary = target_directory().join("release").join("baliza").with_extension(EXE_EXTENSION);
     let mut table = String::from(
-        "| what | `baliza simulate …` | positions a second | error P50, P90, m | on the air | times real time | others |\n\
-         |---|---|---:|---:|---:|---:|---|\n",
+        "| what | `baliza simulate …` | positions a second | error P50, P90, m | on the air | times real time | others \
+         |\n|---|---|---:|---:|---:|---:|---|\n",
     );
     for [what, arguments, others] in ROWS {
         let begun = Instant::now();

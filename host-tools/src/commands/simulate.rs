@@ -16,9 +16,10 @@ use crate::progress::Progress;
 
 /// Simulate whole nodes: tags that range to anchors and find their positions
 ///
-/// The firmware's own apps run, each over the driver on a simulated DW1000 behind SPI, with drifting clocks, walls, losses and
-/// collisions in between. Without --scenario, tags walk in a furnished room of 12 m by 8 m. Equal arguments print equal bytes. Positions go to standard
-/// output (on a terminal a table of some of them), a summary to standard error.
+/// The firmware's own apps run, each over the driver on a simulated DW1000 behind SPI, with drifting clocks, walls,
+/// losses and collisions in between. Without --scenario, tags walk in a furnished room of 12 m by 8 m. Equal arguments
+/// print equal bytes. Positions go to standard output (on a terminal a table of some of them), a summary to standard
+/// error.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -26,10 +27,10 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
     /// Anchors on the room's walls
-    #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u16).range(1..=4000), conflicts_with = "scenario")]
+    #[arg(long, value_name = "N", default_value_t = 6, value_parser = count(), conflicts_with = "scenario")]
     anchors: u16,
     /// Walking tags; more than twenty fill more rooms, each with its share of the anchors and a network of its own
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=4000), conflicts_with = "scenario")]
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = count(), conflicts_with = "scenario")]
     tags: u16,
     /// Simulated time, seconds [default: the scenario's, or 10]
     #[arg(long, value_name = "S", value_parser = seconds)]
@@ -92,6 +93,11 @@ enum LevelName {
     Spi,
     /// Radios straight on the air: for many nodes
     Air,
+}
+
+/// As many as addresses allow, which begin at 1 and 4097.
+fn count() -> clap::builder::RangedI64ValueParser<u16> {
+    clap::value_parser!(u16).range(1..=4000)
 }
 
 fn number(text: &str, least: f64, greatest: f64) -> Result<f64, String> {

@@ -1,4 +1,5 @@
-//! Every frame on the air as a capture of IEEE 802.15.4 frames with their check bytes (link type 195), times in nanoseconds.
+//! Every frame on the air as a capture of IEEE 802.15.4 frames with their check bytes (link type 195), times in
+//! nanoseconds.
 
 use std::cell::RefCell;
 use std::rc::Rc;

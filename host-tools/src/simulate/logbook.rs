@@ -1,5 +1,5 @@
-//! A simulation's records as the files of a recording, and its positions as `solve` writes them; each with one more column, the
-//! tag. Epochs count through all tags, so that one number is one fix.
+//! A simulation's records as the files of a recording, and its positions as `solve` writes them; each with one more
+//! column, the tag. Epochs count through all tags, so that one number is one fix.
 
 use sim::scenario::{Epoch, Scenario, What};
 

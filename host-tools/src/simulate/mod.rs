@@ -1,8 +1,8 @@
 //! A simulation as files: what `baliza simulate` writes beside its table.
 //!
-//! [`Logbook`] takes a simulation's records and makes the CSV files of a recording and of its positions, so that `solve` reads
-//! what was simulated; [`Capture`] takes every frame on the air and makes a capture for Wireshark; [`picture`] draws the tracks
-//! on the floor plan.
+//! [`Logbook`] takes a simulation's records and makes the CSV files of a recording and of its positions, so that
+//! `solve` reads what was simulated; [`Capture`] takes every frame on the air and makes a capture for Wireshark;
+//! [`picture`] draws the tracks on the floor plan.
 
 mod capture;
 mod logbook;

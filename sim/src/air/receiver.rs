@@ -54,7 +54,8 @@ impl Air {
         let taken_over = match port.lock {
             // Past its delimiter the followed frame keeps the receiver, for better or worse.
             Some(lock) => {
-                // A frame that is over and forgotten is followed still by a receiver that waits in vain for its delimiter.
+                // A frame that is over and forgotten is followed still by a receiver that waits in vain for its
+                // delimiter.
                 let followed = self.frames.get(lock.frame.wrapping_sub(self.first) as usize)?;
                 let in_preamble = now < followed.sent.marker.plus_ps(lock.link.delay_ps as u64);
                 if !in_preamble || link.power_dbm < lock.link.power_dbm + capture_db {
@@ -240,8 +241,8 @@ fn success(phy: &Phy, power_dbm: f64, bytes: usize) -> f64 {
     for_20.powf(bytes as f64 / 20.0)
 }
 
-/// Deviation of a stamp: the configured one at high power; 1.41 times as much at −93 dBm on the first path when 114 preamble
-/// symbols were gathered, as of 128. The noise in the accumulator falls with the symbols summed in it.
+/// Deviation of a stamp: the configured one at high power; 1.41 times as much at −93 dBm on the first path when 114
+/// preamble symbols were gathered, as of 128. The noise in the accumulator falls with the symbols summed in it.
 fn stamp_deviation_m(at_high_power_m: f64, first_path_dbm: f64, symbols: u16) -> f64 {
     let noise = 10f64.powf((-93.0 - first_path_dbm) / 10.0) * 114.0 / f64::from(symbols.max(1));
     at_high_power_m * (1.0 + noise).sqrt()

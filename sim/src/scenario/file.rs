@@ -15,7 +15,8 @@ use toml::Spanned;
 use super::{Anchor, Board, Fault, FaultKind, Level, Mode, Network, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
 
-/// The short addresses of nodes without one of their own: anchors from here, tags from there, by their place in the file.
+/// The short addresses of nodes without one of their own: anchors from here, tags from there, by their place in the
+/// file.
 const FIRST_ANCHOR: u16 = 0x0001;
 const FIRST_TAG: u16 = 0x1001;
 /// The address of everyone.

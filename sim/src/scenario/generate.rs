@@ -14,6 +14,8 @@ const ROOM: [f64; 2] = [12.0, 8.0];
 const PITCH_M: f64 = 40.0;
 /// Tags of a room at most: a network takes 24.
 const TAGS_A_ROOM: usize = 20;
+/// Anchors of a room at least, where there are several.
+const ANCHORS_A_ROOM: usize = 4;
 /// Anchors hang this far from the walls, high and low in turns, metres.
 const FROM_WALL_M: f64 = 0.2;
 const HEIGHTS_M: [f64; 2] = [2.6, 1.8];
@@ -23,11 +25,12 @@ const TAG_HEIGHT_M: f32 = 1.2;
 const WALKING_M_S: f64 = 1.0;
 
 impl Scenario {
-    /// `tags` tags walking in a furnished room of 12 m × 8 m among `anchors` anchors on its walls; more than twenty tags fill
-    /// further rooms, each with its share of the anchors, a network and a channel of its own. At least one of each.
+    /// So many tags, walking in a furnished room of 12 m × 8 m, among so many anchors on its walls; at least one of each.
+    /// More than twenty tags fill further rooms, as far as there are four anchors for each, with networks and channels of
+    /// their own.
     pub fn rooms(anchors: usize, tags: usize) -> Self {
         let (anchors, tags) = (anchors.max(1), tags.max(1));
-        let rooms = tags.div_ceil(TAGS_A_ROOM).min(anchors);
+        let rooms = tags.div_ceil(TAGS_A_ROOM).min(anchors / ANCHORS_A_ROOM).max(1);
         let columns = (rooms as f64).sqrt().ceil() as usize;
         let mut scenario = Self {
             seconds: 10.0,
@@ -109,7 +112,8 @@ fn perimeter([x, y]: [f64; 2], count: usize) -> impl Iterator<Item = [f64; 3]> {
     })
 }
 
-/// An ellipse around the room's middle as twelve straight steps, each tag's a little narrower, every other the other way round.
+/// An ellipse around the room's middle as twelve straight steps, each tag's a little narrower, every other the other
+/// way round.
 fn walk([x, y]: [f64; 2], number: usize) -> Walk {
     let narrow = 1.0 - 0.04 * (number % TAGS_A_ROOM) as f64;
     let direction = if number.is_multiple_of(2) { 1.0 } else { -1.0 };

@@ -1,7 +1,8 @@
-//! Scenarios: a floor plan, anchors, tags on their ways, what goes wrong; and whole nodes in it, on simulated chips and air.
+//! Scenarios: a floor plan, anchors, tags on their ways, what goes wrong; and whole nodes in them.
 //!
-//! A scenario comes from a TOML file ([`Scenario::parse`]) or from [`Scenario::rooms`]; a [`Simulation`] of it runs the apps
-//! `firmware-tag` and `firmware-anchor` as they are, and yields [`Record`]s. Equal scenarios with equal seeds yield equal records.
+//! A scenario comes from a TOML file ([`Scenario::parse`]) or from [`Scenario::rooms`]; a [`Simulation`] of it runs the
+//! apps of `firmware-tag` and `firmware-anchor` as they are, and yields [`Record`]s. Equal scenarios with equal seeds yield
+//! equal records.
 
 mod file;
 mod generate;

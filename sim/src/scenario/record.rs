@@ -88,8 +88,8 @@ pub struct Summary {
     pub p90_m: Option<f64>,
     /// Frames sent.
     pub frames_sent: u64,
-    /// Receptions that were begun and came to nothing: by the scenario's loss, for want of power, under another frame. A
-    /// frame to many receivers may count more than once.
+    /// Receptions that were begun and came to nothing: by the scenario's loss, for want of power, under another frame.
+    /// A frame to many receivers may count more than once.
     pub frames_lost: u64,
     /// Frames that another frame destroyed at one receiver or more.
     pub collisions: u64,

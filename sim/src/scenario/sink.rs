@@ -101,8 +101,9 @@ impl firmware_tag::Sink for TagSink {
     }
 }
 
-/// Instructions of a position from so many ranges, on a Cortex-M4F: a straight line through the counts of `robust`, the most
-/// expensive method, in docs/performance.md (11 399 and 14 926 for 4 and 8 anchors in the plane, 17 863 and 28 774 in space).
+/// Instructions of a position from so many ranges, on a Cortex-M4F: a straight line through the counts of `robust`, the
+/// most expensive method, in docs/performance.md (11 399 and 14 926 for 4 and 8 anchors in the plane, 17 863 and 28 774
+/// in space).
 fn solving_instructions(space: bool, ranges: usize) -> f64 {
     let (for_four, for_each) = if space { (17_863.0, 2_728.0) } else { (11_399.0, 882.0) };
     (for_four + for_each * (ranges as f64 - 4.0)).max(0.0)

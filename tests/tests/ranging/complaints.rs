@@ -73,8 +73,8 @@ fn a_lost_coordinator_is_replaced_within_a_second() {
 /// "A link at the edge of range dies for good."
 #[test]
 fn a_tag_that_comes_back_from_beyond_reach_is_found_again() {
-    // 300 m away and back at 60 m/s: nothing is heard beyond 150 m, and the edge is crossed slowly enough for the link to
-    // die by degrees. Gone from 2 s to about 10 s.
+    // 300 m away and back at 60 m/s: nothing is heard beyond 150 m, and the edge is crossed slowly enough for the link
+    // to die by degrees. Gone from 2 s to about 10 s.
     let text =
         hall("seconds = 14", 4, &[]) + "[[tag]]\npath = [[10, 6, 1.2], [310, 6, 1.2], [10, 6, 1.2]]\nspeed_m_s = 60\n";
     let run = Run::of_text(&text);
