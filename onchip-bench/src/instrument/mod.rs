@@ -42,6 +42,16 @@ impl Instrument {
         (Cost { instructions, stack }, answer)
     }
 
+    /// What `call` costs, made on two copies of `state`.
+    pub fn cost_on<S: Clone>(&mut self, state: &S, call: impl Fn(&mut S)) -> Cost {
+        let empty = self.count(|| ());
+        let mut copy = state.clone();
+        let instructions = self.count(|| call(black_box(&mut copy))) - empty;
+        let mut copy = state.clone();
+        let (stack, ()) = stack_of(|| call(black_box(&mut copy)));
+        Cost { instructions, stack }
+    }
+
     /// What a stretch of a thousand instructions is counted as.
     pub fn calibration(&mut self) -> u32 {
         let empty = self.count(|| ());
@@ -51,7 +61,7 @@ impl Instrument {
     }
 
     #[inline(never)]
-    fn count<R>(&mut self, call: impl Fn() -> R) -> u32 {
+    fn count<R>(&mut self, call: impl FnOnce() -> R) -> u32 {
         self.0.reset();
         compiler_fence(Ordering::SeqCst);
         black_box(call());
@@ -61,7 +71,7 @@ impl Instrument {
 }
 
 #[inline(never)]
-fn stack_of<R>(call: impl Fn() -> R) -> (usize, R) {
+fn stack_of<R>(call: impl FnOnce() -> R) -> (usize, R) {
     let top = chip::stack_pointer() as *mut u32;
     // SAFETY: nothing below the stack pointer is in use, no interrupt is enabled, and the stack has PAINTED words left.
     // Volatile, so that no call to a routine with a frame of its own takes the loop's place.

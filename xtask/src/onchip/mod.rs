@@ -23,6 +23,8 @@ struct Measured {
     solvers: Printed,
     /// What the image `algebra` printed.
     algebra: Printed,
+    /// What the image `exchange` printed.
+    exchange: Printed,
     sizes: Sizes,
     /// The greatest distance between a position of the chip and the desktop's, metres.
     disagreement_m: f32,
@@ -39,6 +41,7 @@ pub fn bench() -> Result<()> {
     let file = root().join("docs/performance.md");
     document::remake(&file, "cost on the chip", &tables.costs)?;
     document::remake(&file, "budgets", &tables.budgets)?;
+    document::remake(&file, "frames", &tables.frames)?;
     document::remake(&file, "libraries", &tables.algebra)?;
     tables.judge()
 }
@@ -48,6 +51,7 @@ struct Tables {
     costs: String,
     budgets: String,
     algebra: String,
+    frames: String,
     within: bool,
 }
 
@@ -57,8 +61,9 @@ impl Tables {
         let costs = measured.iter().map(tables::costs).collect::<String>();
         let (budgets, within) = tables::budgets(&measured)?;
         let algebra = measured.iter().map(tables::algebra).collect::<Result<String>>()?;
-        println!("{costs}{algebra}{budgets}");
-        Ok(Self { costs, budgets, algebra, within })
+        let frames = measured.iter().map(tables::frames).collect::<Result<String>>()?;
+        println!("{costs}{frames}{algebra}{budgets}");
+        Ok(Self { costs, budgets, algebra, frames, within })
     }
 
     fn judge(&self) -> Result<()> {
@@ -72,9 +77,10 @@ fn measure(chip: Chip) -> Result<Measured> {
     let solvers = run(&toolchain, chip, "solvers", "image")?;
     let disagreement_m = desktop::compare(&solvers)?;
     let algebra = run(&toolchain, chip, "algebra", "image,libraries")?;
+    let exchange = run(&toolchain, chip, "exchange", "image,exchange")?;
     let sizes = Sizes::measure(&toolchain, chip)?;
     let compiler = toolchain.version().unwrap_or_default();
-    Ok(Measured { chip, compiler, solvers, algebra, sizes, disagreement_m })
+    Ok(Measured { chip, compiler, solvers, algebra, exchange, sizes, disagreement_m })
 }
 
 /// Builds and runs an image.

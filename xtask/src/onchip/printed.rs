@@ -39,6 +39,17 @@ pub struct Step {
     pub position: [f32; 2],
 }
 
+/// A machine's step upon a frame, or to one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    pub name: String,
+    /// Bytes, without the check bytes.
+    pub length: u32,
+    pub instructions: u32,
+    /// Bytes.
+    pub stack: usize,
+}
+
 /// Everything that one image printed.
 #[derive(Clone, Debug, Default)]
 pub struct Printed {
@@ -47,6 +58,9 @@ pub struct Printed {
     pub solves: Vec<Solve>,
     pub roots: Vec<Root>,
     pub steps: Vec<Step>,
+    pub frames: Vec<Frame>,
+    /// Of the round of the image `exchange`, metres.
+    pub ranges: Vec<f32>,
 }
 
 impl Printed {
@@ -93,6 +107,13 @@ impl Printed {
                 stack: stack.parse()?,
                 position: [float(x)?, float(y)?],
             }),
+            ["frame", name, length, instructions, stack] => self.frames.push(Frame {
+                name: (*name).to_owned(),
+                length: length.parse()?,
+                instructions: instructions.parse()?,
+                stack: stack.parse()?,
+            }),
+            ["range", _, metres] => self.ranges.push(float(metres)?),
             ["done"] => return Ok(true),
             _ => bail!("unknown line"),
         }
@@ -124,6 +145,8 @@ mod tests {
                     solve b-wls 2 8 31 1499 352 fix 3fc00000 c0000000\n\
                     solve lls 3 4 0 10 20 none diverged\n\
                     step hand core 428 32 3fc00000 c0000000\n\
+                    frame poll 21 2136 920\n\
+                    range 3 3fc00000\n\
                     done\n";
         let printed = Printed::parse(text).expect("well formed");
         assert_eq!(printed.calibration, 1000);
@@ -131,6 +154,8 @@ mod tests {
         assert_eq!(printed.solves[1].answer, Err("diverged".to_owned()));
         assert_eq!(printed.worst(Method::BWls, 2, 8), (1499, 352));
         assert_eq!(printed.steps[0].position, [1.5, -2.0]);
+        let poll = Frame { name: "poll".to_owned(), length: 21, instructions: 2136, stack: 920 };
+        assert_eq!((&printed.frames[..], &printed.ranges[..]), (&[poll][..], &[1.5][..]));
     }
 
     #[test]

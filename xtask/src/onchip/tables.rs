@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use onchip_bench::cases::ANCHORS;
 use onchip_bench::{cases, step};
 use positioning_core::Method;
@@ -83,6 +83,37 @@ pub fn algebra(measured: &Measured) -> Result<String> {
             grouped(u64::from(step.instructions)),
             grouped(step.stack as u64),
             x.hypot(y)
+        );
+    }
+    table.push('\n');
+    Ok(table)
+}
+
+/// Native mode frame by frame: the machines' steps, and what the driver's sending or receiving of the frame takes on the bus.
+pub fn frames(measured: &Measured) -> Result<String> {
+    let printed = &measured.exchange;
+    // The image's tag is ten metres from each of four anchors.
+    let near = printed.ranges.iter().filter(|metres| (*metres - 10.0).abs() < 0.02).count();
+    ensure!(near == 4, "the exchange's ranges are {:?}", printed.ranges);
+    let mut table = format!(
+        "### {}\n\n| step | frame, bytes | instructions | stack | SPI transactions | SPI bytes |\n|---|---:|---:|---:|---:|---:|\n",
+        measured.chip.title()
+    );
+    // Transactions and bytes beside the frame's: `ranging::dw1000`, held by its test `costs_are_those_of_the_table`.
+    for (name, title, (transactions, beside)) in [
+        ("poll", "tag makes the poll; sent at once", (5, 13)),
+        ("answer", "anchor answers a poll; response sent at an instant", (6, 17)),
+        ("response", "tag makes a range of a response; received, listening on", (9, 47)),
+    ] {
+        let frames = || printed.frames.iter().filter(|frame| frame.name == name);
+        let length = frames().map(|frame| frame.length).max().with_context(|| format!("no {name}"))?;
+        let instructions = frames().map(|frame| frame.instructions).max().unwrap_or_default();
+        let stack = frames().map(|frame| frame.stack).max().unwrap_or_default();
+        table += &format!(
+            "| {title} | {length} | {} | {} | {transactions} | {} |\n",
+            grouped(u64::from(instructions)),
+            grouped(stack as u64),
+            length + beside
         );
     }
     table.push('\n');

@@ -1,0 +1,137 @@
+//! Image: what the machines of native mode cost, frame by frame: a tag ten metres from each of four anchors.
+#![no_std]
+#![no_main]
+// The entry macros make a public function without documentation.
+#![allow(missing_docs)]
+
+use core::hint::black_box;
+
+use onchip_bench::instrument::Instrument;
+use ranging::exchange::{Action, Event, Machine, Report};
+use ranging::frame::native::{Beacon, Frame, Member, Message, OWNED_BEACON_SLOTS, Share};
+use ranging::frame::{BROADCAST, FrameBuffer};
+use ranging::native::{Anchor, AnchorConfig, Network, Rate, Tag, TagConfig, Timing, Turnaround};
+use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
+use semihosting::println;
+
+const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, turnaround: Turnaround::DWM1001 };
+const TAG: u16 = 0x100;
+const ANCHORS: u16 = 4;
+const ANTENNA_DELAY: RadioDuration = RadioDuration::from_ticks(16_436);
+/// Ten metres: 10 / 299 704 645 s.
+const FLIGHT: RadioDuration = RadioDuration::from_ticks(2132);
+
+#[cfg_attr(target_arch = "arm", cortex_m_rt::entry)]
+#[cfg_attr(target_arch = "riscv32", riscv_rt::entry)]
+fn main() -> ! {
+    let mut instrument = Instrument::start();
+    println!("calibration exchange {}", instrument.calibration());
+    let mut tag =
+        Tag::new(TagConfig { address: TAG, network: NETWORK, anchors: 4, rate: Rate::Greedy, tell_distances: false });
+    let mut now = RadioInstant::from_ticks(1 << 39);
+    settle(tag.step(now, Event::Started));
+    let timing = Timing::of(&NETWORK);
+    for anchor in 0..ANCHORS {
+        let beacon = beacon(anchor as u8);
+        let rx_time = now.plus(timing.beacon(anchor.into()));
+        settle(tag.step(rx_time, Event::Received(heard(beacon.bytes(), rx_time))));
+        if anchor == 0 {
+            settle(tag.step(rx_time, Event::Reported));
+        }
+    }
+    now = now.plus(timing.beacon(ANCHORS.into()));
+    let mut event = Event::Timeout;
+    let mut poll = FrameBuffer::new();
+    let poll_frame = loop {
+        let before = tag.clone();
+        let (at, what) = (now, event);
+        match tag.step(now, event) {
+            Action::Transmit { frame, start, .. } => {
+                let cost = instrument.cost_on(&before, |tag| {
+                    black_box(tag.step(black_box(at), black_box(what)));
+                });
+                println!("frame poll {} {} {}", frame.len(), cost.instructions, cost.stack);
+                assert_eq!(start, Start::Now, "the table takes the poll for one that leaves at once");
+                Frame::parse(frame).expect("a poll").emit(&mut poll);
+                break poll;
+            }
+            Action::Receive { window, .. } => (now, event) = (now.plus(window), Event::Timeout),
+            Action::WaitUntil(instant) => (now, event) = (instant, Event::Woken),
+            Action::Report(_) => event = Event::Reported,
+        }
+    };
+    let departure = now.plus(ANTENNA_DELAY);
+    settle(tag.step(departure, Event::Sent(departure)));
+    let Message::Poll(asked) = Frame::parse(poll_frame.bytes()).expect("a poll").message else { panic!("no poll") };
+    for asked in &asked.anchors {
+        let mut anchor = Anchor::new(AnchorConfig {
+            address: asked.address,
+            network: NETWORK,
+            antenna_delay: ANTENNA_DELAY,
+            position_m: None,
+        });
+        settle(anchor.step(departure, Event::Started));
+        let before = anchor.clone();
+        let poll_rx = departure.plus(FLIGHT);
+        let frame = heard(poll_frame.bytes(), poll_rx);
+        let Action::Transmit { frame: response, start: Start::At(start), .. } =
+            anchor.step(poll_rx, Event::Received(frame))
+        else {
+            panic!("no response")
+        };
+        let cost = instrument.cost_on(&before, |anchor| {
+            black_box(anchor.step(black_box(poll_rx), black_box(Event::Received(frame))));
+        });
+        println!("frame answer {} {} {}", response.len(), cost.instructions, cost.stack);
+        let rx_time = start.snapped().plus(ANTENNA_DELAY).plus(FLIGHT);
+        let frame = heard(response, rx_time);
+        let cost = instrument.cost_on(&tag, |tag| {
+            black_box(tag.step(black_box(rx_time), black_box(Event::Received(frame))));
+        });
+        println!("frame response {} {} {}", response.len(), cost.instructions, cost.stack);
+        if let Action::Report(Report::Round(round)) = tag.step(rx_time, Event::Received(frame)) {
+            for range in round.ranges {
+                println!("range {} {:08x}", range.peer, range.distance_m.to_bits());
+            }
+        }
+    }
+    println!("done");
+    semihosting::process::exit(0)
+}
+
+fn settle(action: Action<'_>) {
+    black_box(action);
+}
+
+fn heard(bytes: &[u8], rx_time: RadioInstant) -> RxFrame<'_> {
+    // −81.5 dBm by the chip's reading is −77 dBm, where the range bias at PRF 64 is none (APS011).
+    RxFrame { bytes, rx_time, diagnostics: Diagnostics { rx_power_dbm: -81.5, ..Diagnostics::default() } }
+}
+
+fn beacon(slot: u8) -> FrameBuffer {
+    let beacon = Beacon {
+        superframe: 7,
+        term: 1,
+        age: 0,
+        hops: u8::from(slot > 0),
+        coordinator: 1,
+        slot,
+        slot_owners: [0; OWNED_BEACON_SLOTS],
+        request: None,
+        heard: 0,
+        version: 1,
+        countdown: 0,
+        position: None,
+        members: [Member { tag: TAG, share: Share::Greedy }].into_iter().collect(),
+    };
+    let mut out = FrameBuffer::new();
+    Frame {
+        sequence: 0,
+        pan: NETWORK.pan,
+        destination: BROADCAST,
+        source: u16::from(slot) + 1,
+        message: Message::Beacon(beacon),
+    }
+    .emit(&mut out);
+    out
+}
