@@ -1,0 +1,216 @@
+//! What a node is told: who it is, what it does, its network, its calibration.
+
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+/// Most anchors that a tag may be told the places of.
+pub const MAX_ANCHORS: usize = 24;
+/// Most beacons that a tag may be told of.
+pub const MAX_BEACONS: usize = 24;
+
+/// The record of one node.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Record {
+    /// Who it is.
+    pub identity: Identity,
+    /// What it does.
+    pub role: Role,
+    /// The network that it is part of.
+    pub network: Network,
+    /// What was calibrated on this board.
+    pub calibration: Calibration,
+    /// Where the DW1000 is wired, where the board leaves that open (ESP32); else the board's default.
+    pub pins: Option<Pins>,
+    /// Where anchors stand that do not tell it themselves, or not rightly.
+    pub anchors: Vec<Anchor, MAX_ANCHORS>,
+    /// Beacons that a tag knows.
+    pub beacons: Vec<Beacon, MAX_BEACONS>,
+    /// By which beacons hide their identity from others, and our tags find it.
+    pub beacon_key: Option<[u8; 16]>,
+}
+
+/// Who a node is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Identity {
+    /// EUI-64; else the chip's own.
+    pub eui: Option<u64>,
+    /// Short address, not 0xFFFF; else the lowest 16 bits of the EUI-64.
+    pub address: Option<u16>,
+}
+
+/// What a node does.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Role {
+    /// Positions itself.
+    Tag(Tag),
+    /// Stands and answers.
+    Anchor {
+        /// Where it stands, metres, once surveyed: told on the air.
+        position_m: Option<[f32; 3]>,
+    },
+    /// Advertises.
+    Advertiser(Advertiser),
+}
+
+/// How a tag works.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Tag {
+    /// The height at which it is carried, metres: only x and y are found then.
+    pub height_m: Option<f32>,
+    /// Rounds a second, 0.01 Hz; `None`: as many as there are slots for.
+    pub rate_chz: Option<u32>,
+    /// Rounds a second while it lies still, 0.01 Hz; `None`: the same.
+    pub still_rate_chz: Option<u32>,
+    /// Whether the UWB chip sleeps between rounds.
+    pub sleep: bool,
+    /// Anchors a round, 1 to 8.
+    pub anchors_per_round: u8,
+    /// Whether anchors are told their distances.
+    pub tell_distances: bool,
+    /// Bluetooth scan: interval and window, 0.625 ms; `None`: no scan.
+    pub scan: Option<Scan>,
+    /// Whether each range is told to the host beside the fixes.
+    pub report_ranges: bool,
+}
+
+/// How a tag scans.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Scan {
+    /// From one window to the next, milliseconds.
+    pub interval_ms: u16,
+    /// How long a window is, milliseconds, at most the interval.
+    pub window_ms: u16,
+}
+
+/// What a beacon advertises.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Advertiser {
+    /// Proximity UUID.
+    pub uuid: [u8; 16],
+    /// Major number.
+    pub major: u16,
+    /// Minor number.
+    pub minor: u16,
+    /// RSSI at 1 m, dBm.
+    pub measured_power_dbm: i8,
+    /// From one advertisement to the next, milliseconds, 20 to 10,240.
+    pub interval_ms: u16,
+    /// Transmit power, dBm.
+    pub tx_power_dbm: i8,
+    /// Channels 37, 38, 39 as bits 0, 1, 2.
+    pub channels: u8,
+    /// A new disguise every so many seconds, with `beacon_key`; 0: never.
+    pub rotate_s: u16,
+}
+
+/// The network that a node is part of; equal in all its nodes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Network {
+    /// PAN identifier.
+    pub pan: u16,
+    /// How nodes range.
+    pub mode: Mode,
+    /// How frames are put on the air.
+    pub phy: Phy,
+    /// The quickness of the slowest board, from which the superframe's slots follow, microseconds.
+    pub turnaround: Turnaround,
+}
+
+/// How nodes range.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Mode {
+    /// N + 1 frames a fix in a superframe.
+    Native,
+    /// As EVK1000 boards do.
+    DecaRanging {
+        /// The variant with short payloads, of `ranging::frame::decaranging`.
+        fast: bool,
+    },
+}
+
+/// How frames are put on the air, in the numbers of the standard.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Phy {
+    /// 1, 2, 3, 4, 5 or 7.
+    pub channel: u8,
+    /// 16 or 64 MHz.
+    pub prf_mhz: u8,
+    /// 110, 850 or 6810 kbit/s.
+    pub rate_kbps: u16,
+    /// 64 to 4096 symbols.
+    pub preamble: u16,
+    /// The preamble code; `None`: the channel's first.
+    pub code: Option<u8>,
+}
+
+/// `ranging::native::Turnaround`, microseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Turnaround {
+    /// From the end of a frame heard to the first pulse of the answer.
+    pub answer_us: u16,
+    /// From the end of a frame heard to the next that can be heard.
+    pub listen_again_us: u16,
+    /// From a decision to transmit to the first pulse.
+    pub transmit_us: u16,
+}
+
+/// What was calibrated on a board.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Calibration {
+    /// Antenna delay in each direction, ticks of 15.65 ps; `None`: the default of DWM1000-like boards.
+    pub antenna_delay: Option<u16>,
+    /// Crystal trim, 0 to 31; `None`: the module maker's, or the middle.
+    pub crystal_trim: Option<u8>,
+    /// TX_POWER; `None`: the reference design's.
+    pub tx_power: Option<u32>,
+}
+
+/// Where the DW1000 is wired, numbers of the processor's pins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[allow(missing_docs, reason = "they are the signals' names")]
+pub struct Pins {
+    pub sck: u8,
+    pub mosi: u8,
+    pub miso: u8,
+    pub cs: u8,
+    pub irq: u8,
+    pub reset: u8,
+}
+
+/// Where an anchor stands.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Anchor {
+    /// Short address.
+    pub address: u16,
+    /// Metres.
+    pub position_m: [f32; 3],
+}
+
+/// A beacon that a tag knows.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Beacon {
+    /// Major number.
+    pub major: u16,
+    /// Minor number.
+    pub minor: u16,
+    /// Metres.
+    pub position_m: [f32; 3],
+    /// RSSI at 1 m, dBm; `None`: what the beacon says.
+    pub rssi_1m_dbm: Option<f32>,
+    /// Path-loss exponent; `None`: 2.
+    pub path_loss_exponent: Option<f32>,
+}
