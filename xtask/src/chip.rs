@@ -1,6 +1,8 @@
-//! The chips that code is built for and that QEMU stands in for.
+//! The chips that QEMU stands in for.
 
 use std::process::Command;
+
+use crate::target::Target;
 
 /// A kind of chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,11 +25,11 @@ impl Chip {
         }
     }
 
-    /// The compiler's name.
-    pub fn triple(self) -> &'static str {
+    /// What code for it is compiled for.
+    pub fn target(self) -> Target {
         match self {
-            Self::CortexM4F => "thumbv7em-none-eabihf",
-            Self::RiscV32 => "riscv32imc-unknown-none-elf",
+            Self::CortexM4F => Target::CortexM4F,
+            Self::RiscV32 => Target::RiscV32Imc,
         }
     }
 

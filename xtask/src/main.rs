@@ -4,9 +4,11 @@ mod accuracy;
 mod chip;
 mod ci;
 mod document;
+mod firmware;
 mod onchip;
 mod qemu;
 mod simulation;
+mod target;
 mod toolchain;
 
 use std::path::{Path, PathBuf};
@@ -19,7 +21,17 @@ use chip::Chip;
 use toolchain::Toolchain;
 
 /// The crates of the node: they must build without an operating system, with and without their logging.
-const NO_STD_CRATES: [&str; 4] = ["positioning-core", "ranging", "firmware-anchor", "firmware-tag"];
+const NO_STD_CRATES: [&str; 9] = [
+    "positioning-core",
+    "ranging",
+    "telemetry",
+    "node-record",
+    "advertising",
+    "firmware-common",
+    "firmware-anchor",
+    "firmware-tag",
+    "firmware-beacon",
+];
 
 /// The project's own chores. `cargo xtask ci` runs exactly what continuous integration runs.
 #[derive(Parser)]
@@ -35,6 +47,9 @@ enum Chore {
     Ci,
     /// Build the crates of the node for bare-metal Cortex-M4F and RISC-V.
     NoStd,
+    /// Build the images of all roles, boards and variants into target/firmware, check what boards, bootloaders and probes look for
+    /// in them, and compare their sizes with their budgets.
+    Firmware(firmware::Arguments),
     /// Measure what every positioning method costs on the chip (instructions, stack, code, in QEMU) and how accurate it is, simulate
     /// whole nodes, and remake the tables of docs/performance.md.
     ///
@@ -60,6 +75,7 @@ fn run(chore: &Chore) -> Result<()> {
     match chore {
         Chore::Ci => ci::run(),
         Chore::NoStd => no_std(),
+        Chore::Firmware(arguments) => firmware::run(arguments),
         Chore::Bench { check: true } => onchip::check(),
         Chore::Bench { check: false } => {
             let cost = onchip::bench();
@@ -72,10 +88,10 @@ fn run(chore: &Chore) -> Result<()> {
 
 fn no_std() -> Result<()> {
     for chip in Chip::ALL {
-        let toolchain = Toolchain::find(chip)?;
+        let toolchain = Toolchain::find(chip.target())?;
         for name in NO_STD_CRATES {
             for features in ["", "defmt"] {
-                let mut cargo = toolchain.cargo("build", chip);
+                let mut cargo = toolchain.cargo("build");
                 succeed(cargo.args(["--package", name, "--features", features]))?;
             }
         }

@@ -3,20 +3,23 @@
 //! With rustup the first is a `rustup target add` away. Debian's `rustc-web` has no bare-metal targets but, with
 //! `rust-web-src`, the source: `-Zbuild-std`, which a stable compiler takes under `RUSTC_BOOTSTRAP=1`, does the rest.
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::{env, fs};
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 
-use crate::chip::Chip;
+use crate::target::Target;
 use crate::{root, target_directory};
 
 /// The cargo profile of whatever runs on a chip.
 const PROFILE: &str = "firmware";
 
-/// A compiler with its cargo.
+/// A compiler with its cargo, for one target.
 #[derive(Clone, Debug)]
 pub struct Toolchain {
+    target: Target,
     cargo: &'static str,
     rustc: &'static str,
     core: Core,
@@ -32,12 +35,12 @@ enum Core {
 }
 
 impl Toolchain {
-    /// The first toolchain that can build for `chip`: the one on PATH, or else the system's.
-    pub fn find(chip: Chip) -> Result<Self> {
+    /// The first toolchain that can build for `target`: the one on PATH, or else the system's.
+    pub fn find(target: Target) -> Result<Self> {
         let installed = [("cargo", "rustc"), ("/usr/bin/cargo", "/usr/bin/rustc")];
-        let with = |core| move |&(cargo, rustc): &_| Self { cargo, rustc, core };
+        let with = |core| move |&(cargo, rustc): &_| Self { target, cargo, rustc, core };
         if let Some(toolchain) =
-            installed.iter().find(|(_, rustc)| has_compiled_core(rustc, chip)).map(with(Core::Compiled))
+            installed.iter().find(|(_, rustc)| has_compiled_core(rustc, target)).map(with(Core::Compiled))
         {
             return Ok(toolchain);
         }
@@ -45,7 +48,7 @@ impl Toolchain {
             bail!(
                 "no Rust compiler here can build for {target}. Either `rustup target add {target}`, or on Debian \
                  `apt-get install rustc-web cargo-web rust-web-src lld`; `.ci/setup` does whichever works",
-                target = chip.triple()
+                target = target.triple()
             );
         };
         let linker = if brings_linker(rustc) {
@@ -55,33 +58,50 @@ impl Toolchain {
         } else {
             bail!("{rustc} brings no linker for bare metal, and there is no ld.lld: `apt-get install lld`");
         };
-        Ok(Self { cargo, rustc, core: Core::Source { linker } })
+        Ok(Self { target, cargo, rustc, core: Core::Source { linker } })
     }
 
-    /// `cargo <subcommand>` for `chip`, in the repository's root, with its own target directory: a different compiler must
+    /// `cargo <subcommand>` for the target, in the repository's root, with its own target directory: a different compiler must
     /// not make the desktop's builds stale.
-    pub fn cargo(&self, subcommand: &str, chip: Chip) -> Command {
+    pub fn cargo(&self, subcommand: &str) -> Command {
         let mut command = Command::new(self.cargo);
         // RUSTFLAGS, if set, were meant for the desktop.
         command.current_dir(root()).env("RUSTC", self.rustc).env_remove("RUSTFLAGS");
-        command.args([subcommand, "--profile", PROFILE, "--target", chip.triple(), "--target-dir"]);
+        command.args([subcommand, "--profile", PROFILE, "--target", self.target.triple(), "--target-dir"]);
         command.arg(build_directory());
         match self.core {
             Core::Compiled => {}
             Core::Source { linker } => {
                 command.env("RUSTC_BOOTSTRAP", "1").arg("-Zbuild-std=core,alloc");
                 if let Some(linker) = linker {
-                    let triple = chip.triple().replace('-', "_").to_uppercase();
-                    command.env(format!("CARGO_TARGET_{triple}_LINKER"), linker);
+                    command.env(linker_variable(self.target), linker);
                 }
             }
         }
         command
     }
 
+    /// [`cargo`](Self::cargo) for an image that is flashed: on a Cortex-M, flip-link, where it is installed, puts the stack
+    /// below the variables, so that an overflow faults.
+    pub fn cargo_image(&self, subcommand: &str) -> Result<Command> {
+        let mut command = self.cargo(subcommand);
+        if self.target.is_cortex_m() && answers("flip-link") {
+            command.env(linker_variable(self.target), "flip-link");
+            if !brings_linker(self.rustc) {
+                command.env("PATH", path_with_linker()?);
+            }
+        }
+        Ok(command)
+    }
+
     /// Where [`cargo`](Self::cargo) leaves the binary `name`.
-    pub fn binary(chip: Chip, name: &str) -> PathBuf {
-        build_directory().join(chip.triple()).join(PROFILE).join(name)
+    pub fn binary(&self, name: &str) -> PathBuf {
+        build_directory().join(self.target.triple()).join(PROFILE).join(name)
+    }
+
+    /// Whether clippy can look at code for the target: it comes with rustup's compilers only.
+    pub fn has_clippy(&self) -> bool {
+        self.core == Core::Compiled && output(self.cargo, &["clippy", "--version"]).is_some()
     }
 
     /// The compiler's version.
@@ -94,8 +114,27 @@ fn build_directory() -> PathBuf {
     target_directory().join("bare-metal")
 }
 
-fn has_compiled_core(rustc: &str, chip: Chip) -> bool {
-    let libraries = output(rustc, &["--print", "target-libdir", "--target", chip.triple()]);
+fn linker_variable(target: Target) -> String {
+    format!("CARGO_TARGET_{}_LINKER", target.variable())
+}
+
+/// PATH with LLVM's linker under the name that flip-link calls it by.
+fn path_with_linker() -> Result<OsString> {
+    let directory = build_directory().join("linker");
+    fs::create_dir_all(&directory)?;
+    let name = directory.join("rust-lld");
+    let path = env::var_os("PATH").unwrap_or_default();
+    if !name.exists() {
+        let Some(linker) = env::split_paths(&path).map(|entry| entry.join("ld.lld")).find(|file| file.is_file()) else {
+            bail!("flip-link needs LLVM's linker, and there is no ld.lld: `apt-get install lld`");
+        };
+        std::os::unix::fs::symlink(linker, &name).with_context(|| format!("cannot make {}", name.display()))?;
+    }
+    Ok(env::join_paths([directory].into_iter().chain(env::split_paths(&path)))?)
+}
+
+fn has_compiled_core(rustc: &str, target: Target) -> bool {
+    let libraries = output(rustc, &["--print", "target-libdir", "--target", target.triple()]);
     let entries = libraries.and_then(|path| std::fs::read_dir(path).ok());
     entries.is_some_and(|entries| {
         entries.flatten().any(|entry| entry.file_name().to_string_lossy().starts_with("libcore-"))
@@ -118,7 +157,8 @@ fn sysroot(rustc: &str) -> Option<PathBuf> {
     output(rustc, &["--print", "sysroot"]).map(PathBuf::from)
 }
 
-fn answers(program: &str) -> bool {
+/// Whether a program can be run.
+pub fn answers(program: &str) -> bool {
     Command::new(program)
         .arg("--version")
         .stdout(Stdio::null())

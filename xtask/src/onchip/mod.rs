@@ -73,21 +73,21 @@ impl Tables {
 }
 
 fn measure(chip: Chip) -> Result<Measured> {
-    let toolchain = Toolchain::find(chip)?;
+    let toolchain = Toolchain::find(chip.target())?;
     let solvers = run(&toolchain, chip, "solvers", "image")?;
     let disagreement_m = desktop::compare(&solvers)?;
     let algebra = run(&toolchain, chip, "algebra", "image,libraries")?;
     let exchange = run(&toolchain, chip, "exchange", "image,exchange")?;
-    let sizes = Sizes::measure(&toolchain, chip)?;
+    let sizes = Sizes::measure(&toolchain)?;
     let compiler = toolchain.version().unwrap_or_default();
     Ok(Measured { chip, compiler, solvers, algebra, exchange, sizes, disagreement_m })
 }
 
 /// Builds and runs an image.
 fn run(toolchain: &Toolchain, chip: Chip, name: &str, features: &str) -> Result<Printed> {
-    let mut cargo = toolchain.cargo("build", chip);
+    let mut cargo = toolchain.cargo("build");
     succeed(cargo.args(["--quiet", "--package", "onchip-bench", "--bin", name, "--features", features]))?;
-    let printed = Printed::parse(&qemu::run(chip, &Toolchain::binary(chip, name))?)?;
+    let printed = Printed::parse(&qemu::run(chip, &toolchain.binary(name))?)?;
     let counted = printed.calibration;
     ensure!(counted.abs_diff(1000) <= 2, "{}: 1000 instructions were counted as {counted}", chip.title());
     Ok(printed)

@@ -1,14 +1,9 @@
 //! Code sizes: what an image with a method weighs more than the same image without.
 
-use std::fs;
-use std::path::Path;
-
-use anyhow::{Context, Result};
-use object::read::{Object, ObjectSection};
-use object::{File, SectionFlags, elf};
+use anyhow::Result;
 use positioning_core::Method;
 
-use crate::chip::Chip;
+use crate::firmware::inspect;
 use crate::succeed;
 use crate::toolchain::Toolchain;
 
@@ -22,10 +17,9 @@ pub struct Sizes {
 
 impl Sizes {
     /// Links one image for each method, one for all, and one for none, in the plane and in space.
-    pub fn measure(toolchain: &Toolchain, chip: Chip) -> Result<Self> {
-        let weigh = |methods: &str| -> Result<[u64; 2]> {
-            Ok([weigh(toolchain, chip, methods, 2)?, weigh(toolchain, chip, methods, 3)?])
-        };
+    pub fn measure(toolchain: &Toolchain) -> Result<Self> {
+        let weigh =
+            |methods: &str| -> Result<[u64; 2]> { Ok([weigh(toolchain, methods, 2)?, weigh(toolchain, methods, 3)?]) };
         let none = weigh("none")?;
         let more = |image: [u64; 2]| [image[0].saturating_sub(none[0]), image[1].saturating_sub(none[1])];
         let each =
@@ -46,18 +40,9 @@ impl Sizes {
 }
 
 /// Bytes of flash of the image that holds `methods` (see `onchip-bench/src/bin/size.rs`).
-fn weigh(toolchain: &Toolchain, chip: Chip, methods: &str, dims: usize) -> Result<u64> {
-    let mut cargo = toolchain.cargo("build", chip);
+fn weigh(toolchain: &Toolchain, methods: &str, dims: usize) -> Result<u64> {
+    let mut cargo = toolchain.cargo("build");
     cargo.env("ONCHIP_METHODS", methods).env("ONCHIP_DIMS", dims.to_string());
     succeed(cargo.args(["--quiet", "--package", "onchip-bench", "--bin", "size", "--features", "image"]))?;
-    flash(&Toolchain::binary(chip, "size"))
-}
-
-/// Code, constants and initial values of variables.
-fn flash(image: &Path) -> Result<u64> {
-    let bytes = fs::read(image).with_context(|| format!("cannot read {}", image.display()))?;
-    let file = File::parse(bytes.as_slice()).with_context(|| format!("{} is no ELF file", image.display()))?;
-    let loaded = |flags| matches!(flags, SectionFlags::Elf { sh_flags } if sh_flags & u64::from(elf::SHF_ALLOC) != 0);
-    let sections = file.sections().filter(|section| loaded(section.flags()) && !section.kind().is_bss());
-    Ok(sections.map(|section| section.size()).sum())
+    inspect::flash(&toolchain.binary("size"))
 }

@@ -16,7 +16,7 @@ pub fn costs(measured: &Measured) -> String {
     let mut table = format!(
         "### {}\n\n{}, {}. Chip and desktop differ by {} mm at most.\n\n",
         measured.chip.title(),
-        measured.chip.triple(),
+        measured.chip.target().triple(),
         measured.compiler,
         measured.disagreement_m * 1.0e3
     );

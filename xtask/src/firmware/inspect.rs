@@ -1,0 +1,116 @@
+//! What an ELF file takes, and whether what a probe, a bootloader or a host looks for is where they look.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result, bail, ensure};
+use object::read::{Object, ObjectSection, ObjectSymbol};
+use object::{File, SectionFlags, elf};
+
+use super::matrix::{Board, Memory};
+
+/// The magic word of an ESP app descriptor.
+const APP_DESCRIPTOR: u32 = 0xABCD_5432;
+
+/// Bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Takes {
+    /// Code, constants and initial values.
+    pub flash: u64,
+    /// Variables, without stack.
+    pub ram: u64,
+    /// Of the variables, the heap, where there is one.
+    pub heap: Option<u64>,
+    /// What is left of the RAM for the stack.
+    pub stack: u64,
+}
+
+/// Bytes of flash: all sections that are loaded, but not those that begin as zeros.
+pub fn flash(file: &Path) -> Result<u64> {
+    let bytes = fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
+    Ok(flash_of(&parse(file, &bytes)?))
+}
+
+/// Reads an image for `board`, and checks its landmarks.
+pub fn inspect(file: &Path, board: Board) -> Result<Takes> {
+    let bytes = fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
+    let elf = parse(file, &bytes)?;
+    check(&elf, board).with_context(|| file.display().to_string())?;
+    Ok(takes(&elf, board.memory()))
+}
+
+fn parse<'b>(file: &Path, bytes: &'b [u8]) -> Result<File<'b>> {
+    File::parse(bytes).with_context(|| format!("{} is no ELF file", file.display()))
+}
+
+fn is_loaded(flags: SectionFlags) -> bool {
+    matches!(flags, SectionFlags::Elf { sh_flags } if sh_flags & u64::from(elf::SHF_ALLOC) != 0)
+}
+
+fn flash_of(elf: &File<'_>) -> u64 {
+    let sections = elf.sections().filter(|section| is_loaded(section.flags()) && !section.kind().is_bss());
+    sections.map(|section| section.size()).sum()
+}
+
+fn takes(elf: &File<'_>, memory: Memory) -> Takes {
+    let in_ram = |address: u64| (memory.ram_origin..memory.ram_origin + memory.ram_bytes).contains(&address);
+    let sections = elf.sections().filter(|section| is_loaded(section.flags()) && in_ram(section.address()));
+    // What only keeps room for the stack is no variable.
+    let ram = sections.filter(|section| section.name() != Ok(".stack")).map(|section| section.size()).sum();
+    let heaps = elf.symbols().filter(|symbol| symbol.name().is_ok_and(|name| name.contains("HEAP")));
+    let heap = heaps.filter(|symbol| in_ram(symbol.address())).map(|symbol| symbol.size()).max();
+    let stack = match (address(elf, "_stack_start_cpu0"), address(elf, "_stack_end_cpu0")) {
+        (Some(top), Some(bottom)) => top.saturating_sub(bottom),
+        _ => memory.ram_bytes.saturating_sub(ram),
+    };
+    Takes { flash: flash_of(elf), ram, heap, stack }
+}
+
+fn check(elf: &File<'_>, board: Board) -> Result<()> {
+    let memory = board.memory();
+    let ram = memory.ram_origin..=memory.ram_origin + memory.ram_bytes;
+    if board.target().is_cortex_m() {
+        let table = elf.section_by_name(".vector_table").context("no vector table")?;
+        ensure!(Some(table.address()) == memory.flash_origin, "the vector table is at {:#x}", table.address());
+        let words = table.data().context("the vector table is empty")?;
+        let stack = word(words, 0).context("the vector table is cut short")?;
+        let reset = word(words, 1).context("the vector table is cut short")?;
+        ensure!(ram.contains(&stack.into()), "the stack begins at {stack:#x}, outside the RAM");
+        ensure!(reset & 1 == 1, "the reset vector {reset:#x} is no Thumb code");
+    }
+    if board.espflash_chip().is_some() {
+        let descriptor = address(elf, "esp_app_desc").context("no app descriptor")?;
+        let magic = at(elf, descriptor).context("the app descriptor is in no section")?;
+        ensure!(magic == APP_DESCRIPTOR, "the app descriptor begins with {magic:#x}");
+    }
+    match address(elf, "_SEGGER_RTT") {
+        Some(block) => ensure!(ram.contains(&block), "the RTT control block is at {block:#x}, outside the RAM"),
+        // The log goes to the serial port.
+        None if elf.symbols().any(|symbol| symbol.name().is_ok_and(|name| name.contains("esp_println"))) => {}
+        None => bail!("no RTT control block"),
+    }
+    ensure!(elf.section_by_name(".defmt").is_some(), "no table of log lines");
+    let build = elf.section_by_name(".baliza.build").context("no build id")?;
+    ensure!(build.size() == 8, "the build id has {} bytes", build.size());
+    ensure!(build.data()?.iter().any(|byte| *byte != 0), "the build id is zero");
+    Ok(())
+}
+
+fn address(elf: &File<'_>, name: &str) -> Option<u64> {
+    elf.symbol_by_name(name).map(|symbol| symbol.address())
+}
+
+fn word(bytes: &[u8], index: usize) -> Option<u32> {
+    let bytes = bytes.get(4 * index..4 * index + 4)?;
+    Some(u32::from_le_bytes(bytes.try_into().ok()?))
+}
+
+/// The word at an address.
+fn at(elf: &File<'_>, address: u64) -> Option<u32> {
+    let holds = |section: &object::Section<'_, '_>| {
+        is_loaded(section.flags()) && (section.address()..section.address() + section.size()).contains(&address)
+    };
+    let section = elf.sections().find(holds)?;
+    let bytes = section.data_range(address, 4).ok()??;
+    word(bytes, 0)
+}

@@ -1,0 +1,157 @@
+//! Every image that is built: role, board, variant, and what it may take.
+
+use crate::target::Target;
+
+/// A board, as far as its images differ in building.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Board {
+    Dwm1001,
+    Evk1000,
+    Esp32C3,
+    Esp32C6,
+    /// QEMU with a simulated radio, on a Cortex-M4F.
+    SimulatedCortexM4F,
+    /// The same on RISC-V.
+    SimulatedRiscV32,
+}
+
+/// Where a chip's memories are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Memory {
+    /// Where the image begins; an ESP's bootloader loads it from anywhere.
+    pub flash_origin: Option<u64>,
+    pub ram_origin: u64,
+    pub ram_bytes: u64,
+}
+
+impl Board {
+    /// As features and images call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Dwm1001 => "dwm1001",
+            Self::Evk1000 => "evk1000",
+            Self::Esp32C3 => "esp32c3",
+            Self::Esp32C6 => "esp32c6",
+            Self::SimulatedCortexM4F | Self::SimulatedRiscV32 => "simulated",
+        }
+    }
+
+    pub fn target(self) -> Target {
+        match self {
+            Self::Dwm1001 | Self::SimulatedCortexM4F => Target::CortexM4F,
+            Self::Evk1000 => Target::CortexM3,
+            Self::Esp32C3 | Self::SimulatedRiscV32 => Target::RiscV32Imc,
+            Self::Esp32C6 => Target::RiscV32Imac,
+        }
+    }
+
+    /// The chip's name to espflash, where that flashes it.
+    pub fn espflash_chip(self) -> Option<&'static str> {
+        match self {
+            Self::Esp32C3 | Self::Esp32C6 => Some(self.name()),
+            Self::Dwm1001 | Self::Evk1000 | Self::SimulatedCortexM4F | Self::SimulatedRiscV32 => None,
+        }
+    }
+
+    pub fn is_simulated(self) -> bool {
+        match self {
+            Self::SimulatedCortexM4F | Self::SimulatedRiscV32 => true,
+            Self::Dwm1001 | Self::Evk1000 | Self::Esp32C3 | Self::Esp32C6 => false,
+        }
+    }
+
+    pub fn memory(self) -> Memory {
+        match self {
+            // nRF52832: 512 KiB, 64 KiB.
+            Self::Dwm1001 => Memory { flash_origin: Some(0), ram_origin: 0x2000_0000, ram_bytes: 64 << 10 },
+            // STM32F105RC: 256 KiB, 64 KiB.
+            Self::Evk1000 => Memory { flash_origin: Some(0x0800_0000), ram_origin: 0x2000_0000, ram_bytes: 64 << 10 },
+            // Internal SRAM as data (technical reference manuals, "System and Memory"): 384 KiB after the cache's 16; 512 KiB.
+            Self::Esp32C3 => Memory { flash_origin: None, ram_origin: 0x3FC8_0000, ram_bytes: 384 << 10 },
+            Self::Esp32C6 => Memory { flash_origin: None, ram_origin: 0x4080_0000, ram_bytes: 512 << 10 },
+            // QEMU's mps2-an386 and virt, as the images are linked.
+            Self::SimulatedCortexM4F => {
+                Memory { flash_origin: Some(0), ram_origin: 0x2000_0000, ram_bytes: 4096 << 10 }
+            }
+            Self::SimulatedRiscV32 => Memory { flash_origin: None, ram_origin: 0x8000_0000, ram_bytes: 4096 << 10 },
+        }
+    }
+}
+
+/// One image.
+#[derive(Clone, Copy, Debug)]
+pub struct Image {
+    pub role: &'static str,
+    pub board: Board,
+    /// Features beside the board's.
+    pub features: &'static [&'static str],
+    pub budget: Budget,
+}
+
+/// The most that an image may take, bytes; what has no budget is printed and not judged.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Budget {
+    /// Code, constants and initial values; of an ESP the image that espflash makes.
+    pub flash: Option<u64>,
+    /// Variables, without stack.
+    pub ram: Option<u64>,
+    /// Of the variables, the heap.
+    pub heap: Option<u64>,
+}
+
+impl Image {
+    const fn new(role: &'static str, board: Board, features: &'static [&'static str], budget: Budget) -> Self {
+        Self { role, board, features, budget }
+    }
+
+    /// The crate that it is a binary of.
+    pub fn package(&self) -> String {
+        format!("firmware-{}", self.role)
+    }
+
+    /// The binary.
+    pub fn binary(&self) -> String {
+        format!("{}-{}", self.role, self.board.name())
+    }
+
+    /// The binary with its variant: the file's name in `target/firmware`.
+    pub fn name(&self) -> String {
+        let mut name = self.binary();
+        if self.board.is_simulated() {
+            name = format!("{name}-{}", if self.board.target().is_cortex_m() { "arm" } else { "riscv" });
+        }
+        self.features.iter().fold(name, |name, feature| format!("{name}-{feature}"))
+    }
+
+    /// Everything to be enabled, as cargo wants it.
+    pub fn feature_list(&self) -> String {
+        [self.board.name()].iter().chain(self.features).copied().collect::<Vec<_>>().join(",")
+    }
+}
+
+const fn kib(flash: u64, ram: u64) -> Budget {
+    Budget { flash: Some(flash << 10), ram: Some(ram << 10), heap: None }
+}
+
+const NONE: Budget = Budget { flash: None, ram: None, heap: None };
+const ESP_BLE: Budget = Budget { flash: Some(420 << 10), ram: None, heap: Some(80 << 10) };
+
+/// The whole matrix.
+pub const IMAGES: [Image; 16] = [
+    Image::new("anchor", Board::Dwm1001, &[], kib(64, 12)),
+    Image::new("anchor", Board::Evk1000, &[], kib(64, 12)),
+    Image::new("anchor", Board::Esp32C3, &[], NONE),
+    Image::new("anchor", Board::Esp32C6, &[], NONE),
+    Image::new("tag", Board::Dwm1001, &[], kib(96, 16)),
+    Image::new("tag", Board::Dwm1001, &["ble"], kib(208, 28)),
+    Image::new("tag", Board::Evk1000, &[], NONE),
+    Image::new("tag", Board::Esp32C3, &[], NONE),
+    Image::new("tag", Board::Esp32C3, &["ble"], ESP_BLE),
+    Image::new("tag", Board::Esp32C3, &["ble", "log-serial"], ESP_BLE),
+    Image::new("tag", Board::Esp32C6, &[], NONE),
+    Image::new("tag", Board::Esp32C6, &["ble"], NONE),
+    Image::new("beacon", Board::Esp32C3, &[], NONE),
+    Image::new("beacon", Board::Esp32C6, &[], NONE),
+    Image::new("tag", Board::SimulatedCortexM4F, &[], NONE),
+    Image::new("tag", Board::SimulatedRiscV32, &[], NONE),
+];

@@ -1,0 +1,153 @@
+//! `cargo xtask firmware`: builds every image, checks that it is what a board can start, and compares what it takes with its
+//! budget. The images are left in `target/firmware`.
+
+pub mod inspect;
+mod matrix;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, ensure};
+
+use crate::toolchain::{self, Toolchain};
+use crate::{document, root, succeed, target_directory};
+use inspect::Takes;
+use matrix::{IMAGES, Image};
+
+/// What `cargo xtask firmware` is asked for.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Only images whose names contain this, such as `tag`, `dwm1001` or `tag-esp32c3-ble`.
+    filter: Option<String>,
+    /// Only look for mistakes, with clippy; needs a compiler by rustup with the targets.
+    #[arg(long)]
+    lint: bool,
+    /// Remake the table of docs/performance.md.
+    #[arg(long, conflicts_with_all = ["filter", "lint"])]
+    document: bool,
+}
+
+/// Builds and judges.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let wanted = |image: &&Image| arguments.filter.as_ref().is_none_or(|part| image.name().contains(part.as_str()));
+    let images: Vec<&Image> = IMAGES.iter().filter(wanted).collect();
+    let names = || IMAGES.iter().map(Image::name).collect::<Vec<_>>().join(", ");
+    ensure!(!images.is_empty(), "no image has that in its name; there are {}", names());
+    if arguments.lint {
+        return images.into_iter().try_for_each(lint);
+    }
+    if !toolchain::answers("flip-link") {
+        println!("no flip-link here: on a Cortex-M a stack overflow will go unnoticed; `cargo install flip-link`");
+    }
+    let mut rows = Vec::new();
+    for image in images {
+        rows.push(Row { image, takes: build(image)? });
+    }
+    let table = table(&rows);
+    println!("\n{table}");
+    if arguments.document {
+        document::remake(&root().join("docs/performance.md"), "firmware", &table)?;
+    }
+    let over: Vec<String> = rows.iter().filter(|row| !row.is_within()).map(|row| row.image.name()).collect();
+    ensure!(over.is_empty(), "over their budgets: {}", over.join(", "));
+    println!("{} images in {}", rows.len(), directory().display());
+    Ok(())
+}
+
+/// An image, built.
+struct Row<'i> {
+    image: &'i Image,
+    takes: Takes,
+}
+
+impl Row<'_> {
+    fn is_within(&self) -> bool {
+        let Takes { flash, ram, heap, .. } = self.takes;
+        let budget = self.image.budget;
+        let within = |value: u64, most: Option<u64>| most.is_none_or(|most| value <= most);
+        within(flash, budget.flash) && within(ram, budget.ram) && heap.is_none_or(|heap| within(heap, budget.heap))
+    }
+}
+
+/// Where the images are left.
+fn directory() -> PathBuf {
+    target_directory().join("firmware")
+}
+
+/// Builds an image; its ELF file.
+pub fn elf(name: &str) -> Result<PathBuf> {
+    let image = IMAGES.iter().find(|image| image.name() == name).with_context(|| format!("no image {name}"))?;
+    let toolchain = Toolchain::find(image.board.target())?;
+    let mut cargo = toolchain.cargo_image("build")?;
+    cargo.args(["--package", &image.package(), "--bin", &image.binary(), "--features", &image.feature_list()]);
+    println!("building {name}");
+    succeed(cargo.arg("--quiet"))?;
+    let file = directory().join(format!("{name}.elf"));
+    fs::create_dir_all(directory())?;
+    fs::copy(toolchain.binary(&image.binary()), &file).with_context(|| format!("cannot write {}", file.display()))?;
+    Ok(file)
+}
+
+fn build(image: &Image) -> Result<Takes> {
+    let file = elf(&image.name())?;
+    let mut takes = inspect::inspect(&file, image.board)?;
+    if let Some(chip) = image.board.espflash_chip() {
+        takes.flash = espflash_image(&file, chip)?;
+    }
+    Ok(takes)
+}
+
+/// Makes the image that the ESP's bootloader loads; its size.
+fn espflash_image(elf: &Path, chip: &str) -> Result<u64> {
+    ensure!(
+        toolchain::answers("espflash"),
+        "no espflash here to make {chip}'s image: `cargo install espflash --locked`"
+    );
+    let file = elf.with_extension("bin");
+    let output = Command::new("espflash")
+        .args(["save-image", "--skip-update-check", "--chip", chip])
+        .args([elf, &file])
+        .output()
+        .context("cannot run espflash")?;
+    ensure!(output.status.success(), "espflash refuses {}: {}", elf.display(), String::from_utf8_lossy(&output.stderr));
+    Ok(fs::metadata(&file).with_context(|| format!("cannot read {}", file.display()))?.len())
+}
+
+fn lint(image: &Image) -> Result<()> {
+    let toolchain = Toolchain::find(image.board.target())?;
+    if !toolchain.has_clippy() {
+        println!("{}: no clippy for {}", image.name(), image.board.target().triple());
+        return Ok(());
+    }
+    let mut cargo = toolchain.cargo("clippy");
+    cargo.args(["--package", &image.package(), "--bin", &image.binary(), "--features", &image.feature_list()]);
+    println!("looking at {}", image.name());
+    succeed(cargo.args(["--quiet", "--", "-D", "warnings"]))
+}
+
+fn table(rows: &[Row<'_>]) -> String {
+    let mut text = "| image | target | flash | budget | RAM | budget | heap | stack left |\n".to_owned();
+    text += "|---|---|---:|---:|---:|---:|---:|---:|\n";
+    for row in rows {
+        let Row { image, takes } = row;
+        text += &format!(
+            "| {}{} | {} | {} | {} | {} | {} | {} | {} |\n",
+            image.name(),
+            if row.is_within() { "" } else { " **over**" },
+            image.board.target().triple(),
+            kib(Some(takes.flash)),
+            kib(image.budget.flash),
+            kib(Some(takes.ram)),
+            kib(image.budget.ram),
+            kib(takes.heap),
+            kib(Some(takes.stack)),
+        );
+    }
+    text
+}
+
+/// Binary kilobytes with one digit.
+fn kib(bytes: Option<u64>) -> String {
+    bytes.map_or(String::new(), |bytes| format!("{:.1}", bytes as f64 / 1024.0))
+}
