@@ -11,7 +11,7 @@ use crate::root;
 /// What a step proves, its command, and what is added to its environment.
 type Step = (&'static str, &'static [&'static str], &'static [(&'static str, &'static str)]);
 
-const STEPS: [Step; 8] = [
+const STEPS: [Step; 11] = [
     ("lock file", &["cargo", "fetch", "--locked"], &[]),
     ("tests", &["cargo", "test"], &[]),
     ("formatting", &["cargo", "fmt", "--all", "--check"], &[]),
@@ -19,6 +19,9 @@ const STEPS: [Step; 8] = [
     ("documentation", &["cargo", "doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-D warnings")]),
     ("first command", &FIRST_COMMAND, &[]),
     ("bare-metal builds", &["cargo", "xtask", "no-std"], &[]),
+    ("firmware", &["cargo", "xtask", "firmware"], &[]),
+    ("lints of the boards", &["cargo", "xtask", "firmware", "--lint"], &[]),
+    ("tag in QEMU", &["cargo", "xtask", "qemu", "tag"], &[]),
     ("cost on the chip", &["cargo", "xtask", "bench", "--check"], &[]),
 ];
 
