@@ -9,6 +9,7 @@ pub mod example;
 pub mod output;
 pub mod plot;
 pub mod positions;
+pub mod probe;
 mod recording;
 pub mod simulate;
 mod solve;
