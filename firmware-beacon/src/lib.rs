@@ -1,3 +1,99 @@
-//! The iBeacon as a generic app: what it advertises, how often, under which identity.
+//! The iBeacon, whole: a board's binary brings an advertiser, a delay, random numbers and a listener, and calls [`run`].
+//!
+//! Node record and chip address → [`Settings`], checked → an [`Advertisement`] at the start and at each rotation → the board's
+//! [`Advertise`].
 #![no_std]
 #![forbid(unsafe_code)]
+
+mod settings;
+
+#[cfg(test)]
+extern crate std;
+
+use core::convert::Infallible;
+
+use embedded_hal_async::delay::DelayNs;
+
+pub use settings::{Advertisement, Channels, RANDOM_BYTES, Settings, SettingsFault};
+
+/// A controller that advertises. Both methods may be called in any state.
+#[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
+pub trait Advertise {
+    /// What it fails with.
+    type Error: core::fmt::Debug;
+
+    /// Advertises this from now on, in place of what was advertised before: not connectable, not scannable.
+    async fn start(&mut self, advertisement: &Advertisement) -> Result<(), Self::Error>;
+
+    /// Advertises nothing from now on.
+    async fn stop(&mut self) -> Result<(), Self::Error>;
+}
+
+/// Who is told what the beacon does.
+pub trait Listener {
+    /// This is advertised from now on.
+    fn advertising(&mut self, advertisement: &Advertisement);
+
+    /// The controller failed, for the `failures`-th time in a row; it is tried again.
+    fn failed(&mut self, error: &impl core::fmt::Debug, failures: u32);
+
+    /// The app is well: called at least every [`HEARTBEAT_MS`] while the controller answers.
+    fn alive(&mut self);
+}
+
+/// The longest time from one sign of life to the next, milliseconds, without what the controller takes.
+pub const HEARTBEAT_MS: u32 = 1000;
+
+/// The first pause after a failure, and what it grows to, milliseconds.
+const SHORTEST_PAUSE_MS: u32 = 50;
+const LONGEST_PAUSE_MS: u32 = HEARTBEAT_MS;
+
+/// Runs a beacon. `random` fills a slice with random bytes of a good source.
+pub async fn run(
+    mut advertiser: impl Advertise,
+    mut delay: impl DelayNs,
+    mut random: impl FnMut(&mut [u8]),
+    settings: &Settings,
+    mut listener: impl Listener,
+) -> Infallible {
+    let mut failures: u32 = 0;
+    loop {
+        let mut bytes = [0; RANDOM_BYTES];
+        random(&mut bytes);
+        let advertisement = settings.advertisement(&bytes);
+        match change(&mut advertiser, &advertisement).await {
+            Ok(()) => {
+                failures = 0;
+                listener.advertising(&advertisement);
+                wait(&mut delay, &mut listener, settings.rotation_ms()).await;
+            }
+            Err(error) => {
+                failures = failures.saturating_add(1);
+                listener.failed(&error, failures);
+                let pause = SHORTEST_PAUSE_MS.checked_shl(failures - 1).unwrap_or(LONGEST_PAUSE_MS);
+                delay.delay_ms(pause.clamp(SHORTEST_PAUSE_MS, LONGEST_PAUSE_MS)).await;
+                listener.alive();
+            }
+        }
+    }
+}
+
+/// From one advertisement to the next; the address can only change while nothing is advertised.
+async fn change<A: Advertise>(advertiser: &mut A, advertisement: &Advertisement) -> Result<(), A::Error> {
+    advertiser.stop().await?;
+    advertiser.start(advertisement).await
+}
+
+/// Waits for the next rotation, for ever where there is none, and shows that it lives.
+async fn wait(delay: &mut impl DelayNs, listener: &mut impl Listener, until_ms: Option<u32>) {
+    let mut left_ms = until_ms;
+    while left_ms != Some(0) {
+        listener.alive();
+        let step_ms = left_ms.map_or(HEARTBEAT_MS, |left| left.min(HEARTBEAT_MS));
+        delay.delay_ms(step_ms).await;
+        left_ms = left_ms.map(|left| left.saturating_sub(step_ms));
+    }
+}
+
+#[cfg(test)]
+mod tests;

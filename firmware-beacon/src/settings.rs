@@ -1,0 +1,170 @@
+//! From the node record to what is advertised: pure, no clock, no chip.
+
+use core::fmt;
+
+use advertising::{Disguise, Fresh, IBeacon, LENGTH};
+use node_record::{Record, Role};
+
+/// Random bytes that an advertisement takes.
+pub const RANDOM_BYTES: usize = 14;
+
+/// Bounds of the standard for what is neither connectable nor scannable, milliseconds (Bluetooth Core 5.4, volume 4, part E,
+/// 7.8.5).
+const SHORTEST_INTERVAL_MS: u16 = 20;
+const LONGEST_INTERVAL_MS: u16 = 10_240;
+
+/// Why a record is no beacon's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum SettingsFault {
+    /// It is for another role.
+    OtherRole,
+    /// This interval, milliseconds, is not from 20 to 10,240.
+    Interval(u16),
+    /// These bits name no channel, or more than the three.
+    Channels(u8),
+    /// Identities are to rotate, and there is no key.
+    NoKey,
+}
+
+impl fmt::Display for SettingsFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::OtherRole => f.write_str("the record is for another role"),
+            Self::Interval(ms) => {
+                write!(f, "the interval of {ms} ms is not from {SHORTEST_INTERVAL_MS} to {LONGEST_INTERVAL_MS} ms")
+            }
+            Self::Channels(bits) => write!(f, "the channels {bits:#05b} are not some of 0b111"),
+            Self::NoKey => f.write_str("identities rotate only with a beacon key"),
+        }
+    }
+}
+
+/// Some of the channels 37, 38 and 39: bits 0, 1, 2; at least one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Channels(u8);
+
+impl Channels {
+    /// As in the record.
+    pub fn new(bits: u8) -> Option<Self> {
+        (1..=0b111).contains(&bits).then_some(Self(bits))
+    }
+
+    /// Channels 37, 38, 39 as bits 0, 1, 2.
+    pub fn bits(self) -> u8 {
+        self.0
+    }
+}
+
+/// What the controller is told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Advertisement {
+    /// Advertising data.
+    pub data: [u8; LENGTH],
+    /// The random address under which it goes out, as on the air: the lowest byte first.
+    pub address: [u8; 6],
+    /// From one to the next, milliseconds.
+    pub interval_ms: u16,
+    /// On which channels.
+    pub channels: Channels,
+    /// Transmit power wanted, dBm.
+    pub tx_power_dbm: i8,
+}
+
+/// A beacon's settings, checked.
+pub struct Settings {
+    beacon: IBeacon,
+    rotation: Option<Rotation>,
+    /// Random static, from the chip's.
+    address: [u8; 6],
+    interval_ms: u16,
+    channels: Channels,
+    tx_power_dbm: i8,
+}
+
+struct Rotation {
+    disguise: Disguise,
+    period_ms: u32,
+}
+
+impl Settings {
+    /// From the record, and from an address of 48 bits that is the chip's own, the highest byte first.
+    pub fn of(record: &Record, chip_address: [u8; 6]) -> Result<Self, SettingsFault> {
+        let advertiser = match record.role {
+            Role::Advertiser(advertiser) => advertiser,
+            Role::Tag(_) | Role::Anchor { .. } => return Err(SettingsFault::OtherRole),
+        };
+        if !(SHORTEST_INTERVAL_MS..=LONGEST_INTERVAL_MS).contains(&advertiser.interval_ms) {
+            return Err(SettingsFault::Interval(advertiser.interval_ms));
+        }
+        let rotation = match (advertiser.rotate_s, &record.beacon_key) {
+            (0, _) => None,
+            (_, None) => return Err(SettingsFault::NoKey),
+            (seconds, Some(key)) => {
+                Some(Rotation { disguise: Disguise::new(key), period_ms: 1000 * u32::from(seconds) })
+            }
+        };
+        Ok(Self {
+            beacon: IBeacon {
+                uuid: advertiser.uuid,
+                major: advertiser.major,
+                minor: advertiser.minor,
+                measured_power_dbm: advertiser.measured_power_dbm,
+            },
+            rotation,
+            address: static_address(chip_address),
+            interval_ms: advertiser.interval_ms,
+            channels: Channels::new(advertiser.channels).ok_or(SettingsFault::Channels(advertiser.channels))?,
+            tx_power_dbm: advertiser.tx_power_dbm,
+        })
+    }
+
+    /// Transmit power wanted, dBm.
+    pub fn tx_power_dbm(&self) -> i8 {
+        self.tx_power_dbm
+    }
+
+    /// How long an advertisement is worn, milliseconds; `None`: for ever.
+    pub fn rotation_ms(&self) -> Option<u32> {
+        self.rotation.as_ref().map(|rotation| rotation.period_ms)
+    }
+
+    /// What is advertised next. Without rotation it is always the same.
+    pub fn advertisement(&self, random: &[u8; RANDOM_BYTES]) -> Advertisement {
+        let &[a, b, c, d, e, f, g, h, ref address @ ..] = random;
+        let (beacon, address) = match &self.rotation {
+            Some(rotation) => (
+                rotation.disguise.put_on(&self.beacon, Fresh::new([a, b, c, d, e, f, g, h])),
+                non_resolvable_address(*address),
+            ),
+            None => (self.beacon, self.address),
+        };
+        Advertisement {
+            data: beacon.emit(),
+            address,
+            interval_ms: self.interval_ms,
+            channels: self.channels,
+            tx_power_dbm: self.tx_power_dbm,
+        }
+    }
+}
+
+/// A random static address: the two highest bits are ones (Bluetooth Core 5.4, volume 6, part B, 1.3.2.1). The chip's own
+/// address need not be registered as a Bluetooth one.
+fn static_address(chip: [u8; 6]) -> [u8; 6] {
+    let [a, b, c, d, e, f] = chip;
+    [f, e, d, c, b, a | 0xC0]
+}
+
+/// A non-resolvable private address: the two highest bits are zeros, the others neither all zeros nor all ones (the same,
+/// 1.3.2.2).
+fn non_resolvable_address(random: [u8; 6]) -> [u8; 6] {
+    let [a, b, c, d, e, f] = random;
+    let address = [a, b, c, d, e, f & 0x3F];
+    match address {
+        [0, 0, 0, 0, 0, 0] | [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0x3F] => [1, 0, 0, 0, 0, 0],
+        other => other,
+    }
+}
