@@ -1,16 +1,24 @@
 //! What a node is told once: its configuration in flash.
 //!
-//! A [`Record`] is written by the host (`baliza provision`) as postcard with a header and a checksum, into one of two flash pages
-//! in turn: a power cut during writing leaves the other page's record.
+//! A [`Record`] is written by the host (`baliza provision`) as postcard with a header and a checksum ([`encode`]), into one of two
+//! flash pages in turn: a power cut during writing leaves the other page's record. A node takes it by [`load`].
 #![no_std]
 #![forbid(unsafe_code)]
 
 #[cfg(test)]
 extern crate std;
 
+mod board;
+mod page;
 mod record;
+mod store;
+mod validate;
 
+pub use board::{Board, Pages};
+pub use page::{Fault, HEADER_BYTES, MAX_BYTES, decode, encode};
 pub use record::*;
+pub use store::{Next, StoreError, load, newest, next, store};
+pub use validate::{Invalid, Value};
 
 /// The record's version.
 pub const VERSION: u8 = 1;

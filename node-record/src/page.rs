@@ -1,0 +1,132 @@
+//! A page of flash with a record: its bytes.
+//!
+//! | offset | bytes | what |
+//! |---|---|---|
+//! | 0 | 4 | `BLZR` |
+//! | 4 | 1 | [`VERSION`] of the record |
+//! | 5 | 1 | 0 |
+//! | 6 | 2 | length of the record, bytes |
+//! | 8 | 4 | sequence number, wrapping: of two pages the later one counts |
+//! | 12 | 4 | CRC-32 (ISO-HDLC, that of Ethernet) of the twelve bytes before and of the record |
+//! | 16 | … | the record in postcard |
+//!
+//! Numbers are little-endian. The rest of the page is erased, 0xFF. The header stays the same in all versions, so that an
+//! unknown version is known to be one.
+
+use crc::{CRC_32_ISO_HDLC, Crc, Table};
+
+use crate::{Invalid, Record, VERSION};
+
+/// Bytes that a record in its page has room for; the rest of the page is left erased.
+pub const MAX_BYTES: usize = 1280;
+/// Bytes before the record.
+pub const HEADER_BYTES: usize = 16;
+
+const MAGIC: [u8; 4] = *b"BLZR";
+/// Bit by bit: a page is checked twice a start, which is not worth a table of 1 KiB.
+const CRC: Crc<u32, Table<0>> = Crc::<u32, Table<0>>::new(&CRC_32_ISO_HDLC);
+
+/// Why there is no record.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Fault {
+    /// There is none: the flash is erased.
+    Missing,
+    /// It is whole, but of this version, which is not [`VERSION`].
+    Version(u8),
+    /// Its checksum is wrong, it is cut short, or it is something else.
+    Corrupt,
+    /// It is whole, but what it says cannot be done.
+    Invalid(Invalid),
+}
+
+impl core::fmt::Display for Fault {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Missing => f.write_str("there is no record: the flash is erased"),
+            Self::Version(version) => {
+                write!(f, "the record is of version {version}, this program reads version {VERSION}")
+            }
+            Self::Corrupt => f.write_str("the record is damaged or cut short: its checksum is wrong"),
+            Self::Invalid(invalid) => write!(f, "the record is whole, but {invalid}"),
+        }
+    }
+}
+
+impl core::error::Error for Fault {}
+
+/// What the header of a whole page says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Header {
+    version: u8,
+    /// Later is greater, across the wrap.
+    pub(crate) sequence: u32,
+}
+
+impl Header {
+    /// Whether its page was written after the other.
+    pub(crate) const fn is_later_than(self, other: Self) -> bool {
+        let ahead = self.sequence.wrapping_sub(other.sequence);
+        ahead != 0 && ahead < 1 << 31
+    }
+}
+
+/// The record as the beginning of a page, at most [`MAX_BYTES`] long; the rest of the buffer is 0xFF, as erased flash is.
+pub fn encode<'a>(record: &Record, sequence: u32, page: &'a mut [u8; MAX_BYTES]) -> &'a [u8] {
+    page.fill(0xFF);
+    let (header, body) = page.split_at_mut(HEADER_BYTES);
+    let length = match postcard::to_slice(record, body) {
+        Ok(written) => written.len(),
+        // MAX_BYTES holds the longest record there is: `the_longest_record_fits`.
+        Err(_) => unreachable!(),
+    };
+    let (checked, checksum) = header.split_at_mut(HEADER_BYTES - 4);
+    checked[..4].copy_from_slice(&MAGIC);
+    checked[4] = VERSION;
+    checked[5] = 0;
+    checked[6..8].copy_from_slice(&(length as u16).to_le_bytes());
+    checked[8..].copy_from_slice(&sequence.to_le_bytes());
+    checksum.copy_from_slice(&checksum_of(checked, &body[..length]).to_le_bytes());
+    &page[..HEADER_BYTES + length]
+}
+
+/// The record of a page, or of as much of its beginning as was read, and its sequence number.
+///
+/// # Errors
+/// There is none that is whole, of this version and valid.
+pub fn decode(page: &[u8]) -> Result<(Record, u32), Fault> {
+    let (header, body) = parse(page)?;
+    if header.version != VERSION {
+        return Err(Fault::Version(header.version));
+    }
+    let (record, rest) = postcard::take_from_bytes::<Record>(body).map_err(|_| Fault::Corrupt)?;
+    if !rest.is_empty() {
+        return Err(Fault::Corrupt);
+    }
+    record.validate().map_err(Fault::Invalid)?;
+    Ok((record, header.sequence))
+}
+
+/// The header and the record's bytes, where page and checksum agree.
+pub(crate) fn parse(page: &[u8]) -> Result<(Header, &[u8]), Fault> {
+    if page.iter().take(HEADER_BYTES).all(|byte| *byte == 0xFF) {
+        return Err(Fault::Missing);
+    }
+    let (header, rest) = page.split_first_chunk::<HEADER_BYTES>().ok_or(Fault::Corrupt)?;
+    let [m0, m1, m2, m3, version, reserved, l0, l1, s0, s1, s2, s3, c0, c1, c2, c3] = *header;
+    if [m0, m1, m2, m3] != MAGIC || reserved != 0 {
+        return Err(Fault::Corrupt);
+    }
+    let body = rest.get(..usize::from(u16::from_le_bytes([l0, l1]))).ok_or(Fault::Corrupt)?;
+    if checksum_of(&header[..HEADER_BYTES - 4], body) != u32::from_le_bytes([c0, c1, c2, c3]) {
+        return Err(Fault::Corrupt);
+    }
+    Ok((Header { version, sequence: u32::from_le_bytes([s0, s1, s2, s3]) }, body))
+}
+
+fn checksum_of(header: &[u8], body: &[u8]) -> u32 {
+    let mut digest = CRC.digest();
+    digest.update(header);
+    digest.update(body);
+    digest.finalize()
+}
