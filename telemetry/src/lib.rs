@@ -1,16 +1,25 @@
 //! What nodes tell the host: the one schema, its frames on a wire, the queue before it and the decoder behind it.
 //!
 //! A [`Message`] becomes a frame: the [`SCHEMA`] byte, the message as postcard writes it, a CRC-16, all COBS-encoded and ended by
-//! a zero byte. `docs/wire-format.md` has it byte by byte.
+//! a zero byte. `docs/wire-format.md` has it byte by byte. On a node a [`Queue`] holds frames until the channel takes them; on the
+//! host a [`Decoder`] makes messages of them again.
 #![no_std]
 #![forbid(unsafe_code)]
 
 #[cfg(test)]
 extern crate std;
 
+mod decoder;
 mod message;
+mod names;
+mod queue;
+mod units;
+mod wire;
 
+pub use decoder::{Counts, Decoder};
 pub use message::*;
+pub use queue::Queue;
+pub use wire::{LONGEST_FRAME, MAX_FRAME, Malformed, decode, encode};
 
 /// The schema's number, the first byte of each frame before COBS.
 pub const SCHEMA: u8 = 1;

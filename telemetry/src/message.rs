@@ -3,10 +3,11 @@
 //! Variants and fields are append-only: a variant's number is its place in the enumeration, and never changes. What cannot be
 //! kept so takes another [`SCHEMA`](crate::SCHEMA) number.
 
+use postcard::experimental::max_size::MaxSize;
 use serde::{Deserialize, Serialize};
 
 /// What a node tells.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Message {
     /// Who is speaking: sent at the start and every few seconds, so that a listener who comes late knows.
@@ -26,7 +27,7 @@ pub enum Message {
 }
 
 /// Who is speaking.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Hello {
     /// Since the node started, microseconds.
@@ -44,7 +45,7 @@ pub struct Hello {
 }
 
 /// What a node is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Role {
     /// Positions itself.
@@ -56,7 +57,7 @@ pub enum Role {
 }
 
 /// What a node is built on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Board {
     /// DWM1001 (nRF52832).
@@ -74,7 +75,7 @@ pub enum Board {
 }
 
 /// A position, or why there is none.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Fix {
     /// When it was published, since the node started, microseconds.
@@ -90,7 +91,7 @@ pub struct Fix {
 }
 
 /// What came of a round.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Outcome {
     /// A position.
@@ -111,7 +112,7 @@ pub enum Outcome {
 }
 
 /// Why there is no position: `positioning_core::NoFix`, one by one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Reason {
     /// Fewer ranges than unknowns need.
@@ -133,7 +134,7 @@ pub enum Reason {
 }
 
 /// A range of a round.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Range {
     /// When it was published, since the node started, microseconds.
@@ -153,7 +154,7 @@ pub struct Range {
 }
 
 /// What the receiver measured on a frame: `ranging::Diagnostics`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Diagnostics {
     /// Received power, 0.01 dBm.
@@ -175,7 +176,7 @@ pub struct Diagnostics {
 }
 
 /// An advertisement heard.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Sighting {
     /// When it was heard, since the node started, microseconds.
@@ -189,7 +190,7 @@ pub struct Sighting {
 }
 
 /// A beacon by what it advertises.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BeaconId {
     /// The first four bytes of the UUID, big-endian: enough to tell networks apart.
@@ -201,7 +202,7 @@ pub struct BeaconId {
 }
 
 /// A change of the node's state.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct State {
     /// Since the node started, microseconds.
@@ -211,7 +212,7 @@ pub struct State {
 }
 
 /// What a node may be in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Condition {
     /// There is no valid record in flash: the node is quiet.
@@ -239,7 +240,7 @@ pub enum Condition {
 }
 
 /// What is wrong with the record in flash.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum RecordFault {
     /// Both pages are erased.
@@ -253,7 +254,7 @@ pub enum RecordFault {
 }
 
 /// What was counted since the start; all wrap.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Counters {
     /// Since the node started, microseconds.
@@ -283,7 +284,7 @@ pub struct Counters {
 }
 
 /// Why the node started.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Reset {
     /// Since the node started, microseconds.
@@ -295,7 +296,7 @@ pub struct Reset {
 }
 
 /// What reset the chip.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ResetCause {
     /// Power came.
@@ -317,7 +318,7 @@ pub enum ResetCause {
 }
 
 /// How the firmware ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Crash {
     /// Why.
@@ -331,7 +332,7 @@ pub struct Crash {
 }
 
 /// Why the firmware ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CrashReason {
     /// It panicked.

@@ -1,0 +1,179 @@
+//! How files and screens spell what the wire has as numbers.
+
+use core::fmt::{self, Display, Formatter};
+
+use positioning_core::NoFix;
+
+use crate::{Board, Condition, Crash, CrashReason, Malformed, Message, Reason, RecordFault, ResetCause, Role};
+
+impl Message {
+    /// Of which kind it is: `hello`, `fix`, `range`, `sighting`, `state`, `counters`, `reset`.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Hello(_) => "hello",
+            Self::Fix(_) => "fix",
+            Self::Range(_) => "range",
+            Self::Sighting(_) => "sighting",
+            Self::State(_) => "state",
+            Self::Counters(_) => "counters",
+            Self::Reset(_) => "reset",
+        }
+    }
+}
+
+impl Role {
+    /// `tag`, `anchor`, `beacon`.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Tag => "tag",
+            Self::Anchor => "anchor",
+            Self::Beacon => "beacon",
+        }
+    }
+}
+
+impl Board {
+    /// As the images are called: `dwm1001`, `evk1000`, `esp32c3`, `esp32c6`, `esp32`, `simulated`.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Dwm1001 => "dwm1001",
+            Self::Evk1000 => "evk1000",
+            Self::Esp32C3 => "esp32c3",
+            Self::Esp32C6 => "esp32c6",
+            Self::Esp32 => "esp32",
+            Self::Simulated => "simulated",
+        }
+    }
+}
+
+impl Reason {
+    /// As [`NoFix::as_str`] spells it.
+    pub fn as_str(self) -> &'static str {
+        NoFix::from(self).as_str()
+    }
+}
+
+impl Condition {
+    /// Its name, without what it carries.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::NoRecord(_) => "no-record",
+            Self::WrongRecord => "wrong-record",
+            Self::Searching => "searching",
+            Self::Paired(_) => "paired",
+            Self::Synchronised(_) => "synchronised",
+            Self::Joined(_) => "joined",
+            Self::Coordinating => "coordinating",
+            Self::Following(_) => "following",
+            Self::RadioFailed(_) => "radio-failed",
+            Self::ScannerRestarted(_) => "scanner-restarted",
+            Self::Advertising => "advertising",
+        }
+    }
+}
+
+impl RecordFault {
+    /// Its name, without what it carries.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Missing => "missing",
+            Self::Version(_) => "version",
+            Self::Corrupt => "corrupt",
+            Self::Invalid => "invalid",
+        }
+    }
+}
+
+impl ResetCause {
+    /// Its name, without what it carries.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::PowerOn => "power-on",
+            Self::BrownOut => "brown-out",
+            Self::Pin => "pin",
+            Self::Software => "software",
+            Self::Watchdog => "watchdog",
+            Self::Lockup => "lockup",
+            Self::Wake => "wake",
+            Self::Other(_) => "other",
+        }
+    }
+}
+
+impl CrashReason {
+    /// `panic`, `fault`, `stack-overflow`, `stalled`.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Panic => "panic",
+            Self::Fault => "fault",
+            Self::StackOverflow => "stack-overflow",
+            Self::Stalled => "stalled",
+        }
+    }
+}
+
+impl Display for Condition {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoRecord(fault) => write!(f, "no record: {fault}"),
+            Self::WrongRecord => f.write_str("the record is for another role or board"),
+            Self::Searching => f.write_str("searching"),
+            Self::Paired(peer) => write!(f, "paired with {peer}"),
+            Self::Synchronised(coordinator) => write!(f, "in step with the network of anchor {coordinator}"),
+            Self::Joined(slots) => write!(f, "joined, slots a superframe: {slots}"),
+            Self::Coordinating => f.write_str("coordinating"),
+            Self::Following(coordinator) => write!(f, "following anchor {coordinator}"),
+            Self::RadioFailed(times) => write!(f, "radio failed, times in a row: {times}"),
+            Self::ScannerRestarted(times) => write!(f, "Bluetooth scanner restarted, times: {times}"),
+            Self::Advertising => f.write_str("advertising"),
+        }
+    }
+}
+
+impl Display for RecordFault {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Missing => f.write_str("the flash is erased"),
+            Self::Version(version) => write!(f, "version {version} is not known"),
+            Self::Corrupt => f.write_str("the checksum is wrong"),
+            Self::Invalid => f.write_str("what it says cannot be done"),
+        }
+    }
+}
+
+impl Display for ResetCause {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Other(number) => write!(f, "other ({number:#x})"),
+            Self::PowerOn
+            | Self::BrownOut
+            | Self::Pin
+            | Self::Software
+            | Self::Watchdog
+            | Self::Lockup
+            | Self::Wake => f.write_str(self.as_str()),
+        }
+    }
+}
+
+impl Display for Crash {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "{} at {:#010x}", self.reason.as_str(), self.program_counter)?;
+        if self.line == 0 { Ok(()) } else { write!(f, ", line {} of the file with hash {:08x}", self.line, self.file) }
+    }
+}
+
+impl Display for Malformed {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooLong => f.write_str("too long to be a frame"),
+            Self::Cobs => f.write_str("COBS is violated"),
+            Self::Checksum => f.write_str("the checksum is wrong"),
+            Self::Schema(schema) => write!(f, "schema {schema}, not {}", crate::SCHEMA),
+            Self::Unknown => f.write_str("a message of a newer build"),
+            Self::Body => f.write_str("the body is not what the schema says"),
+        }
+    }
+}
+
+impl core::error::Error for Malformed {}

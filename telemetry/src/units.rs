@@ -1,0 +1,262 @@
+//! Between the quantised numbers of the wire and SI units.
+//!
+//! Numbers beyond the wire's range become its greatest or least. One that is none (NaN) never becomes zero: a position with such a
+//! coordinate is told as [`Reason::NotFinite`], a deviation as the greatest, a power as [`UNKNOWN_POWER`].
+
+use positioning_core::{NoFix, Real};
+
+use crate::{Diagnostics, Fix, Message, Outcome, Range, Reason};
+
+/// Of lengths.
+const PER_METRE: f32 = 1e4;
+/// Of powers and of parts per million.
+const HUNDREDTHS: f32 = 100.0;
+/// Of indices in the accumulator.
+const PER_SAMPLE: f32 = 64.0;
+/// Of correlations.
+const FULL: f32 = 127.0;
+
+/// Stands for a power or an offset that is not known.
+pub const UNKNOWN_POWER: i16 = i16::MIN;
+
+/// To the nearest integer; what is none stays none.
+fn nearest(value: f32) -> f32 {
+    // `as` cuts towards zero.
+    value + if value < 0.0 { -0.5 } else { 0.5 }
+}
+
+/// 0.1 mm, at the ends of the range saturated; NaN as the greatest.
+fn length(metres: f32) -> i32 {
+    if metres.is_nan() { i32::MAX } else { nearest(metres * PER_METRE) as i32 }
+}
+
+/// 0.1 mm of a deviation; zero is for exactly known, so nothing else becomes it.
+fn deviation(metres: f32) -> u32 {
+    if metres <= 0.0 {
+        0
+    } else if metres.is_nan() {
+        u32::MAX
+    } else {
+        (nearest(metres * PER_METRE) as u32).max(1)
+    }
+}
+
+fn metres(length: i32) -> f64 {
+    f64::from(length) / f64::from(PER_METRE)
+}
+
+/// Hundredths; NaN and infinities as [`UNKNOWN_POWER`], which no finite value becomes.
+fn hundredths(value: f32) -> i16 {
+    if value.is_finite() { (nearest(value * HUNDREDTHS) as i16).max(-i16::MAX) } else { UNKNOWN_POWER }
+}
+
+fn from_hundredths(value: i16) -> Option<f64> {
+    (value != UNKNOWN_POWER).then(|| f64::from(value) / f64::from(HUNDREDTHS))
+}
+
+/// Three lengths, where all are numbers.
+fn place(metres: [f32; 3]) -> Option<[i32; 3]> {
+    metres.iter().all(|coordinate| coordinate.is_finite()).then(|| metres.map(length))
+}
+
+impl Message {
+    /// When it was made, since the node started, microseconds.
+    pub fn t_us(&self) -> u64 {
+        match self {
+            Self::Hello(hello) => hello.t_us,
+            Self::Fix(fix) => fix.t_us,
+            Self::Range(range) => range.t_us,
+            Self::Sighting(sighting) => sighting.t_us,
+            Self::State(state) => state.t_us,
+            Self::Counters(counters) => counters.t_us,
+            Self::Reset(reset) => reset.t_us,
+        }
+    }
+}
+
+impl Outcome {
+    /// A position, metres, with its covariance, m²; bit i of `used` is the round's i-th range, `quality` is from 0 to 1.
+    ///
+    /// A variance of zero is one of a coordinate that was given. A position that is none becomes [`Reason::NotFinite`].
+    pub fn position(position_m: [f32; 3], covariance_m2: [[f32; 3]; 3], used: u16, quality: f32) -> Self {
+        let Some(position) = place(position_m) else { return Self::Reason(Reason::NotFinite) };
+        let [[xx, xy, xz], [_, yy, yz], [_, _, zz]] = covariance_m2;
+        // A variance below zero is zero that rounding moved.
+        let [x, y, z] = [xx, yy, zz].map(|variance| if variance < 0.0 { 0.0 } else { Real::sqrt(variance) });
+        // Where a deviation is zero or none, so is the quotient none, which `as` makes 0.
+        let correlation =
+            [xy / (x * y), xz / (x * z), yz / (y * z)].map(|rho| nearest(rho.clamp(-1.0, 1.0) * FULL) as i8);
+        let quality = nearest(quality * f32::from(u8::MAX)) as u8;
+        Self::Position { position, deviation: [x, y, z].map(deviation), correlation, used, quality }
+    }
+}
+
+impl Fix {
+    /// Metres, in the anchors' frame.
+    pub fn position_m(&self) -> Option<[f64; 3]> {
+        match self.outcome {
+            Outcome::Position { position, .. } => Some(position.map(metres)),
+            Outcome::Reason(_) => None,
+        }
+    }
+
+    /// Standard deviation of each coordinate, metres; zero for a height that was given.
+    pub fn deviation_m(&self) -> Option<[f64; 3]> {
+        match self.outcome {
+            Outcome::Position { deviation, .. } => Some(deviation.map(|value| f64::from(value) / f64::from(PER_METRE))),
+            Outcome::Reason(_) => None,
+        }
+    }
+
+    /// Covariance, m².
+    pub fn covariance_m2(&self) -> Option<[[f64; 3]; 3]> {
+        let Outcome::Position { correlation, .. } = self.outcome else { return None };
+        let [x, y, z] = self.deviation_m()?;
+        let [xy, xz, yz] = correlation.map(|rho| f64::from(rho) / f64::from(FULL));
+        let (xy, xz, yz) = (xy * x * y, xz * x * z, yz * y * z);
+        Some([[x * x, xy, xz], [xy, y * y, yz], [xz, yz, z * z]])
+    }
+
+    /// Which of the round's ranges were used: bit i is the i-th.
+    pub fn used(&self) -> Option<u16> {
+        match self.outcome {
+            Outcome::Position { used, .. } => Some(used),
+            Outcome::Reason(_) => None,
+        }
+    }
+
+    /// How far the ranges agree with the position, 0 to 1.
+    pub fn quality(&self) -> Option<f64> {
+        match self.outcome {
+            Outcome::Position { quality, .. } => Some(f64::from(quality) / f64::from(u8::MAX)),
+            Outcome::Reason(_) => None,
+        }
+    }
+
+    /// Why there is no position.
+    pub fn reason(&self) -> Option<Reason> {
+        match self.outcome {
+            Outcome::Position { .. } => None,
+            Outcome::Reason(reason) => Some(reason),
+        }
+    }
+
+    /// From the poll to the publication, seconds.
+    pub fn age_s(&self) -> f64 {
+        f64::from(self.age_us) / 1e6
+    }
+}
+
+impl Range {
+    /// A range of a round that is published at `t_us`, microseconds since the node started.
+    pub fn new(t_us: u64, round: u16, range: &ranging::exchange::Range) -> Self {
+        Self {
+            t_us,
+            round,
+            peer: range.peer,
+            distance: length(range.distance_m),
+            deviation: deviation(range.deviation_m),
+            place: range.position_m.and_then(place),
+            diagnostics: range.diagnostics.into(),
+        }
+    }
+
+    /// Metres; slightly negative values happen at arm's length.
+    pub fn distance_m(&self) -> f64 {
+        metres(self.distance)
+    }
+
+    /// Standard deviation expected with line of sight, metres.
+    pub fn deviation_m(&self) -> f64 {
+        f64::from(self.deviation) / f64::from(PER_METRE)
+    }
+
+    /// Where the anchor says it stands, metres.
+    pub fn place_m(&self) -> Option<[f64; 3]> {
+        Some(self.place?.map(metres))
+    }
+}
+
+impl Diagnostics {
+    /// Received power, dBm; `None` where the receiver gave none.
+    pub fn rx_power_dbm(&self) -> Option<f64> {
+        from_hundredths(self.rx_power)
+    }
+
+    /// Power of the first path, dBm; `None` where the receiver gave none.
+    pub fn first_path_power_dbm(&self) -> Option<f64> {
+        from_hundredths(self.first_path_power)
+    }
+
+    /// Place of the first path in the accumulator, samples.
+    pub fn first_path_index(&self) -> f64 {
+        f64::from(self.first_path_index) / f64::from(PER_SAMPLE)
+    }
+
+    /// The sender's clock against ours, parts per million, positive where it is faster; `None` where the receiver gave none.
+    pub fn clock_offset_ppm(&self) -> Option<f64> {
+        from_hundredths(self.clock_offset)
+    }
+}
+
+impl From<ranging::Diagnostics> for Diagnostics {
+    fn from(measured: ranging::Diagnostics) -> Self {
+        Self {
+            rx_power: hundredths(measured.rx_power_dbm),
+            first_path_power: hundredths(measured.first_path_power_dbm),
+            first_path_index: nearest(measured.first_path_index * PER_SAMPLE) as u16,
+            first_path_amplitudes: measured.first_path_amplitudes,
+            cir_power: measured.cir_power,
+            preamble_count: measured.preamble_count,
+            noise_deviation: measured.noise_deviation,
+            clock_offset: hundredths(measured.clock_offset_ppm),
+        }
+    }
+}
+
+/// What is not known becomes NaN.
+impl From<Diagnostics> for ranging::Diagnostics {
+    fn from(told: Diagnostics) -> Self {
+        let known = |value: Option<f64>| value.map_or(f32::NAN, |value| value as f32);
+        Self {
+            rx_power_dbm: known(told.rx_power_dbm()),
+            first_path_power_dbm: known(told.first_path_power_dbm()),
+            first_path_index: told.first_path_index() as f32,
+            first_path_amplitudes: told.first_path_amplitudes,
+            cir_power: told.cir_power,
+            preamble_count: told.preamble_count,
+            noise_deviation: told.noise_deviation,
+            clock_offset_ppm: known(told.clock_offset_ppm()),
+        }
+    }
+}
+
+impl From<NoFix> for Reason {
+    fn from(reason: NoFix) -> Self {
+        match reason {
+            NoFix::TooFewAnchors => Self::TooFewAnchors,
+            NoFix::TooManyAnchors => Self::TooManyAnchors,
+            NoFix::NotFinite => Self::NotFinite,
+            NoFix::CoincidentAnchors => Self::CoincidentAnchors,
+            NoFix::CollinearAnchors => Self::CollinearAnchors,
+            NoFix::RangesDisjoint => Self::RangesDisjoint,
+            NoFix::Diverged => Self::Diverged,
+            NoFix::SightUnknown => Self::SightUnknown,
+        }
+    }
+}
+
+impl From<Reason> for NoFix {
+    fn from(reason: Reason) -> Self {
+        match reason {
+            Reason::TooFewAnchors => Self::TooFewAnchors,
+            Reason::TooManyAnchors => Self::TooManyAnchors,
+            Reason::NotFinite => Self::NotFinite,
+            Reason::CoincidentAnchors => Self::CoincidentAnchors,
+            Reason::CollinearAnchors => Self::CollinearAnchors,
+            Reason::RangesDisjoint => Self::RangesDisjoint,
+            Reason::Diverged => Self::Diverged,
+            Reason::SightUnknown => Self::SightUnknown,
+        }
+    }
+}
