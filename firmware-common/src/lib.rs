@@ -1,3 +1,25 @@
-//! What every node has in common above its board: settings from the record, the journal (telemetry and log), crash reports, supervision.
+//! What every node has in common above its board: settings from the record, the journal (telemetry and log), crash reports,
+//! supervision, what is counted.
+//!
+//! Nothing here knows the time or a chip: instants are microseconds since the node started, handed in by whoever has a clock.
 #![no_std]
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod build;
+pub mod counts;
+pub mod crash;
+pub mod journal;
+#[cfg(any(test, feature = "defmt"))]
+mod lines;
+pub mod machines;
+pub mod quantise;
+pub mod settings;
+pub mod supervision;
+
+pub use counts::{Counted, Counts};
+pub use journal::Journal;
+pub use machines::{AnchorMachine, TagMachine};
+pub use settings::{Settings, SettingsFault};

@@ -14,7 +14,8 @@ extern crate std;
 use core::convert::Infallible;
 
 use embedded_hal_async::delay::DelayNs;
-use ranging::exchange::{Link, Machine, Report};
+use ranging::RadioInstant;
+use ranging::exchange::{Guidance, Link, Machine, Report};
 use ranging::node::{self, Listener, Restart};
 
 pub use locator::{AnchorPlace, Dimensions, Epoch, Locator, Position};
@@ -60,7 +61,7 @@ struct Positioner<'a, S> {
 }
 
 impl<S: Sink> Listener for Positioner<'_, S> {
-    async fn report(&mut self, report: Report<'_>) -> Option<[f32; 3]> {
+    async fn report(&mut self, report: Report<'_>, _: RadioInstant) -> Guidance {
         match report {
             Report::Round(round) => {
                 let epoch = self.locator.locate(round, &self.memory.complete(&round));
@@ -69,7 +70,7 @@ impl<S: Sink> Listener for Positioner<'_, S> {
             }
             Report::Link(link) => self.sink.link(link).await,
         }
-        self.place
+        Guidance { position_m: self.place, rate: None }
     }
 
     async fn radio_failed(&mut self, error: &impl core::fmt::Debug, failures: u32) {

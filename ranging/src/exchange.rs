@@ -25,6 +25,7 @@
 
 use embedded_hal_async::delay::DelayNs;
 
+use crate::native::Rate;
 use crate::radio::MAX_FRAME;
 use crate::{Diagnostics, Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
 
@@ -147,10 +148,20 @@ pub trait Machine {
     /// wraps after 17.2 s.
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_>;
 
-    /// Tells where the node is, metres, where that is known. Machines that do not care ignore it.
-    fn set_position(&mut self, position_m: Option<[f32; 3]>) {
-        let _ = position_m;
+    /// Takes what the node knows by now. Machines that do not care ignore it.
+    fn guide(&mut self, guidance: Guidance) {
+        let _ = guidance;
     }
+}
+
+/// What a node tells its machine between steps.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Guidance {
+    /// Where the node is, metres, where that is known: a tag chooses its next anchors by it.
+    pub position_m: Option<[f32; 3]>,
+    /// How often a tag is to range from now on; `None`: as before.
+    pub rate: Option<Rate>,
 }
 
 /// Does an action with a radio; answers with the time and the event for the next step. A report is the caller's to read before.

@@ -7,9 +7,9 @@ use core::convert::Infallible;
 
 use embedded_hal_async::delay::DelayNs;
 
-use crate::Radio;
-use crate::exchange::{Action, Event, Machine, Report, execute};
+use crate::exchange::{Action, Event, Guidance, Machine, Report, execute};
 use crate::radio::MAX_FRAME;
+use crate::{Radio, RadioInstant};
 
 /// The first pause after a failure, and what it grows to, milliseconds: a chip that is back is used again within a
 /// second.
@@ -23,12 +23,12 @@ pub trait Restart: Radio {
     async fn restart(&mut self) -> Result<(), Self::Error>;
 }
 
-/// Who takes what a node finds out. The exchange waits meanwhile.
+/// Who takes what a node finds out. The exchange waits meanwhile: a listener that takes long makes it miss its slots.
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
 pub trait Listener {
-    /// A round of ranging, or a change of a link. Answers with where the node is, metres, if it knows: a tag's machine
-    /// chooses its next anchors by it.
-    async fn report(&mut self, report: Report<'_>) -> Option<[f32; 3]>;
+    /// A round of ranging, or a change of a link, with the radio's present, so that the age of a round can be told. Answers with
+    /// what the machine is to know before its next step.
+    async fn report(&mut self, report: Report<'_>, present: RadioInstant) -> Guidance;
 
     /// The radio failed, for the `failures`-th time since it last worked; it is brought up again.
     async fn radio_failed(&mut self, error: &impl core::fmt::Debug, failures: u32);
@@ -67,15 +67,15 @@ async fn attempt<R: Restart>(
     let (mut now, mut event) = (radio.now().await?, Event::Started);
     loop {
         let action = machine.step(now, event);
-        let place = match action {
-            Action::Report(report) => Some(listener.report(report).await),
-            Action::Transmit { .. } | Action::Receive { .. } | Action::WaitUntil(_) => None,
-        };
-        (now, event) = execute(radio, delay, &mut buffer, action).await?;
-        match place {
-            Some(place) => machine.set_position(place),
+        if let Action::Report(report) = action {
+            now = radio.now().await?;
+            let guidance = listener.report(report, now).await;
+            machine.guide(guidance);
+            event = Event::Reported;
+        } else {
+            (now, event) = execute(radio, delay, &mut buffer, action).await?;
             // The radio did something, and did it well.
-            None => *failures = 0,
+            *failures = 0;
         }
     }
 }

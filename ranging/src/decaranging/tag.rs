@@ -1,10 +1,10 @@
 //! The tag of DecaRanging: blinks, polls, tells its instants, waits for the report.
 
 use super::{DEVIATION_M, Mean, header, least_reply};
-use crate::exchange::{Action, Event, Link, Machine, Range, Report, Round};
+use crate::exchange::{Action, Event, Guidance, Link, Machine, Range, Report, Round};
 use crate::frame::decaranging::{Blink, Final, Frame, Message, Variant, response_time};
 use crate::frame::{Address, FrameBuffer};
-use crate::native::Turnaround;
+use crate::native::{Rate, Turnaround};
 use crate::{PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, Start, TimeOfFlight};
 
 /// What a tag is told at its start.
@@ -237,6 +237,14 @@ impl Tag {
 }
 
 impl Machine for Tag {
+    fn guide(&mut self, guidance: Guidance) {
+        match guidance.rate {
+            Some(Rate::Every(period)) => self.config.period = period,
+            // There are no slots here to be used up.
+            Some(Rate::Greedy) | None => {}
+        }
+    }
+
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         match event {
             Event::Started => {

@@ -5,7 +5,7 @@ use super::plan::{Membership, lists, owned_slots};
 use super::round::Exchange;
 use super::timing::{BEACON_SLOTS, HOLDOVER_SUPERFRAMES, Phase, Timing};
 use super::{Network, WAKE, prevails, spread};
-use crate::exchange::{Action, Event, Link, Machine, Report};
+use crate::exchange::{Action, Event, Guidance, Link, Machine, Report};
 use crate::frame::native::{Beacon, Frame, MAX_MEMBERS, Message, Position, Share};
 use crate::frame::{BROADCAST, FrameBuffer};
 use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
@@ -315,8 +315,11 @@ impl Followed {
 }
 
 impl Machine for Tag {
-    fn set_position(&mut self, position_m: Option<[f32; 3]>) {
-        self.position_m = position_m;
+    fn guide(&mut self, guidance: Guidance) {
+        self.position_m = guidance.position_m;
+        if guidance.rate.is_some() {
+            self.set_rate(guidance.rate);
+        }
     }
 
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {

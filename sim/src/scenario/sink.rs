@@ -5,7 +5,8 @@ use std::fmt::Debug;
 use std::rc::Rc;
 use std::time::Duration;
 
-use ranging::exchange::{Link, Report};
+use ranging::RadioInstant;
+use ranging::exchange::{Guidance, Link, Report};
 use ranging::node::Listener;
 
 use super::record::{Epoch, RangeRecord, Record, What};
@@ -47,13 +48,13 @@ impl Notebook {
 pub(super) struct AnchorSink(pub(super) Notebook);
 
 impl Listener for AnchorSink {
-    async fn report(&mut self, report: Report<'_>) -> Option<[f32; 3]> {
+    async fn report(&mut self, report: Report<'_>, _: RadioInstant) -> Guidance {
         match report {
             // What tags tell is recorded where it is measured.
             Report::Round(_) => {}
             Report::Link(link) => self.0.write(What::Link(link)),
         }
-        None
+        Guidance::default()
     }
 
     async fn radio_failed(&mut self, _: &impl Debug, failures: u32) {

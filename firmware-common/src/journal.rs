@@ -1,0 +1,256 @@
+//! What a node tells: each entry becomes a telemetry frame in a queue and, where a person wants to read it, a line of the log.
+//!
+//! Writing never waits: a full queue drops its oldest frames and counts them. Whoever has a channel to the host takes the frames
+//! out with [`Journal::drain`].
+
+use core::cell::RefCell;
+
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embedded_hal_async::delay::DelayNs;
+use telemetry::{Condition, Counters, Fix, Hello, Message, Queue, Range, Reset, Sighting, State};
+
+use crate::Counts;
+#[cfg(feature = "defmt")]
+use crate::lines::{CountersLine, FixLine, HelloLine, ResetLine, StateLine};
+
+/// From one hello to the next, and from one telling of the counters to the next, seconds.
+const HELLO_S: u32 = 2;
+const COUNTERS_S: u32 = 5;
+
+/// The journal of a node, for a `static`: `BYTES` of frames wait at most.
+pub struct Journal<M: RawMutex, const BYTES: usize> {
+    queue: Mutex<M, RefCell<Queue<BYTES>>>,
+}
+
+/// A line of the log; nothing without a log.
+macro_rules! log {
+    ($level:ident, $line:expr) => {
+        #[cfg(feature = "defmt")]
+        defmt::$level!("{}", $line);
+    };
+}
+
+impl<M: RawMutex, const BYTES: usize> Journal<M, BYTES> {
+    /// An empty one.
+    pub const fn new() -> Self {
+        Self { queue: Mutex::new(RefCell::new(Queue::new())) }
+    }
+
+    fn tell(&self, message: &Message) {
+        self.queue.lock(|queue| queue.borrow_mut().push(message));
+    }
+
+    /// Who is speaking, for listeners that come late; the log has it once, by [`greet`](Self::greet).
+    pub fn hello(&self, hello: Hello) {
+        self.tell(&Message::Hello(hello));
+    }
+
+    /// Who is speaking, at the start.
+    pub fn greet(&self, hello: Hello) {
+        log!(info, HelloLine(hello));
+        self.hello(hello);
+    }
+
+    /// What became of a round in which so many anchors answered.
+    pub fn fix(&self, fix: Fix, answered: u8) {
+        let _ = answered;
+        log!(info, FixLine::of(&fix, answered));
+        self.tell(&Message::Fix(fix));
+    }
+
+    /// A range of a round.
+    pub fn range(&self, range: Range) {
+        self.tell(&Message::Range(range));
+    }
+
+    /// An advertisement heard.
+    pub fn sighting(&self, sighting: Sighting) {
+        self.tell(&Message::Sighting(sighting));
+    }
+
+    /// A change of the node's state, now.
+    pub fn state(&self, t_us: u64, is: Condition) {
+        match is {
+            Condition::NoRecord(_) | Condition::WrongRecord => {
+                log!(error, StateLine(is));
+            }
+            Condition::RadioFailed(_) | Condition::ScannerRestarted(_) => {
+                log!(warn, StateLine(is));
+            }
+            Condition::Searching
+            | Condition::Paired(_)
+            | Condition::Synchronised(_)
+            | Condition::Joined(_)
+            | Condition::Coordinating
+            | Condition::Following(_)
+            | Condition::Advertising => {
+                log!(info, StateLine(is));
+            }
+        }
+        self.tell(&Message::State(State { t_us, is }));
+    }
+
+    /// What was counted.
+    pub fn counters(&self, counters: Counters) {
+        log!(debug, CountersLine(counters));
+        self.tell(&Message::Counters(counters));
+    }
+
+    /// Why the node started.
+    pub fn reset(&self, reset: Reset) {
+        if reset.crash.is_some() {
+            log!(error, ResetLine(reset));
+        } else {
+            log!(info, ResetLine(reset));
+        }
+        self.tell(&Message::Reset(reset));
+    }
+
+    /// Takes frames out, the oldest first, for as long as `write` takes each whole. It is called with the queue locked: a copy into
+    /// the channel's memory, no waiting.
+    pub fn drain(&self, mut write: impl FnMut(&[u8]) -> bool) {
+        // The lock is let go between frames.
+        let one = |write: &mut dyn FnMut(&[u8]) -> bool| {
+            self.queue.lock(|queue| {
+                let mut queue = queue.borrow_mut();
+                let written = queue.front().is_some_and(write);
+                if written {
+                    queue.pop();
+                }
+                written
+            })
+        };
+        while one(&mut write) {}
+    }
+
+    /// Frames dropped so far, because the queue was full.
+    pub fn dropped(&self) -> u32 {
+        self.queue.lock(|queue| queue.borrow().dropped())
+    }
+
+    /// Tells every few seconds who is speaking and what was counted, for ever; `hello`'s time is replaced. The first hello is
+    /// [`greet`](Self::greet)'s.
+    pub async fn keep_telling(
+        &self,
+        hello: Hello,
+        counts: &Counts,
+        clock: impl Fn() -> u64,
+        mut delay: impl DelayNs,
+    ) -> core::convert::Infallible {
+        let mut seconds = 0_u32;
+        loop {
+            delay.delay_ms(1000).await;
+            seconds = seconds.wrapping_add(1);
+            if seconds.is_multiple_of(HELLO_S) {
+                self.hello(Hello { t_us: clock(), ..hello });
+            }
+            if seconds.is_multiple_of(COUNTERS_S) {
+                self.counters(counts.told(clock(), self.dropped()));
+            }
+        }
+    }
+}
+
+impl<M: RawMutex, const BYTES: usize> Default for Journal<M, BYTES> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core::cell::Cell;
+    use core::future::{Future, poll_fn};
+    use core::pin::pin;
+    use core::task::Poll;
+    use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+    use std::vec::Vec;
+    use telemetry::{Board, Decoder, ResetCause, Role};
+
+    const HELLO: Hello = Hello { t_us: 0, eui: 1, address: 2, role: Role::Tag, board: Board::Simulated, build: [0; 8] };
+
+    fn messages<const BYTES: usize>(journal: &Journal<NoopRawMutex, BYTES>) -> Vec<Message> {
+        let mut bytes = Vec::new();
+        journal.drain(|frame| {
+            bytes.extend_from_slice(frame);
+            true
+        });
+        let mut decoder = Decoder::new();
+        bytes.into_iter().filter_map(|byte| decoder.feed(byte)).map(|message| message.unwrap()).collect()
+    }
+
+    #[test]
+    fn entries_come_out_as_frames_in_their_order() {
+        let journal = Journal::<NoopRawMutex, 512>::new();
+        let reset = Reset { t_us: 1, cause: ResetCause::PowerOn, crash: None };
+        journal.reset(reset);
+        journal.greet(HELLO);
+        journal.state(3, Condition::Searching);
+        let state = State { t_us: 3, is: Condition::Searching };
+        assert_eq!(messages(&journal), [Message::Reset(reset), Message::Hello(HELLO), Message::State(state)]);
+        assert_eq!(messages(&journal), []);
+    }
+
+    #[test]
+    fn a_channel_that_is_full_gets_the_rest_later() {
+        let journal = Journal::<NoopRawMutex, 512>::new();
+        for t_us in 0..3 {
+            journal.state(t_us, Condition::Searching);
+        }
+        let room = Cell::new(2);
+        let mut taken = 0;
+        journal.drain(|_| {
+            let fits = room.get() > 0;
+            room.set(room.get() - i32::from(fits));
+            taken += i32::from(fits);
+            fits
+        });
+        assert_eq!(taken, 2);
+        assert_eq!(messages(&journal), [Message::State(State { t_us: 2, is: Condition::Searching })]);
+    }
+
+    #[test]
+    fn a_full_queue_drops_the_oldest_and_counts_them() {
+        let journal = Journal::<NoopRawMutex, 256>::new();
+        for t_us in 0..100 {
+            journal.state(t_us, Condition::Searching);
+        }
+        let left = messages(&journal);
+        assert_eq!(left.len() + journal.dropped() as usize, 100);
+        assert_eq!(left.last(), Some(&Message::State(State { t_us: 99, is: Condition::Searching })));
+        assert!(journal.dropped() > 0 && !left.is_empty());
+    }
+
+    /// Passes a second at each wait.
+    struct Seconds<'c>(&'c Cell<u64>);
+
+    impl DelayNs for Seconds<'_> {
+        async fn delay_ns(&mut self, ns: u32) {
+            self.0.set(self.0.get() + u64::from(ns / 1000));
+            let mut waited = false;
+            poll_fn(|_| if core::mem::replace(&mut waited, true) { Poll::Ready(()) } else { Poll::Pending }).await;
+        }
+    }
+
+    #[test]
+    fn who_is_speaking_and_the_counters_are_repeated() {
+        let journal = Journal::<NoopRawMutex, 1024>::new();
+        let (now, counts) = (Cell::new(0), Counts::new());
+        counts.sent.add();
+        let telling = journal.keep_telling(HELLO, &counts, || now.get(), Seconds(&now));
+        let mut telling = pin!(telling);
+        let mut context = core::task::Context::from_waker(core::task::Waker::noop());
+        while now.get() < 10_500_000 {
+            assert!(telling.as_mut().poll(&mut context).is_pending());
+        }
+        let told = messages(&journal);
+        let hellos: Vec<u64> =
+            told.iter().filter_map(|m| if let Message::Hello(h) = m { Some(h.t_us) } else { None }).collect();
+        assert_eq!(hellos, [2_000_000, 4_000_000, 6_000_000, 8_000_000, 10_000_000]);
+        let counters =
+            told.iter().filter_map(|m| if let Message::Counters(c) = m { Some((c.t_us, c.sent)) } else { None });
+        assert_eq!(counters.collect::<Vec<_>>(), [(5_000_000, 1), (10_000_000, 1)]);
+    }
+}

@@ -1,0 +1,287 @@
+//! What a person reads of the journal: the text of a log line, the same through `defmt` on a node and `core::fmt` on a desktop.
+//!
+//! Numbers are whole: a log that prints floats prints all their digits.
+
+use core::fmt;
+
+use telemetry::{
+    Board, Condition, Counters, Crash, CrashReason, Fix, Hello, Outcome, Reason, RecordFault, Reset, ResetCause, Role,
+};
+
+/// Gives a type its text, once for both: a match whose arms are a format and its arguments.
+macro_rules! text {
+    ($type:ty, |$this:ident| $subject:expr; $($pattern:pat => ($($text:tt)*),)+) => {
+        impl fmt::Display for $type {
+            fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+                let $this = self;
+                match $subject { $($pattern => write!(out, $($text)*),)+ }
+            }
+        }
+
+        #[cfg(feature = "defmt")]
+        impl defmt::Format for $type {
+            fn format(&self, out: defmt::Formatter<'_>) {
+                let $this = self;
+                match $subject { $($pattern => defmt::write!(out, $($text)*),)+ }
+            }
+        }
+    };
+}
+
+/// A length in hundredths of a metre.
+pub(crate) struct Centimetres(i32);
+
+impl Centimetres {
+    /// Of a length in 0.1 mm, rounded.
+    fn of(tenth_millimetres: i32) -> Self {
+        let half = if tenth_millimetres < 0 { -50 } else { 50 };
+        Self(tenth_millimetres.saturating_add(half) / 100)
+    }
+
+    fn parts(&self) -> (&'static str, u32, u32) {
+        let size = self.0.unsigned_abs();
+        (if self.0 < 0 { "-" } else { "" }, size / 100, size % 100)
+    }
+}
+
+text!(Centimetres, |this| this.parts();
+    (sign, metres, hundredths) => ("{}{}.{:02}", sign, metres, hundredths),
+);
+
+/// A round's end: the position with its standard deviation (of the distance to the true one: in the plane where the height was
+/// given, else in space), or why there is none.
+pub(crate) enum FixLine {
+    Space { position: [Centimetres; 3], deviation: Centimetres, used: u32, age_ms: u32 },
+    Plane { position: [Centimetres; 3], deviation: Centimetres, used: u32, age_ms: u32 },
+    None { reason: Reason, answered: u8, asked: u8 },
+}
+
+impl FixLine {
+    pub(crate) fn of(fix: &Fix, answered: u8) -> Self {
+        match fix.outcome {
+            Outcome::Position { position, deviation, used, .. } => {
+                let square: u64 = deviation
+                    .iter()
+                    .map(|&axis| u64::from(axis).saturating_mul(axis.into()))
+                    .fold(0, u64::saturating_add);
+                let size = Centimetres::of(i32::try_from(square.isqrt()).unwrap_or(i32::MAX));
+                let position = position.map(Centimetres::of);
+                let (used, age_ms) = (used.count_ones(), fix.age_us.saturating_add(500) / 1000);
+                if deviation[2] == 0 {
+                    Self::Plane { position, deviation: size, used, age_ms }
+                } else {
+                    Self::Space { position, deviation: size, used, age_ms }
+                }
+            }
+            Outcome::Reason(reason) => Self::None { reason, answered, asked: fix.asked },
+        }
+    }
+}
+
+text!(FixLine, |this| this;
+    Self::Space { position: [x, y, z], deviation, used, age_ms } =>
+        ("fix x={} y={} z={} ±{} m, {} anchors, {} ms", x, y, z, deviation, used, age_ms),
+    Self::Plane { position: [x, y, z], deviation, used, age_ms } =>
+        ("fix x={} y={} z={} (given) ±{} m, {} anchors, {} ms", x, y, z, deviation, used, age_ms),
+    Self::None { reason, answered, asked } =>
+        ("no fix: {} ({} of {} answered)", reason_name(*reason), answered, asked),
+);
+
+fn reason_name(reason: Reason) -> &'static str {
+    match reason {
+        Reason::TooFewAnchors => "too-few-anchors",
+        Reason::TooManyAnchors => "too-many-anchors",
+        Reason::NotFinite => "not-finite",
+        Reason::CoincidentAnchors => "coincident-anchors",
+        Reason::CollinearAnchors => "collinear-anchors",
+        Reason::RangesDisjoint => "ranges-disjoint",
+        Reason::Diverged => "diverged",
+        Reason::SightUnknown => "sight-unknown",
+    }
+}
+
+/// Who is speaking.
+pub(crate) struct HelloLine(pub(crate) Hello);
+
+text!(HelloLine, |this| (this.0.role, this.0.build);
+    (role, [a, b, c, d, e, f, g, h]) => (
+        "{} {:04x} on {}, EUI {:08x}{:08x}, build {:02x}{:02x}{:02x}{:02x}{:02x}{:02x}{:02x}{:02x}",
+        role_name(role),
+        this.0.address,
+        board_name(this.0.board),
+        (this.0.eui >> 32) as u32,
+        this.0.eui as u32,
+        a, b, c, d, e, f, g, h
+    ),
+);
+
+fn role_name(role: Role) -> &'static str {
+    match role {
+        Role::Tag => "tag",
+        Role::Anchor => "anchor",
+        Role::Beacon => "beacon",
+    }
+}
+
+fn board_name(board: Board) -> &'static str {
+    match board {
+        Board::Dwm1001 => "DWM1001",
+        Board::Evk1000 => "EVK1000",
+        Board::Esp32C3 => "ESP32-C3",
+        Board::Esp32C6 => "ESP32-C6",
+        Board::Esp32 => "ESP32",
+        Board::Simulated => "a simulated board",
+    }
+}
+
+/// A change of state.
+pub(crate) struct StateLine(pub(crate) Condition);
+
+text!(StateLine, |this| this.0;
+    Condition::NoRecord(RecordFault::Missing) =>
+        ("no record in flash: nothing is sent; `baliza provision` writes one"),
+    Condition::NoRecord(RecordFault::Version(version)) =>
+        ("the record in flash is of version {}, which this image does not read: nothing is sent", version),
+    Condition::NoRecord(RecordFault::Corrupt) => ("the record in flash is corrupt: nothing is sent"),
+    Condition::NoRecord(RecordFault::Invalid) => ("the record in flash cannot be followed: nothing is sent"),
+    Condition::WrongRecord => ("the record in flash is for another role or board: nothing is sent"),
+    Condition::Searching => ("searching"),
+    Condition::Paired(peer) => ("paired with {:04x}", peer),
+    Condition::Synchronised(coordinator) => ("synchronised with the network of {:04x}", coordinator),
+    Condition::Joined(slots) => ("joined, {} slots a superframe", slots),
+    Condition::Coordinating => ("coordinating"),
+    Condition::Following(coordinator) => ("following {:04x}", coordinator),
+    Condition::RadioFailed(times) => ("radio failed, {} in a row; starting it again", times),
+    Condition::ScannerRestarted(times) => ("scanner silent, restarted {} times", times),
+    Condition::Advertising => ("advertising"),
+);
+
+/// What was counted, for whoever wants to see it go by.
+pub(crate) struct CountersLine(pub(crate) Counters);
+
+text!(CountersLine, |this| &this.0;
+    Counters { sent, received, timeouts, corrupt, late, not_sent, radio_failures, rounds_dropped, telemetry_dropped, .. } => (
+        "{} sent, {} received, {} timeouts, {} corrupt, {} late, {} not sent, {} radio failures, {} rounds and {} telemetry frames dropped",
+        sent, received, timeouts, corrupt, late, not_sent, radio_failures, rounds_dropped, telemetry_dropped
+    ),
+);
+
+/// Why the node started.
+pub(crate) struct ResetLine(pub(crate) Reset);
+
+text!(ResetLine, |this| (this.0.cause, this.0.crash);
+    (ResetCause::Other(number), None) => ("reset: other ({:08x})", number),
+    (cause, None) => ("reset: {}", cause_name(cause)),
+    (cause, Some(Crash { reason: CrashReason::Panic, program_counter, line, .. })) =>
+        ("reset: {}; crashed before: panic at pc 0x{:08x}, line {}", cause_name(cause), program_counter, line),
+    (cause, Some(Crash { reason, program_counter, .. })) =>
+        ("reset: {}; crashed before: {} at pc 0x{:08x}", cause_name(cause), crash_name(reason), program_counter),
+);
+
+fn cause_name(cause: ResetCause) -> &'static str {
+    match cause {
+        ResetCause::PowerOn => "power-on",
+        ResetCause::BrownOut => "brown-out",
+        ResetCause::Pin => "pin",
+        ResetCause::Software => "software",
+        ResetCause::Watchdog => "watchdog",
+        ResetCause::Lockup => "lockup",
+        ResetCause::Wake => "wake",
+        ResetCause::Other(_) => "other",
+    }
+}
+
+fn crash_name(reason: CrashReason) -> &'static str {
+    match reason {
+        CrashReason::Panic => "panic",
+        CrashReason::Fault => "fault",
+        CrashReason::StackOverflow => "stack overflow",
+        CrashReason::Stalled => "stalled task",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::string::{String, ToString};
+
+    fn fix(deviation: [u32; 3]) -> String {
+        let outcome = Outcome::Position {
+            position: [32_149, -450, 15_000],
+            deviation,
+            correlation: [0; 3],
+            used: 0b11_0111_1000,
+            quality: 255,
+        };
+        FixLine::of(&Fix { t_us: 0, round: 0, age_us: 12_400, asked: 8, outcome }, 6).to_string()
+    }
+
+    #[test]
+    fn a_fix_in_space_and_in_the_plane() {
+        // √(300² + 400² + 350²) = 610: 6.1 cm. √(300² + 400²) = 500: 5 cm.
+        assert_eq!(fix([300, 400, 350]), "fix x=3.21 y=-0.05 z=1.50 ±0.06 m, 6 anchors, 12 ms");
+        assert_eq!(fix([300, 400, 0]), "fix x=3.21 y=-0.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms");
+    }
+
+    #[test]
+    fn lengths_are_rounded_and_never_overflow() {
+        let shown = |value| Centimetres::of(value).to_string();
+        assert_eq!(
+            (shown(149), shown(150), shown(-149), shown(-150)),
+            ("0.01".into(), "0.02".into(), "-0.01".into(), "-0.02".into())
+        );
+        assert_eq!((shown(49), shown(-49)), ("0.00".into(), "0.00".into()));
+        // 2 147 483 647 · 0.1 mm, cut at the last.
+        assert_eq!((shown(i32::MAX), shown(i32::MIN)), ("214748.36".into(), "-214748.36".into()));
+        // The root of three times the square of the longest is longer than a length can be.
+        assert!(fix([u32::MAX; 3]).contains("±214748.36 m"));
+    }
+
+    #[test]
+    fn no_fix_tells_how_many_answered() {
+        let outcome = Outcome::Reason(Reason::TooFewAnchors);
+        let line = FixLine::of(&Fix { t_us: 0, round: 0, age_us: 0, asked: 4, outcome }, 2);
+        assert_eq!(line.to_string(), "no fix: too-few-anchors (2 of 4 answered)");
+    }
+
+    #[test]
+    fn resets() {
+        let crash = Crash { reason: CrashReason::Panic, program_counter: 0x1_2345, line: 123, file: 0 };
+        let line = |cause, crash| ResetLine(Reset { t_us: 0, cause, crash }).to_string();
+        assert_eq!(
+            line(ResetCause::Watchdog, Some(crash)),
+            "reset: watchdog; crashed before: panic at pc 0x00012345, line 123"
+        );
+        let stalled = Crash { reason: CrashReason::Stalled, ..crash };
+        assert_eq!(
+            line(ResetCause::Watchdog, Some(stalled)),
+            "reset: watchdog; crashed before: stalled task at pc 0x00012345"
+        );
+        assert_eq!(line(ResetCause::PowerOn, None), "reset: power-on");
+        assert_eq!(line(ResetCause::Other(0x42), None), "reset: other (00000042)");
+    }
+
+    #[test]
+    fn states_and_counters() {
+        let line = StateLine(Condition::NoRecord(RecordFault::Version(2))).to_string();
+        assert_eq!(line, "the record in flash is of version 2, which this image does not read: nothing is sent");
+        assert_eq!(StateLine(Condition::Synchronised(0xA1)).to_string(), "synchronised with the network of 00a1");
+        let counters = Counters { sent: 1, received: 2, timeouts: 3, telemetry_dropped: 4, ..Counters::default() };
+        let expected = "1 sent, 2 received, 3 timeouts, 0 corrupt, 0 late, 0 not sent, 0 radio failures, 0 rounds and 4 telemetry frames dropped";
+        assert_eq!(CountersLine(counters).to_string(), expected);
+    }
+
+    #[test]
+    fn who_is_speaking() {
+        let hello = Hello {
+            t_us: 0,
+            eui: 0xDECA_0000_0000_1234,
+            address: 0x1234,
+            role: Role::Tag,
+            board: Board::Dwm1001,
+            build: [0xDD, 0x7E, 0x67, 0xA0, 1, 2, 3, 0xFF],
+        };
+        let expected = "tag 1234 on DWM1001, EUI deca000000001234, build dd7e67a0010203ff";
+        assert_eq!(HelloLine(hello).to_string(), expected);
+    }
+}

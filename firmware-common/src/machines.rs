@@ -1,0 +1,129 @@
+//! A node's side of its network's exchange, whichever that is: one type for boards whose mode is in the record.
+
+use ranging::exchange::{Action, Event, Guidance, Machine};
+use ranging::native::Rate;
+use ranging::{RadioDuration, RadioInstant, decaranging, native};
+
+use crate::settings::{Exchange, Settings};
+
+/// Rounds a second of a DecaRanging tag that is told no rate: as often as such boards do with the shortest frames.
+const DECARANGING_CHZ: u32 = 2_000;
+/// The longest from one round to the next: instants of the radio's clock are told apart up to 8.6 s.
+const LONGEST_PERIOD_US: u32 = 8_000_000;
+
+/// A tag's side.
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant, reason = "there is one in a node")]
+pub enum TagMachine {
+    /// Native mode.
+    Native(native::Tag),
+    /// DecaRanging.
+    DecaRanging(decaranging::Tag),
+}
+
+/// An anchor's side.
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant, reason = "there is one in a node")]
+pub enum AnchorMachine {
+    /// Native mode.
+    Native(native::Anchor),
+    /// DecaRanging.
+    DecaRanging(decaranging::Anchor),
+}
+
+/// The rate of a record: rounds in 100 s; `None`: as many as there are slots for.
+pub fn rate(chz: Option<u32>) -> Rate {
+    chz.map_or(Rate::Greedy, |chz| Rate::Every(period(chz)))
+}
+
+fn period(chz: u32) -> RadioDuration {
+    RadioDuration::from_micros(
+        100_000_000_u32.checked_div(chz).map_or(LONGEST_PERIOD_US, |us| us.min(LONGEST_PERIOD_US)),
+    )
+}
+
+impl TagMachine {
+    /// That of a tag with these settings.
+    pub fn new(settings: &Settings, tag: &node_record::Tag) -> Self {
+        let network = settings.network;
+        match settings.exchange {
+            Exchange::Native => Self::Native(native::Tag::new(native::TagConfig {
+                address: settings.address,
+                network,
+                anchors: tag.anchors_per_round,
+                rate: rate(tag.rate_chz),
+                tell_distances: tag.tell_distances,
+            })),
+            Exchange::DecaRanging(variant) => Self::DecaRanging(decaranging::Tag::new(decaranging::TagConfig {
+                eui: settings.eui,
+                variant,
+                phy: network.phy,
+                turnaround: network.turnaround,
+                antenna_delay: settings.antenna_delay(),
+                period: period(tag.rate_chz.unwrap_or(DECARANGING_CHZ)),
+            })),
+        }
+    }
+}
+
+impl AnchorMachine {
+    /// That of an anchor with these settings, at this place in metres.
+    pub fn new(settings: &Settings, position_m: Option<[f32; 3]>) -> Self {
+        let (network, antenna_delay) = (settings.network, settings.antenna_delay());
+        match settings.exchange {
+            Exchange::Native => Self::Native(native::Anchor::new(native::AnchorConfig {
+                address: settings.address,
+                network,
+                antenna_delay,
+                position_m,
+            })),
+            // An anchor answers in the tag's variant.
+            Exchange::DecaRanging(_) => Self::DecaRanging(decaranging::Anchor::new(decaranging::AnchorConfig {
+                address: settings.address,
+                eui: settings.eui,
+                phy: network.phy,
+                turnaround: network.turnaround,
+                antenna_delay,
+            })),
+        }
+    }
+}
+
+impl Machine for TagMachine {
+    fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
+        match self {
+            Self::Native(tag) => tag.step(now, event),
+            Self::DecaRanging(tag) => tag.step(now, event),
+        }
+    }
+
+    fn guide(&mut self, guidance: Guidance) {
+        match self {
+            Self::Native(tag) => tag.guide(guidance),
+            Self::DecaRanging(tag) => tag.guide(guidance),
+        }
+    }
+}
+
+impl Machine for AnchorMachine {
+    fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
+        match self {
+            Self::Native(anchor) => anchor.step(now, event),
+            Self::DecaRanging(anchor) => anchor.step(now, event),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_are_periods_within_the_clocks_range() {
+        assert_eq!(rate(None), Rate::Greedy);
+        // 10 Hz: 0.1 s. 0.1 Hz would be 10 s.
+        assert_eq!(rate(Some(1_000)), Rate::Every(RadioDuration::from_micros(100_000)));
+        assert_eq!(rate(Some(10)), Rate::Every(RadioDuration::from_micros(8_000_000)));
+        assert_eq!(rate(Some(0)), Rate::Every(RadioDuration::from_micros(8_000_000)));
+    }
+}

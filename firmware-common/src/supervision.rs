@@ -1,0 +1,165 @@
+//! Whether all tasks are alive, so that the watchdog may be fed; and what lights show of the node's state.
+
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use telemetry::Condition;
+
+/// A sign of life of one task, for a `static`: the task beats, the supervisor looks.
+#[derive(Debug)]
+pub struct Heartbeat {
+    /// The last beat, milliseconds since the start, wrapping.
+    last_ms: AtomicU32,
+    patience_ms: u32,
+}
+
+impl Heartbeat {
+    /// Of a task that is given so many milliseconds from one beat to the next; the first counts from the start.
+    pub const fn new(patience_ms: u32) -> Self {
+        Self { last_ms: AtomicU32::new(0), patience_ms }
+    }
+
+    /// The task is alive.
+    pub fn beat(&self, t_us: u64) {
+        self.last_ms.store(millis(t_us), Ordering::Relaxed);
+    }
+
+    /// Whether the last beat is recent enough.
+    pub fn is_alive(&self, t_us: u64) -> bool {
+        // A beat that comes while we look may lie ahead.
+        let since = millis(t_us).wrapping_sub(self.last_ms.load(Ordering::Relaxed)) as i32;
+        since <= i32::try_from(self.patience_ms).unwrap_or(i32::MAX)
+    }
+}
+
+/// Milliseconds; wraps after 49 days.
+fn millis(t_us: u64) -> u32 {
+    (t_us / 1000) as u32
+}
+
+/// Whether the watchdog may be fed: every task is alive. Else the place of the first that is not.
+pub fn all_alive(t_us: u64, heartbeats: &[&Heartbeat]) -> Result<(), usize> {
+    heartbeats.iter().position(|heartbeat| !heartbeat.is_alive(t_us)).map_or(Ok(()), Err)
+}
+
+/// What is lit. A board with one light shows either.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Lit {
+    /// The light that shows how far the node has come.
+    pub state: bool,
+    /// The light that asks for help.
+    pub fault: bool,
+}
+
+/// What the lights show: a pure function of state and time.
+///
+/// | state | light | pattern |
+/// |---|---|---|
+/// | no record, or a wrong one | fault | on and off, each half a second |
+/// | radio failed | fault | on and off, each a tenth of a second |
+/// | searching | state | a flash of 50 ms a second |
+/// | synchronised | state | two flashes a second |
+/// | paired, joined, coordinating, following, advertising | state | on |
+///
+/// A restarted scanner changes nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Lights {
+    shown: Condition,
+}
+
+impl Default for Lights {
+    fn default() -> Self {
+        Self { shown: Condition::Searching }
+    }
+}
+
+impl Lights {
+    /// From now on this state is shown.
+    pub fn show(&mut self, condition: Condition) {
+        match condition {
+            Condition::ScannerRestarted(_) => {}
+            Condition::NoRecord(_)
+            | Condition::WrongRecord
+            | Condition::Searching
+            | Condition::Paired(_)
+            | Condition::Synchronised(_)
+            | Condition::Joined(_)
+            | Condition::Coordinating
+            | Condition::Following(_)
+            | Condition::RadioFailed(_)
+            | Condition::Advertising => self.shown = condition,
+        }
+    }
+
+    /// What is lit at this time; 20 looks a second show every pattern.
+    pub fn at(&self, t_us: u64) -> Lit {
+        let ms = (t_us / 1000 % 1000) as u32;
+        let (state, fault) = match self.shown {
+            Condition::NoRecord(_) | Condition::WrongRecord => (false, ms < 500),
+            Condition::RadioFailed(_) => (false, ms % 200 < 100),
+            Condition::Searching | Condition::ScannerRestarted(_) => (ms < 50, false),
+            Condition::Synchronised(_) => (ms < 50 || (200..250).contains(&ms), false),
+            Condition::Paired(_)
+            | Condition::Joined(_)
+            | Condition::Coordinating
+            | Condition::Following(_)
+            | Condition::Advertising => (true, false),
+        };
+        Lit { state, fault }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use telemetry::RecordFault;
+
+    #[test]
+    fn one_silent_task_is_enough_and_is_named() {
+        let tasks = [Heartbeat::new(100), Heartbeat::new(1000)];
+        let all = [&tasks[0], &tasks[1]];
+        assert_eq!(all_alive(100_999, &all), Ok(()));
+        assert_eq!(all_alive(101_000, &all), Err(0));
+        tasks[0].beat(1_050_000);
+        assert_eq!(all_alive(1_100_000, &all), Err(1));
+        tasks[1].beat(1_050_000);
+        assert_eq!(all_alive(1_100_000, &all), Ok(()));
+    }
+
+    #[test]
+    fn heartbeats_go_on_across_the_wrap() {
+        // 2³² ms.
+        let wrap_us = 4_294_967_296_000_u64;
+        let task = Heartbeat::new(100);
+        task.beat(wrap_us - 50_000);
+        assert!(task.is_alive(wrap_us + 40_000));
+        assert!(!task.is_alive(wrap_us + 60_000));
+        task.beat(wrap_us + 60_000);
+        assert!(task.is_alive(wrap_us + 59_000));
+    }
+
+    #[test]
+    fn each_state_has_its_pattern() {
+        // Twenty looks a second: how many show each light lit.
+        let lit = |condition| {
+            let mut lights = Lights::default();
+            lights.show(condition);
+            let looks = || (0..20).map(|look| lights.at(50_000 * look));
+            (looks().filter(|lit| lit.state).count(), looks().filter(|lit| lit.fault).count())
+        };
+        assert_eq!(lit(Condition::NoRecord(RecordFault::Missing)), (0, 10));
+        assert_eq!(lit(Condition::RadioFailed(3)), (0, 10));
+        assert_eq!(lit(Condition::Searching), (1, 0));
+        assert_eq!(lit(Condition::Synchronised(1)), (2, 0));
+        assert_eq!(lit(Condition::Joined(1)), (20, 0));
+    }
+
+    #[test]
+    fn a_restarted_scanner_changes_nothing() {
+        let mut lights = Lights::default();
+        lights.show(Condition::Joined(2));
+        let before = lights;
+        lights.show(Condition::ScannerRestarted(1));
+        assert_eq!(lights, before);
+    }
+}
