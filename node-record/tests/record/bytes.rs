@@ -1,0 +1,241 @@
+//! The page's bytes.
+
+use node_record::{
+    Advertiser, Anchor, Beacon, Calibration, Fault, HEADER_BYTES, Identity, MAX_BYTES, Mode, Network, Phy, Pins,
+    Record, Role, Scan, Tag, Turnaround, VERSION, decode, encode,
+};
+use proptest::collection::vec;
+use proptest::option::of;
+use proptest::prelude::*;
+
+use crate::examples::{anchor, beacon, longest, tag};
+
+fn page(record: &Record, sequence: u32) -> Vec<u8> {
+    encode(record, sequence, &mut [0; MAX_BYTES]).to_vec()
+}
+
+fn from_hex(text: &str) -> Vec<u8> {
+    text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
+}
+
+// The pages below were written by a Python program of its own, which knows postcard only from its specification (varints, options as
+// 00 or 01, variants by number, floats little-endian) and takes the CRC-32 from zlib.
+
+#[test]
+fn an_anchor_s_page_has_these_bytes() {
+    let header = "42 4c 5a 52 01 00 35 00 07 00 00 00 f5 96 45 38";
+    let body = "01 ef 9b af cd f8 ac d1 91 01  01 81 02   \
+                01 01 00 00 80 3f 00 00 20 40 00 00 00 bf \
+                ca bd 03 00 05 40 9a 35 80 01 00  fa 01 28 96 01 \
+                01 b4 80 01 00 00  00 00 00 00";
+    assert_eq!(page(&anchor(), 7), from_hex(&format!("{header} {body}")));
+}
+
+#[test]
+fn a_tag_s_page_has_these_bytes() {
+    let bytes = "42 4c 5a 52 01 00 2d 00 01 00 00 00 3e 99 80 f4 \
+                 00 01 81 04  00 01 9a 99 99 3f 01 e8 07 01 64 01 04 00 01 64 32 01 \
+                 ca bd 03 00 05 40 9a 35 80 01 00 fa 01 28 96 01  00 00 00 00 00 00 00";
+    assert_eq!(page(&tag(), 1), from_hex(bytes));
+}
+
+#[test]
+fn a_beacon_s_page_has_these_bytes() {
+    let bytes = "42 4c 5a 52 01 00 71 00 ff ff ff ff 3e a0 0c 71 \
+                 00 00  02 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f 01 ac 02 c5 64 fc 07 84 07 \
+                 ca bd 03 01 00 02 10 6e 80 08 01 04 fa 01 28 96 01  00 01 0f 01 c8 d0 a0 70  01 06 07 02 0a 03 04 \
+                 01 82 02 00 00 00 00 00 00 00 00 00 00 40 40 \
+                 01 01 02 00 00 80 3f 00 00 80 3f 00 00 00 40 01 00 00 72 c2 00 \
+                 01 ab ab ab ab ab ab ab ab ab ab ab ab ab ab ab ab";
+    assert_eq!(page(&beacon(), u32::MAX), from_hex(bytes));
+}
+
+#[test]
+fn the_longest_record_fits() {
+    let record = longest();
+    assert_eq!(record.validate(), Ok(()));
+    // Identity 11 + 4; role 1 + 16 + 3 + 3 + 1 + 2 + 1 + 1 + 3; network 3 + 2 + 1 + 1 + 2 + 2 + 2 + 9; calibration 4 + 2 + 6; pins 7;
+    // 24 anchors of 3 + 12, 24 beacons of 3 + 3 + 12 + 5 + 5, a byte for each list's length; the key 17.
+    let longest = 15 + 31 + 22 + 12 + 7 + (1 + 24 * 15) + (1 + 24 * 28) + 17;
+    assert_eq!(page(&record, 1).len(), HEADER_BYTES + longest);
+    assert_eq!(decode(&page(&record, 1)), Ok((record, 1)));
+}
+
+#[test]
+fn the_page_s_rest_does_not_matter() {
+    let mut bytes = page(&anchor(), 3);
+    bytes.extend([0xFF; 4000]);
+    assert_eq!(decode(&bytes), Ok((anchor(), 3)));
+    bytes[2000] = 0;
+    assert_eq!(decode(&bytes), Ok((anchor(), 3)));
+}
+
+#[test]
+fn an_erased_page_has_no_record() {
+    assert_eq!(decode(&[0xFF; 4096]), Err(Fault::Missing));
+    assert_eq!(decode(&[]), Err(Fault::Missing));
+    assert_eq!(decode(&[0; 4096]), Err(Fault::Corrupt));
+}
+
+#[test]
+fn a_page_cut_short_is_corrupt() {
+    let bytes = page(&beacon(), 1);
+    for length in 1..bytes.len() {
+        assert_eq!(decode(&bytes[..length]), Err(Fault::Corrupt), "{length} bytes");
+    }
+}
+
+#[test]
+fn any_flipped_bit_is_noticed() {
+    let bytes = page(&beacon(), 1);
+    for bit in 0..bytes.len() * 8 {
+        let mut flipped = bytes.clone();
+        flipped[bit / 8] ^= 1 << (bit % 8);
+        assert_eq!(decode(&flipped), Err(Fault::Corrupt), "bit {bit}");
+    }
+}
+
+/// Rewrites a page's checksum, computed by the definition: bit by bit, from the lowest, the polynomial mirrored.
+fn seal(bytes: &mut [u8]) {
+    let mut crc = u32::MAX;
+    for byte in bytes[..12].iter().chain(&bytes[16..]) {
+        crc ^= u32::from(*byte);
+        for _ in 0..8 {
+            crc = if crc & 1 == 1 { crc >> 1 ^ 0xEDB8_8320 } else { crc >> 1 };
+        }
+    }
+    bytes[12..16].copy_from_slice(&(!crc).to_le_bytes());
+}
+
+#[test]
+fn another_version_is_told_by_its_number() {
+    for version in [0, VERSION + 1, 255] {
+        let mut bytes = page(&anchor(), 1);
+        bytes[4] = version;
+        assert_eq!(decode(&bytes), Err(Fault::Corrupt), "its checksum is wrong");
+        seal(&mut bytes);
+        assert_eq!(decode(&bytes), Err(Fault::Version(version)));
+    }
+}
+
+#[test]
+fn a_whole_page_that_is_no_record_is_corrupt() {
+    // One byte too many within the length, and an unknown role (its byte is the fourteenth of the body).
+    let mut longer = page(&anchor(), 1);
+    longer.push(0);
+    longer[6] += 1;
+    seal(&mut longer);
+    assert_eq!(decode(&longer), Err(Fault::Corrupt));
+    let mut unknown = page(&anchor(), 1);
+    assert_eq!(unknown[16 + 13], 1);
+    unknown[16 + 13] = 9;
+    seal(&mut unknown);
+    assert_eq!(decode(&unknown), Err(Fault::Corrupt));
+}
+
+#[test]
+fn a_whole_record_that_cannot_be_done_is_invalid() {
+    let mut record = anchor();
+    record.identity.address = Some(0xFFFF);
+    assert!(matches!(decode(&page(&record, 1)), Err(Fault::Invalid(invalid)) if invalid.field == "identity.address"));
+}
+
+fn place() -> impl Strategy<Value = [f32; 3]> {
+    [-8_388_f32..8_388.0, -8_388_f32..8_388.0, -8_388_f32..8_388.0]
+}
+
+prop_compose! {
+    fn a_tag()(
+        height_m in of(-10_f32..100.0), rate in of(1..=100_000_u32), still in of(0.0..1_f64), sleep: bool,
+        anchors_per_round in 1..=8_u8, tell_distances: bool, scan in of((3..=10_240_u16, 0.0..1_f64)), report_ranges: bool,
+    ) -> Role {
+        let slower = |share: f64| (f64::from(rate.unwrap_or(100)) * share) as u32 + 1;
+        let window = |(interval_ms, share): (u16, f64)| {
+            Scan { interval_ms, window_ms: 3 + (f64::from(interval_ms - 3) * share) as u16 }
+        };
+        Role::Tag(Tag {
+            height_m, rate_chz: rate, still_rate_chz: still.map(slower), sleep, anchors_per_round, tell_distances,
+            scan: scan.map(window), report_ranges,
+        })
+    }
+}
+
+prop_compose! {
+    fn an_advertiser()(
+        uuid: [u8; 16], major: u16, minor: u16, measured_power_dbm: i8, interval_ms in 20..=10_240_u16,
+        tx_power_dbm in -40..=20_i8, channels in 1..=7_u8,
+    ) -> Role {
+        Role::Advertiser(Advertiser {
+            uuid, major, minor, measured_power_dbm, interval_ms, tx_power_dbm, channels, rotate_s: 0,
+        })
+    }
+}
+
+prop_compose! {
+    fn a_network()(
+        pan in 0..0xFFFF_u16, fast in of(any::<bool>()), channel in prop::sample::select(vec![1_u8, 2, 3, 4, 5, 7]),
+        prf_mhz in prop::sample::select(vec![16_u8, 64]), rate_kbps in prop::sample::select(vec![110_u16, 850, 6810]),
+        preamble in prop::sample::select(vec![1024_u16, 1536, 2048, 4096]),
+        answer_us in 1000..=20_000_u16, listen_again_us in 1..=1000_u16, transmit_us in 1..=1000_u16,
+    ) -> Network {
+        Network {
+            pan,
+            mode: fast.map_or(Mode::Native, |fast| Mode::DecaRanging { fast }),
+            phy: Phy { channel, prf_mhz, rate_kbps, preamble, code: None },
+            turnaround: Turnaround { answer_us, listen_again_us, transmit_us },
+        }
+    }
+}
+
+prop_compose! {
+    fn a_record()(
+        eui in of(1..0x1_0000_0000_0000_u64), address in 0..0xFFFF_u16,
+        role in prop_oneof![a_tag(), an_advertiser(), of(place()).prop_map(|position_m| Role::Anchor { position_m })],
+        network in a_network(),
+        antenna_delay: Option<u16>, crystal_trim in of(0..=31_u8), tx_power: Option<u32>,
+        first_pin in of(0..40_u8),
+        anchors in vec(place(), 0..=24),
+        beacons in vec((any::<u16>(), place(), of(-120_f32..20.0), of(0.5_f32..10.0)), 0..=24),
+        beacon_key: Option<[u8; 16]>,
+    ) -> Record {
+        let anchors = anchors.into_iter().enumerate();
+        let beacons = beacons.into_iter().enumerate();
+        Record {
+            identity: Identity { eui, address: Some(address) },
+            role,
+            network,
+            calibration: Calibration { antenna_delay, crystal_trim, tx_power },
+            pins: first_pin.map(|n| Pins { sck: n, mosi: n + 1, miso: n + 2, cs: n + 3, irq: n + 4, reset: n + 5 }),
+            anchors: anchors.map(|(n, position_m)| Anchor { address: n as u16, position_m }).collect(),
+            beacons: beacons
+                .map(|(n, (major, position_m, rssi_1m_dbm, path_loss_exponent))| {
+                    Beacon { major, minor: n as u16, position_m, rssi_1m_dbm, path_loss_exponent }
+                })
+                .collect(),
+            beacon_key,
+        }
+    }
+}
+
+proptest! {
+    #[test]
+    fn what_is_written_is_read(record in a_record(), sequence: u32) {
+        prop_assert_eq!(record.validate(), Ok(()));
+        prop_assert_eq!(decode(&page(&record, sequence)), Ok((record, sequence)));
+    }
+
+    #[test]
+    fn noise_is_no_record(bytes in vec(any::<u8>(), 1..2000)) {
+        prop_assert!(matches!(decode(&bytes), Err(Fault::Corrupt | Fault::Missing)));
+    }
+
+    #[test]
+    fn noise_under_a_right_checksum_is_refused_or_valid(body in vec(any::<u8>(), 0..300)) {
+        let mut bytes = [b"BLZR".as_slice(), &[VERSION, 0], &(body.len() as u16).to_le_bytes(), &[1, 0, 0, 0, 0, 0, 0, 0]].concat();
+        bytes.extend(&body);
+        seal(&mut bytes);
+        if let Ok((record, sequence)) = decode(&bytes) {
+            prop_assert_eq!((record.validate(), sequence), (Ok(()), 1));
+        }
+    }
+}

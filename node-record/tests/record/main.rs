@@ -1,0 +1,8 @@
+//! The node record: its bytes, its way into flash and out of it, and what it refuses.
+
+mod bytes;
+mod examples;
+mod flash;
+mod power;
+mod store;
+mod validate;
