@@ -1,2 +1,15 @@
 //! The boards, one module each: clocks, pins, buses, flash, watchdog, what a reset left behind.
+//!
+//! A board is taken once, at the start of a program; what it gives is what the node's tasks need: the UWB chip's bus, interrupt
+//! and reset line, the record from flash, lights, the watchdog, the channel of telemetry. What needs no chip (`fault`,
+//! `identity`, `lcd`, `reset_cause`) builds on a desktop too, where it is tested.
 #![no_std]
+
+pub mod fault;
+pub mod identity;
+pub mod reset_cause;
+
+#[cfg(all(feature = "_cortex-m", target_arch = "arm"))]
+pub mod cortex;
+#[cfg(all(feature = "dwm1001", target_arch = "arm"))]
+pub mod dwm1001;

@@ -1,0 +1,178 @@
+//! DWM1001: nRF52832 with a DW1000, as a module or on the DWM1001-DEV.
+//!
+//! Priorities of interrupts: 0 and 4 are the Bluetooth controller's, 2 the drivers', 3 the ranging tasks' executor; the solver,
+//! telemetry and supervision run below all interrupts.
+//!
+//! Clocks: the 32 MHz crystal runs all the time, and the 32 kHz clock is made from it. The module's documentation promises no
+//! 32 kHz crystal, and the chip would wait for a missing one for ever; its RC oscillator may be off by 2 %, so that a tag would
+//! miss its slot after a wait of half a superframe. The crystal costs some 0.3 mA, a receiving DW1000 more than 100.
+
+#[cfg(feature = "ble")]
+pub mod bluetooth;
+mod delay;
+mod uwb;
+mod watchdog;
+
+use embassy_executor::{InterruptExecutor, SendSpawner};
+use embassy_nrf::config::{Config, HfclkSource, LfclkSource};
+use embassy_nrf::gpio::{Input, Level, Output, OutputDrive, Pull};
+use embassy_nrf::interrupt::{self, InterruptExt, Priority, typelevel};
+use embassy_nrf::nvmc::Nvmc;
+use embassy_nrf::{bind_interrupts, pac, peripherals, spim};
+use node_record::Record;
+use telemetry::{Crash, ResetCause};
+
+use crate::cortex::{self, crash, log};
+use crate::{identity, reset_cause};
+
+pub use crate::cortex::log::TelemetryChannel;
+pub use crate::cortex::{restart, uptime_us};
+pub use delay::Delay;
+pub use uwb::{Bus, Interrupt, Reset, Uwb};
+pub use watchdog::Watchdog;
+
+/// As telemetry calls it.
+pub const KIND: telemetry::Board = telemetry::Board::Dwm1001;
+
+bind_interrupts!(struct Interrupts {
+    SPI2 => spim::InterruptHandler<peripherals::SPI2>;
+    TIMER1 => delay::InterruptHandler;
+    EGU1_SWI1 => RangingInterrupt;
+});
+
+/// The board, taken.
+pub struct Board {
+    /// The DW1000's parts.
+    pub uwb: Uwb,
+    /// For the exchange's waits.
+    pub delay: Delay,
+    /// Green, red, red, blue of the DWM1001-DEV (D9, D11, D12, D10).
+    pub leds: Leds,
+    /// Runs already.
+    pub watchdog: Watchdog,
+    /// From flash.
+    pub record: Result<Record, node_record::Fault>,
+    /// The chip's own EUI-64.
+    pub eui: u64,
+    /// Why the node started.
+    pub reset: ResetCause,
+    /// What the life before left.
+    pub crash: Option<Crash>,
+    /// Telemetry's way out.
+    pub telemetry: TelemetryChannel,
+    /// Of the executor that ranging runs in, above the thread's.
+    pub ranging: SendSpawner,
+    /// The radio of the nRF52832.
+    #[cfg(feature = "ble")]
+    pub bluetooth: bluetooth::Parts,
+}
+
+impl Board {
+    /// Takes the board; once a program. The log works from here on, and the watchdog runs.
+    pub fn take() -> Self {
+        let reset = pac::POWER.resetreas().read().0;
+        // The flags add up until they are cleared, by ones.
+        pac::POWER.resetreas().write(|flags| flags.0 = reset);
+        let reset = reset_cause::nrf52(reset, cortex::ram_survived());
+        let crash = crash::take();
+        let telemetry = log::start();
+
+        let mut config = Config::default();
+        config.hfclk_source = HfclkSource::ExternalXtal;
+        config.lfclk_source = LfclkSource::Synthesized;
+        // The module has the converter's inductor.
+        config.dcdc.reg1 = true;
+        config.gpiote_interrupt_priority = Priority::P2;
+        config.time_interrupt_priority = Priority::P2;
+        let p = embassy_nrf::init(config);
+        let watchdog = Watchdog::start(p.WDT);
+        interrupt::SPI2.set_priority(Priority::P2);
+        let [delay, driver_delay] = Delay::take(p.TIMER1, Interrupts);
+
+        let mut spi = spim::Config::default();
+        spi.frequency = spim::Frequency::M2;
+        let uwb = Uwb {
+            bus: Bus::new(
+                spim::Spim::new(p.SPI2, Interrupts, p.P0_16, p.P0_18, p.P0_20, spi),
+                Output::new(p.P0_17, Level::High, OutputDrive::Standard),
+            ),
+            interrupt: Input::new(p.P0_19, Pull::Down),
+            reset: Reset::new(p.P0_24.into()),
+            delay: driver_delay,
+        };
+        Self {
+            uwb,
+            delay,
+            leds: Leds::new([p.P0_30.into(), p.P0_14.into(), p.P0_22.into(), p.P0_31.into()]),
+            watchdog,
+            record: node_record::load(&mut Nvmc::new(p.NVMC), node_record::Pages::DWM1001.offsets),
+            eui: identity::of_random(device_id()),
+            reset,
+            crash,
+            telemetry,
+            ranging: start_ranging(),
+            #[cfg(feature = "ble")]
+            bluetooth: bluetooth::Parts {
+                rtc0: p.RTC0,
+                timer0: p.TIMER0,
+                temp: p.TEMP,
+                rng: p.RNG,
+                ppi: bluetooth::Channels {
+                    ch17: p.PPI_CH17,
+                    ch18: p.PPI_CH18,
+                    ch19: p.PPI_CH19,
+                    ch20: p.PPI_CH20,
+                    ch21: p.PPI_CH21,
+                    ch22: p.PPI_CH22,
+                    ch23: p.PPI_CH23,
+                    ch24: p.PPI_CH24,
+                    ch25: p.PPI_CH25,
+                    ch26: p.PPI_CH26,
+                    ch27: p.PPI_CH27,
+                    ch28: p.PPI_CH28,
+                    ch29: p.PPI_CH29,
+                    ch30: p.PPI_CH30,
+                    ch31: p.PPI_CH31,
+                },
+            },
+        }
+    }
+}
+
+/// FICR.DEVICEID: 64 random bits of this chip.
+fn device_id() -> u64 {
+    u64::from(pac::FICR.deviceid(1).read()) << 32 | u64::from(pac::FICR.deviceid(0).read())
+}
+
+static RANGING: InterruptExecutor = InterruptExecutor::new();
+
+/// Of EGU1_SWI1, a software interrupt that nothing else uses.
+struct RangingInterrupt;
+
+impl typelevel::Handler<typelevel::EGU1_SWI1> for RangingInterrupt {
+    unsafe fn on_interrupt() {
+        // SAFETY: this is its interrupt, which is enabled by `start`.
+        unsafe { RANGING.on_interrupt() }
+    }
+}
+
+fn start_ranging() -> SendSpawner {
+    interrupt::EGU1_SWI1.set_priority(Priority::P3);
+    RANGING.start(interrupt::EGU1_SWI1)
+}
+
+/// Four lights, on when their pin is low.
+pub struct Leds([Output<'static>; 4]);
+
+impl Leds {
+    fn new(pins: [embassy_nrf::Peri<'static, embassy_nrf::gpio::AnyPin>; 4]) -> Self {
+        Self(pins.map(|pin| Output::new(pin, Level::High, OutputDrive::Standard)))
+    }
+
+    /// Switches all of them: bit i is the i-th light.
+    pub fn show(&mut self, lit: u8) {
+        for (i, light) in self.0.iter_mut().enumerate() {
+            light.set_level(Level::from(lit & (1 << i) == 0));
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! Waits to the microsecond: TIMER1, counting microseconds of the 32 MHz crystal, with two compare registers a delay.
+//!
+//! The executor's own clock has ticks of 30.5 µs, and a wait by it may end two of them late: 61 µs of the 150 that a node has
+//! between a decision to transmit and the first pulse.
+
+use core::future::poll_fn;
+use core::task::Poll;
+
+use embassy_nrf::interrupt::Priority;
+use embassy_nrf::interrupt::typelevel::{self, Interrupt};
+use embassy_nrf::pac::{TIMER1, timer::vals};
+use embassy_nrf::{Peri, peripherals};
+use embassy_sync::waitqueue::AtomicWaker;
+use embedded_hal_async::delay::DelayNs;
+
+const DELAYS: usize = 2;
+static WAKERS: [AtomicWaker; DELAYS] = [const { AtomicWaker::new() }; DELAYS];
+
+/// The longest single wait, microseconds: less than half of what 32 bits count.
+const LONGEST_US: u32 = 1 << 30;
+
+/// One of two delays, for one task.
+pub struct Delay {
+    index: usize,
+}
+
+impl Delay {
+    pub(super) fn take(
+        _timer: Peri<'static, peripherals::TIMER1>,
+        _binding: impl typelevel::Binding<typelevel::TIMER1, InterruptHandler>,
+    ) -> [Self; DELAYS] {
+        TIMER1.mode().write(|w| w.set_mode(vals::Mode::Timer));
+        TIMER1.bitmode().write(|w| w.set_bitmode(vals::Bitmode::_32bit));
+        // 16 MHz / 2⁴.
+        TIMER1.prescaler().write(|w| w.set_prescaler(4));
+        TIMER1.tasks_clear().write_value(1);
+        TIMER1.tasks_start().write_value(1);
+        typelevel::TIMER1::set_priority(Priority::P2);
+        typelevel::TIMER1::unpend();
+        // SAFETY: its handler is bound.
+        unsafe { typelevel::TIMER1::enable() };
+        core::array::from_fn(|index| Self { index })
+    }
+
+    /// The compare register of a delay, and the one that it reads the count by.
+    fn compare(&self) -> usize {
+        2 * self.index
+    }
+
+    fn count(&mut self) -> u32 {
+        let capture = self.compare() + 1;
+        TIMER1.tasks_capture(capture).write_value(1);
+        TIMER1.cc(capture).read()
+    }
+
+    fn is_over(&mut self, end: u32) -> bool {
+        // Less than half a turn: the end lies behind.
+        self.count().wrapping_sub(end) <= u32::MAX / 2
+    }
+
+    async fn wait(&mut self, us: u32) {
+        // The microsecond that has begun is none.
+        let end = self.count().wrapping_add(us).wrapping_add(1);
+        let compare = self.compare();
+        TIMER1.events_compare(compare).write_value(0);
+        TIMER1.cc(compare).write_value(end);
+        poll_fn(|context| {
+            WAKERS[self.index].register(context.waker());
+            TIMER1.intenset().write(|w| w.set_compare(compare, true));
+            // The end may have passed before the register was set.
+            if self.is_over(end) { Poll::Ready(()) } else { Poll::Pending }
+        })
+        .await;
+        TIMER1.intenclr().write(|w| w.set_compare(compare, true));
+    }
+}
+
+impl DelayNs for Delay {
+    async fn delay_ns(&mut self, ns: u32) {
+        self.wait(ns.div_ceil(1000)).await;
+    }
+
+    async fn delay_us(&mut self, mut us: u32) {
+        while us > LONGEST_US {
+            us -= LONGEST_US;
+            self.wait(LONGEST_US).await;
+        }
+        self.wait(us).await;
+    }
+
+    async fn delay_ms(&mut self, mut ms: u32) {
+        const LONGEST_MS: u32 = LONGEST_US / 1000;
+        while ms > LONGEST_MS {
+            ms -= LONGEST_MS;
+            self.wait(1000 * LONGEST_MS).await;
+        }
+        self.wait(1000 * ms).await;
+    }
+}
+
+/// TIMER1's.
+pub struct InterruptHandler;
+
+impl typelevel::Handler<typelevel::TIMER1> for InterruptHandler {
+    unsafe fn on_interrupt() {
+        for (index, waker) in WAKERS.iter().enumerate() {
+            let compare = 2 * index;
+            if TIMER1.events_compare(compare).read() != 0 {
+                TIMER1.events_compare(compare).write_value(0);
+                TIMER1.intenclr().write(|w| w.set_compare(compare, true));
+                waker.wake();
+            }
+        }
+    }
+}
