@@ -14,8 +14,10 @@ const FARTHEST_M: f32 = 100_000.0;
 const FARTHEST_ON_AIR_M: f32 = 8_388.0;
 /// Slowest board, microseconds: superframes stay shorter than two seconds.
 const SLOWEST_US: u16 = 20_000;
-/// Most rounds a second, 0.01 Hz.
-const MAX_RATE_CHZ: u32 = 100_000;
+/// Rounds a second, 0.01 Hz: the radio's clock tells instants apart that lie less than 8.6 s from each other.
+const RATES_CHZ: core::ops::RangeInclusive<u32> = 13..=100_000;
+/// The first short address that means nobody or, one later, everybody.
+const NO_ADDRESS: u16 = 0xFFFE;
 
 /// A field that cannot be what it is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -222,7 +224,12 @@ impl Record {
 }
 
 fn address(address: u16, field: &'static str) -> Result<(), Invalid> {
-    ensure(address != 0xFFFF, field, Value::Hexadecimal(address.into()), "less than 0xFFFF, which is everyone's")
+    ensure(
+        address < NO_ADDRESS,
+        field,
+        Value::Hexadecimal(address.into()),
+        "less than 0xFFFE: that is nobody, 0xFFFF everybody",
+    )
 }
 
 fn everywhere(position_m: &[f32; 3]) -> Result<(), Invalid> {
@@ -244,8 +251,8 @@ impl Identity {
         if let Some(eui) = self.eui {
             let meant = eui != 0 && eui != u64::MAX;
             ensure(meant, "identity.eui", Value::Hexadecimal(eui), "neither all zeros nor all ones")?;
-            let unclear = self.address.is_none() && eui as u16 == 0xFFFF;
-            let must = "other in its lowest 16 bits, or an address must be given: 0xFFFF is everyone's";
+            let unclear = self.address.is_none() && eui as u16 >= NO_ADDRESS;
+            let must = "other in its lowest 16 bits, which are the address where none is given: 0xFFFE is nobody, 0xFFFF everybody";
             ensure(!unclear, "identity.eui", Value::Hexadecimal(eui), must)?;
         }
         self.address.map_or(Ok(()), |given| address(given, "identity.address"))
@@ -322,8 +329,8 @@ impl Tag {
         )?;
         let rates = [("tag.rate_hz", self.rate_chz), ("tag.still_rate_hz", self.still_rate_chz)];
         for (field, rate) in rates {
-            let rate = rate.unwrap_or(1);
-            ensure((1..=MAX_RATE_CHZ).contains(&rate), field, Value::Real(rate as f32 / 100.0), "0.01 to 1000")?;
+            let rate = rate.unwrap_or(100);
+            ensure(RATES_CHZ.contains(&rate), field, Value::Real(rate as f32 / 100.0), "0.13 to 1000")?;
         }
         if let (Some(rate), Some(still)) = (self.rate_chz, self.still_rate_chz) {
             let value = Value::Real(still as f32 / 100.0);

@@ -146,10 +146,10 @@ fn place() -> impl Strategy<Value = [f32; 3]> {
 
 prop_compose! {
     fn a_tag()(
-        height_m in of(-10_f32..100.0), rate in of(1..=100_000_u32), still in of(0.0..1_f64), sleep: bool,
+        height_m in of(-10_f32..100.0), rate in of(100..=100_000_u32), still in of(0.0..1_f64), sleep: bool,
         anchors_per_round in 1..=8_u8, tell_distances: bool, scan in of((3..=10_240_u16, 0.0..1_f64)), report_ranges: bool,
     ) -> Role {
-        let slower = |share: f64| (f64::from(rate.unwrap_or(100)) * share) as u32 + 1;
+        let slower = |share: f64| (f64::from(rate.unwrap_or(100)) * share).max(13.0) as u32;
         let window = |(interval_ms, share): (u16, f64)| {
             Scan { interval_ms, window_ms: 3 + (f64::from(interval_ms - 3) * share) as u16 }
         };
@@ -189,7 +189,7 @@ prop_compose! {
 
 prop_compose! {
     fn a_record()(
-        eui in of(1..0x1_0000_0000_0000_u64), address in 0..0xFFFF_u16,
+        eui in of(1..0x1_0000_0000_0000_u64), address in 0..0xFFFE_u16,
         role in prop_oneof![a_tag(), an_advertiser(), of(place()).prop_map(|position_m| Role::Anchor { position_m })],
         network in a_network(),
         antenna_delay: Option<u16>, crystal_trim in of(0..=31_u8), tx_power: Option<u32>,

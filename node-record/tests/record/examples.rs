@@ -80,7 +80,7 @@ pub fn beacon() -> Record {
 pub fn longest() -> Record {
     let far_m = [99_999.0, -99_999.0, 0.1];
     let mut record = beacon();
-    record.identity = Identity { eui: Some(0xFEDC_BA98_7654_3210), address: Some(0xFFFE) };
+    record.identity = Identity { eui: Some(0xFEDC_BA98_7654_3210), address: Some(0xFFFD) };
     let Role::Advertiser(advertiser) = &mut record.role else { unreachable!("it is a beacon") };
     *advertiser = Advertiser {
         uuid: [0xFF; 16],
@@ -98,7 +98,7 @@ pub fn longest() -> Record {
         Calibration { antenna_delay: Some(0xFFFF), crystal_trim: Some(31), tx_power: Some(0xFFFF_FFFF) };
     record.anchors.clear();
     for index in 0..MAX_ANCHORS as u16 {
-        record.anchors.push(Anchor { address: 0xFFFE - index, position_m: far_m }).unwrap();
+        record.anchors.push(Anchor { address: 0xFFFD - index, position_m: far_m }).unwrap();
     }
     record.beacons.clear();
     for index in 0..MAX_BEACONS as u16 {

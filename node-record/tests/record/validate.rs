@@ -32,6 +32,7 @@ fn refusals_name_the_field_and_its_value() {
     let fast = anchor().network.phy;
     let cases = [
         (refusal(anchor(), |r| r.identity.address = Some(0xFFFF)), "identity.address is 0xFFFF: "),
+        (refusal(anchor(), |r| r.identity.address = Some(0xFFFE)), "identity.address is 0xFFFE: "),
         (refusal(anchor(), |r| r.identity.eui = Some(0)), "identity.eui is 0x0000: "),
         (
             refusal(anchor(), |r| r.identity = Identity { eui: Some(0xAFFFF), address: None }),
@@ -50,7 +51,7 @@ fn refusals_name_the_field_and_its_value() {
         (refusal(anchor(), |r| r.network.turnaround.answer_us = 20_001), "network.turnaround.answer_us is 20001: "),
         (refusal(anchor(), |r| r.calibration.crystal_trim = Some(32)), "calibration.crystal_trim is 32: "),
         (refusal(tag(), |r| role_of(r).height_m = Some(f32::NAN)), "tag.height_m is NaN: "),
-        (refusal(tag(), |r| role_of(r).rate_chz = Some(0)), "tag.rate_hz is 0: "),
+        (refusal(tag(), |r| role_of(r).rate_chz = Some(12)), "tag.rate_hz is 0.12: "),
         (refusal(tag(), |r| role_of(r).rate_chz = Some(100_001)), "tag.rate_hz is 1000.01: "),
         (refusal(tag(), |r| role_of(r).still_rate_chz = Some(1001)), "tag.still_rate_hz is 10.01: "),
         (refusal(tag(), |r| role_of(r).anchors_per_round = 0), "tag.anchors_per_round is 0: "),
