@@ -260,3 +260,134 @@ impl From<Reason> for NoFix {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A fix of a position alone.
+    fn fix(position_m: [f32; 3], covariance_m2: [[f32; 3]; 3]) -> Fix {
+        Fix {
+            t_us: 0,
+            round: 0,
+            age_us: 0,
+            asked: 4,
+            outcome: Outcome::position(position_m, covariance_m2, 0b1011, 0.5),
+        }
+    }
+
+    fn diagonal(xx: f32, yy: f32, zz: f32) -> [[f32; 3]; 3] {
+        [[xx, 0.0, 0.0], [0.0, yy, 0.0], [0.0, 0.0, zz]]
+    }
+
+    #[test]
+    fn a_position_keeps_tenths_of_millimetres_and_its_covariance() {
+        // σ = 0.3, 0.2 and 0.5 m; ρxy = 0.0315 ⁄ 0.06 = 0.525, ρxz = −0.0705 ⁄ 0.15 = −0.47, ρyz = 0.
+        let told = fix([1.23456, -2.0, 0.00004], [[0.09, 0.0315, -0.0705], [0.0315, 0.04, 0.0], [-0.0705, 0.0, 0.25]]);
+        assert_eq!(told.position_m(), Some([1.2346, -2.0, 0.0]));
+        assert_eq!(told.deviation_m(), Some([0.3, 0.2, 0.5]));
+        // 0.525 · 127 = 66.7, −0.47 · 127 = −59.7; 0.5 · 255 = 127.5, rounded away from zero.
+        let Outcome::Position { correlation, quality, .. } = told.outcome else { panic!("{told:?}") };
+        assert_eq!((correlation, quality, told.used(), told.reason()), ([67, -60, 0], 128, Some(0b1011), None));
+        let covariance = told.covariance_m2().expect("a position");
+        // 67 ⁄ 127 · 0.06, −60 ⁄ 127 · 0.15.
+        let expected = [[0.09, 0.03165, -0.07087], [0.03165, 0.04, 0.0], [-0.07087, 0.0, 0.25]];
+        for (row, expected) in covariance.iter().zip(expected) {
+            assert!(row.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-5), "{covariance:?}");
+        }
+    }
+
+    #[test]
+    fn a_position_a_kilometre_away_keeps_its_tenths_too() {
+        let place = [999.9876, -999.9876, 0.0];
+        let told = fix(place, diagonal(1.0, 1.0, 1.0)).position_m().expect("a position");
+        assert!(told.iter().zip(place).all(|(told, place)| (told - f64::from(place)).abs() < 1e-4), "{told:?}");
+    }
+
+    #[test]
+    fn what_is_no_number_is_never_told_as_zero() {
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            let told = fix([0.0, bad, 0.0], diagonal(1.0, 1.0, 1.0));
+            assert_eq!((told.reason(), told.position_m()), (Some(Reason::NotFinite), None));
+        }
+        let greatest = f64::from(u32::MAX) / 1e4;
+        let told = fix([0.0; 3], diagonal(f32::NAN, f32::INFINITY, -1e-9));
+        assert_eq!(told.deviation_m(), Some([greatest, greatest, 0.0]));
+        assert_eq!(length(f32::NAN), i32::MAX);
+    }
+
+    #[test]
+    fn a_deviation_is_zero_only_where_it_was() {
+        // 10⁻¹² m² is a micrometre squared.
+        assert_eq!(fix([0.0; 3], diagonal(1e-12, 0.0, 1e-8)).deviation_m(), Some([0.0001, 0.0, 0.0001]));
+    }
+
+    #[test]
+    fn numbers_beyond_the_wire_become_its_ends() {
+        assert_eq!([1e30, -1e30].map(length), [i32::MAX, i32::MIN]);
+        assert_eq!([1e30, -1e30].map(deviation), [u32::MAX, 0]);
+        assert_eq!([1e30, -1e30, f32::NAN].map(hundredths), [i16::MAX, -i16::MAX, UNKNOWN_POWER]);
+    }
+
+    #[test]
+    fn diagnostics_come_back_as_fine_as_the_wire_has_them() {
+        let measured = ranging::Diagnostics {
+            rx_power_dbm: -79.254,
+            first_path_power_dbm: f32::NEG_INFINITY,
+            first_path_index: 745.516,
+            first_path_amplitudes: [1, 2, 3],
+            cir_power: 4,
+            preamble_count: 5,
+            noise_deviation: 6,
+            clock_offset_ppm: -2.349,
+        };
+        let told = Diagnostics::from(measured);
+        // 745.516 · 64 = 47713.02.
+        assert_eq!((told.rx_power, told.first_path_index, told.clock_offset), (-7925, 47_713, -235));
+        let back = ranging::Diagnostics::from(told);
+        assert!(back.first_path_power_dbm.is_nan());
+        let known = ranging::Diagnostics { first_path_power_dbm: 0.0, ..back };
+        let expected = ranging::Diagnostics {
+            rx_power_dbm: -79.25,
+            first_path_power_dbm: 0.0,
+            first_path_index: 745.515_6,
+            clock_offset_ppm: -2.35,
+            ..measured
+        };
+        assert_eq!(known, expected);
+    }
+
+    #[test]
+    fn a_range_is_told_with_the_place_of_its_anchor_where_that_is_one() {
+        let mut range = ranging::exchange::Range {
+            peer: 7,
+            distance_m: 5.43212,
+            deviation_m: 0.035,
+            position_m: Some([1.0, 2.0, 3.0]),
+            diagnostics: ranging::Diagnostics::default(),
+        };
+        let told = Range::new(5, 6, &range);
+        assert_eq!((told.t_us, told.round, told.peer), (5, 6, 7));
+        assert_eq!((told.distance_m(), told.deviation_m(), told.place_m()), (5.4321, 0.035, Some([1.0, 2.0, 3.0])));
+        range.position_m = Some([1.0, f32::NAN, 3.0]);
+        assert_eq!(Range::new(5, 6, &range).place_m(), None);
+    }
+
+    #[test]
+    fn reasons_are_those_of_the_core() {
+        let told = [
+            Reason::TooFewAnchors,
+            Reason::TooManyAnchors,
+            Reason::NotFinite,
+            Reason::CoincidentAnchors,
+            Reason::CollinearAnchors,
+            Reason::RangesDisjoint,
+            Reason::Diverged,
+            Reason::SightUnknown,
+        ];
+        let names = "too-few-anchors too-many-anchors not-finite coincident-anchors collinear-anchors ranges-disjoint \
+                     diverged sight-unknown";
+        assert!(told.iter().map(|reason| reason.as_str()).eq(names.split(' ')));
+        assert!(told.iter().all(|reason| Reason::from(NoFix::from(*reason)) == *reason));
+    }
+}

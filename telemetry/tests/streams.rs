@@ -1,0 +1,314 @@
+//! Streams as they come: from their middle, torn, with noise, text and `defmt` frames between.
+
+use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
+use telemetry::*;
+
+/// Of this time, so that frames are told apart.
+fn message(t_us: u64) -> Message {
+    Message::State(State { t_us, is: Condition::Searching })
+}
+
+fn frame(message: &Message) -> Vec<u8> {
+    encode(message, &mut [0; MAX_FRAME]).to_vec()
+}
+
+/// What a decoder gives for a stream.
+fn read(stream: &[u8]) -> (Vec<Result<Message, Malformed>>, Counts) {
+    let mut decoder = Decoder::new();
+    let results = stream.iter().filter_map(|byte| decoder.feed(*byte)).collect();
+    (results, *decoder.counts())
+}
+
+fn counts(frames: u64) -> Counts {
+    Counts { frames, ..Counts::default() }
+}
+
+#[test]
+fn need_more_is_not_malformed() {
+    let (first, second) = (frame(&message(1)), frame(&message(2)));
+    let mut decoder = Decoder::new();
+    let (last, before) = first.split_last().expect("a frame");
+    assert!(before.iter().all(|byte| decoder.feed(*byte).is_none()));
+    assert_eq!((*decoder.counts(), decoder.pending()), (counts(0), before.len()));
+    assert_eq!(decoder.feed(*last), Some(Ok(message(1))));
+    assert!(second[..3].iter().all(|byte| decoder.feed(*byte).is_none()));
+    assert_eq!((*decoder.counts(), decoder.pending()), (counts(1), 3));
+}
+
+#[test]
+fn a_stream_that_begins_in_the_middle_of_a_frame_is_no_fault() {
+    let stream = [frame(&message(1)), frame(&message(2))].concat();
+    for cut in 1..frame(&message(1)).len() - 1 {
+        let lost_bytes = (frame(&message(1)).len() - 1 - cut) as u64;
+        let (results, found) = read(&stream[cut..]);
+        assert_eq!(results, [Ok(message(2))], "{cut}");
+        assert_eq!(found, Counts { torn_at_start: 1, lost_bytes, ..counts(1) });
+    }
+}
+
+#[test]
+fn zeros_between_frames_mean_nothing() {
+    let stream = [vec![0; 3], frame(&message(1)), vec![0; 300], frame(&message(2))].concat();
+    assert_eq!(read(&stream), (vec![Ok(message(1)), Ok(message(2))], counts(2)));
+}
+
+#[test]
+fn an_interruption_loses_what_had_not_ended_and_begins_anew() {
+    let mut decoder = Decoder::new();
+    let mut feed = |bytes: &[u8]| bytes.iter().filter_map(|byte| decoder.feed(*byte)).collect::<Vec<_>>();
+    assert_eq!(feed(&frame(&message(1))), [Ok(message(1))]);
+    feed(&frame(&message(2))[..4]);
+    decoder.interrupted();
+    let mut feed = |bytes: &[u8]| bytes.iter().filter_map(|byte| decoder.feed(*byte)).collect::<Vec<_>>();
+    assert_eq!(feed(&frame(&message(3))[2..]), []);
+    assert_eq!(feed(&frame(&message(4))), [Ok(message(4))]);
+    let torn = (frame(&message(3)).len() - 3) as u64;
+    assert_eq!(*decoder.counts(), Counts { torn_at_start: 1, lost_bytes: 4 + torn, ..counts(2) });
+}
+
+#[test]
+fn a_frame_whose_bytes_are_all_there_survives_what_ran_into_it() {
+    let whole = frame(&message(2));
+    // A frame that a reset cut short, a boot loader's text, and more noise than a frame is long.
+    let torn = &frame(&message(1))[..5];
+    let text = b"\x1b[0;32mESP-ROM:esp32c3-api1-20210207\r\n".repeat(40);
+    let noise = [0x81].repeat(1000);
+    let cases = [
+        (torn, Counts { cobs: 1, lost_bytes: 5, ..counts(2) }),
+        (&text, Counts { foreign: 1, foreign_bytes: text.len() as u64, ..counts(2) }),
+        (&noise, Counts { too_long: 1, lost_bytes: 1000, ..counts(2) }),
+    ];
+    for (before, expected) in cases {
+        let stream = [&frame(&message(0)), before, &whole].concat();
+        assert_eq!(read(&stream), (vec![Ok(message(0)), Ok(message(2))], expected), "{before:?}");
+    }
+}
+
+#[test]
+fn defmt_frames_are_foreign() {
+    // As espflash has them: FF 00, rzCOBS, 00. What is within is of no matter.
+    let defmt = [0xFF, 0x00, 0x07, 0x81, 0xC3, 0x01, 0xFE, 0x00];
+    let stream = [&defmt[..], &frame(&message(1)), &defmt, &defmt, &frame(&message(2)), b"\xFF\0\0"].concat();
+    let expected = Counts { foreign: 3, foreign_bytes: 15, ..counts(2) };
+    assert_eq!(read(&stream), (vec![Ok(message(1)), Ok(message(2))], expected));
+}
+
+#[test]
+fn a_frame_that_ends_like_the_marker_of_a_defmt_frame_is_a_frame() {
+    let ends_so = |t_us: &u64| frame(&message(*t_us)).ends_with(&[0xFF, 0]);
+    let first = (0..).find(ends_so).expect("one in 256");
+    let stream = [frame(&message(first)), frame(&message(7))].concat();
+    assert_eq!(read(&stream), (vec![Ok(message(first)), Ok(message(7))], counts(2)));
+}
+
+#[test]
+fn whole_frames_of_other_builds_are_no_losses() {
+    // Schema 2 and message 99, from the golden bytes.
+    let stream = b"\x0B\x02\x04\x80\x89\x7A\x04\x81\x02\x27\xDF\0\x06\x01\x63\x05\x70\xF5\0";
+    let (results, found) = read(stream);
+    assert_eq!(results, [Err(Malformed::Schema(2)), Err(Malformed::Unknown)]);
+    assert_eq!(found, Counts { schema: 1, unknown: 1, ..counts(0) });
+    assert_eq!((found.malformed(), found.newer()), (0, 2));
+}
+
+#[test]
+fn each_kind_of_damage_has_its_count() {
+    // The golden state: whole, a bit of its time flipped, its distance too long; then one whose body ends early, and 300 bytes of noise.
+    let stream = [
+        &b"\x0B\x01\x04\x80\x89\x7A\x04\x81\x02\x52\x17\0"[..],
+        b"\x0B\x01\x04\x81\x89\x7A\x04\x81\x02\x52\x17\0",
+        b"\x0C\x01\x04\x80\x89\x7A\x04\x81\x02\x52\x17\0",
+        b"\x09\x01\x04\x80\x89\x7A\x04\x53\x1D\0",
+        &[0x81; 300],
+        b"\0",
+    ]
+    .concat();
+    let (results, found) = read(&stream);
+    let expected = Counts { checksum: 1, cobs: 1, body: 1, too_long: 1, lost_bytes: 11 + 11 + 9 + 300, ..counts(1) };
+    assert_eq!(found, expected);
+    let torn: Vec<_> = results.into_iter().skip(1).collect();
+    assert_eq!(torn, [Malformed::Checksum, Malformed::Cobs, Malformed::Body, Malformed::TooLong].map(Err));
+}
+
+fn outcome() -> impl Strategy<Value = Outcome> {
+    const REASONS: [Reason; 8] = [
+        Reason::TooFewAnchors,
+        Reason::TooManyAnchors,
+        Reason::NotFinite,
+        Reason::CoincidentAnchors,
+        Reason::CollinearAnchors,
+        Reason::RangesDisjoint,
+        Reason::Diverged,
+        Reason::SightUnknown,
+    ];
+    let position = any::<([i32; 3], [u32; 3], [i8; 3], u16, u8)>();
+    prop_oneof![
+        position.prop_map(|(position, deviation, correlation, used, quality)| {
+            Outcome::Position { position, deviation, correlation, used, quality }
+        }),
+        proptest::sample::select(&REASONS).prop_map(Outcome::Reason),
+    ]
+}
+
+fn condition() -> impl Strategy<Value = Condition> {
+    any::<(u32, u16, u8)>().prop_flat_map(|(times, peer, small)| {
+        proptest::sample::select(vec![
+            Condition::NoRecord(RecordFault::Missing),
+            Condition::NoRecord(RecordFault::Version(small)),
+            Condition::NoRecord(RecordFault::Corrupt),
+            Condition::NoRecord(RecordFault::Invalid),
+            Condition::WrongRecord,
+            Condition::Searching,
+            Condition::Paired(peer),
+            Condition::Synchronised(peer),
+            Condition::Joined(small),
+            Condition::Coordinating,
+            Condition::Following(peer),
+            Condition::RadioFailed(times),
+            Condition::ScannerRestarted(times),
+            Condition::Advertising,
+        ])
+    })
+}
+
+fn reset() -> impl Strategy<Value = (ResetCause, Option<Crash>)> {
+    let reason = proptest::sample::select(&[
+        CrashReason::Panic,
+        CrashReason::Fault,
+        CrashReason::StackOverflow,
+        CrashReason::Stalled,
+    ]);
+    let cause = any::<u32>().prop_flat_map(|number| {
+        proptest::sample::select(vec![
+            ResetCause::PowerOn,
+            ResetCause::BrownOut,
+            ResetCause::Pin,
+            ResetCause::Software,
+            ResetCause::Watchdog,
+            ResetCause::Lockup,
+            ResetCause::Wake,
+            ResetCause::Other(number),
+        ])
+    });
+    (cause, any::<bool>(), reason, any::<[u32; 3]>()).prop_map(|(cause, any, reason, [program_counter, line, file])| {
+        (cause, any.then_some(Crash { reason, program_counter, line, file }))
+    })
+}
+
+/// Any message at all.
+fn any_message() -> impl Strategy<Value = Message> {
+    let roles = proptest::sample::select(&[Role::Tag, Role::Anchor, Role::Beacon]);
+    let boards = proptest::sample::select(&[
+        Board::Dwm1001,
+        Board::Evk1000,
+        Board::Esp32C3,
+        Board::Esp32C6,
+        Board::Esp32,
+        Board::Simulated,
+    ]);
+    let t_us = || any::<u64>().prop_flat_map(|greatest| 0..=greatest);
+    prop_oneof![
+        (t_us(), any::<(u64, u16, [u8; 8])>(), roles, boards).prop_map(|(t_us, (eui, address, build), role, board)| {
+            Message::Hello(Hello { t_us, eui, address, role, board, build })
+        }),
+        (t_us(), any::<(u16, u32, u8)>(), outcome()).prop_map(|(t_us, (round, age_us, asked), outcome)| {
+            Message::Fix(Fix { t_us, round, age_us, asked, outcome })
+        }),
+        (t_us(), any::<(u16, u16, i32, u32, Option<[i32; 3]>)>(), any::<([i16; 3], [u16; 7])>()).prop_map(
+            |(t_us, (round, peer, distance, deviation, place), (powers, chip))| {
+                let [rx_power, first_path_power, clock_offset] = powers;
+                let [first_path_index, a1, a2, a3, cir_power, preamble_count, noise_deviation] = chip;
+                let diagnostics = Diagnostics {
+                    rx_power,
+                    first_path_power,
+                    first_path_index,
+                    first_path_amplitudes: [a1, a2, a3],
+                    cir_power,
+                    preamble_count,
+                    noise_deviation,
+                    clock_offset,
+                };
+                Message::Range(Range { t_us, round, peer, distance, deviation, place, diagnostics })
+            }
+        ),
+        (t_us(), any::<(u32, u16, u16, i8, i8)>()).prop_map(|(t_us, (network, major, minor, rssi, measured_power))| {
+            Message::Sighting(Sighting { t_us, beacon: BeaconId { network, major, minor }, rssi, measured_power })
+        }),
+        (t_us(), condition()).prop_map(|(t_us, is)| Message::State(State { t_us, is })),
+        (t_us(), any::<[u32; 11]>()).prop_map(|(t_us, [a, b, c, d, e, f, g, h, i, j, k])| {
+            Message::Counters(Counters {
+                t_us,
+                sent: a,
+                received: b,
+                timeouts: c,
+                corrupt: d,
+                late: e,
+                not_sent: f,
+                radio_failures: g,
+                rounds_dropped: h,
+                telemetry_dropped: i,
+                sightings: j,
+                sightings_dropped: k,
+            })
+        }),
+        (t_us(), reset()).prop_map(|(t_us, (cause, crash))| Message::Reset(Reset { t_us, cause, crash })),
+    ]
+}
+
+proptest! {
+    // Always the same cases: one damage in 65536 has a good checksum.
+    #![proptest_config(ProptestConfig { rng_seed: RngSeed::Fixed(1), ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_message_comes_back_as_it_was(messages in proptest::collection::vec(any_message(), 1..20)) {
+        let stream: Vec<u8> = messages.iter().flat_map(frame).collect();
+        prop_assert!(messages.iter().all(|message| frame(message).iter().filter(|byte| **byte == 0).count() == 1));
+        let (results, found) = read(&stream);
+        prop_assert_eq!(found, counts(messages.len() as u64));
+        prop_assert_eq!(results, messages.into_iter().map(Ok).collect::<Vec<_>>());
+    }
+
+    /// Whatever flips: frames whose own bytes are whole come through, in order, nothing else does, and every byte is accounted for.
+    #[test]
+    fn flipped_bytes_cost_the_frames_that_they_are_in(
+        messages in proptest::collection::vec(any_message(), 1..20),
+        flips in proptest::collection::vec((any::<proptest::sample::Index>(), 1..=255_u8), 0..10),
+    ) {
+        let frames: Vec<Vec<u8>> = messages.iter().map(frame).collect();
+        let whole = frames.concat();
+        let mut stream = whole.clone();
+        for (at, mask) in flips {
+            let at = at.index(stream.len());
+            stream[at] ^= mask;
+        }
+        let mut begin = 0;
+        let untouched: Vec<Message> = frames.iter().zip(&messages).filter_map(|(frame, message)| {
+            let place = begin..begin + frame.len();
+            begin = place.end;
+            (stream[place.clone()] == whole[place]).then_some(*message)
+        }).collect();
+        let (results, _) = read(&stream);
+        let read: Vec<Message> = results.into_iter().filter_map(Result::ok).collect();
+        prop_assert_eq!(read, untouched);
+    }
+
+    #[test]
+    fn after_any_noise_the_next_whole_frame_is_read(noise in proptest::collection::vec(any::<u8>(), 0..1000), message in any_message()) {
+        let (results, _) = read(&[&noise[..], &frame(&message)].concat());
+        prop_assert_eq!(results.last(), Some(&Ok(message)));
+    }
+
+    #[test]
+    fn every_byte_of_noise_is_accounted_for(noise in proptest::collection::vec(any::<u8>(), 0..2000)) {
+        let mut decoder = Decoder::new();
+        let results = noise.iter().filter(|byte| decoder.feed(**byte).is_some()).count() as u64;
+        let found = *decoder.counts();
+        prop_assert_eq!(results, found.frames + found.malformed() + found.newer());
+        let zeros = noise.iter().filter(|byte| **byte == 0).count();
+        // A chunk that ends with FF is a marker's.
+        let markers = noise.windows(2).filter(|pair| **pair == [0xFF, 0]).count();
+        let told = found.lost_bytes + found.foreign_bytes + decoder.pending() as u64 + zeros as u64;
+        prop_assert!((told..=told + markers as u64).contains(&(noise.len() as u64)), "{} of {}", told, noise.len());
+    }
+}
