@@ -2,24 +2,31 @@
 //!
 //! No operating system, no heap, no I/O, no clock, no logger: numbers in, numbers out, so that a tag, a replay and a
 //! simulation run the same code. In flow [`RangeSample`]s, one a range; out flows a [`Fix`] with its covariance, or the
-//! reason why there is [`NoFix`]. Call [`solve`] with a [`Method`], or the method's own function.
+//! reason why there is [`NoFix`]. Call [`solve`] with a [`Method`], or the method's own function. [`engine`] is what remembers: it
+//! takes measurements as they come, and tracks.
 //!
 //! Equation numbers are those of P. M. de Rojas Malpartida, *Evaluación de un sistema UWB frente a medidas sin línea de
 //! visión directa* (Universidad de Sevilla, 2021), unless another source is named.
 #![no_std]
 #![deny(unsafe_code)]
 
+#[cfg(test)]
+extern crate std;
+
 mod bounding_box;
 mod constraints;
+pub mod engine;
 mod fix;
 mod geometry;
 mod linalg;
 mod linear;
 mod method;
+pub mod nlos;
 mod nonlinear;
 mod real;
 mod robust;
 mod sample;
+mod track;
 
 pub use bounding_box::bounding_box;
 pub use constraints::{Area, Constraints, Side};
@@ -30,3 +37,4 @@ pub use nonlinear::{bb_nls, bb_nls_c, bb_nls_r, nls, nls_ccv};
 pub use real::Real;
 pub use robust::robust;
 pub use sample::{MAX_ANCHORS, RangeSample, flatten};
+pub use track::{Blocked, Motion, Noise, TdoaSample, hyperbolic};

@@ -1,0 +1,64 @@
+//! Whether a range came along the direct path: from what the receiver measured to a probability.
+//!
+//! In flow the magnitudes of the channel impulse response around the first path ([`Shape`]), the receiver's diagnostics
+//! ([`power_difference_db`], [`first_path_to_noise_db`]) and the ranges and powers before ([`MovingMean`]); they are gathered as
+//! [`Features`]. A [`Classifier`] makes of them the probability that the direct path is blocked (NLOS), and [`Inflation`] makes
+//! of the probability the variance of the range. Nothing is rejected here: a blocked range weighs less.
+//!
+//! Classifiers are trained on a desktop; a node reads them as a [`Model`], versioned and checksummed bytes in its flash
+//! (feature `serde`). Without a model, [`PowerDifference::default`] is the chip maker's own rule.
+//!
+//! Sources: E. García et al., *A robust UWB indoor positioning system for highly complex environments* (equations 2 to 4:
+//! skewness); V. Barral et al., *Environmental cross-validation of NLOS machine learning classification/mitigation with
+//! low-cost UWB positioning systems*, Sensors 2019 (moving means, k-nearest neighbours, perceptrons); S. Marano et al., *NLOS
+//! identification and mitigation for localization based on UWB experimental data*, IEEE JSAC 28(7), 2010 (kurtosis, rise time,
+//! mean excess delay, delay spread); DW1000 user manual, 4.7 (powers).
+
+mod calibration;
+mod features;
+mod inputs;
+mod logistic;
+#[cfg(feature = "serde")]
+mod model;
+mod moving_mean;
+mod nearest;
+mod perceptron;
+mod power_difference;
+mod quantised;
+mod shape;
+mod skewness;
+
+pub use calibration::{Inflation, Platt};
+pub use features::{Feature, Features, first_path_to_noise_db, power_difference_db};
+pub use inputs::{Input, Inputs, MAX_INPUTS};
+pub use logistic::Logistic;
+#[cfg(feature = "serde")]
+pub use model::{Fault, Kind, Model, VERSION};
+pub use moving_mean::MovingMean;
+pub use nearest::{MAX_NEIGHBOURS, Nearest};
+pub use perceptron::{MAX_LAYERS, MAX_WIDTH, Perceptron};
+pub use power_difference::PowerDifference;
+pub use quantised::{MAX_HIDDEN, Neuron, Quantised};
+pub use shape::{BEFORE, NEAR, SAMPLE_NS, Shape, WINDOW, magnitude};
+pub use skewness::Skewness;
+
+/// What tells blocked ranges from direct ones.
+pub trait Classifier {
+    /// Its name, as tables and commands call it.
+    fn name(&self) -> &'static str;
+
+    /// Gives every feature that it needs to `visit`.
+    fn for_each_feature(&self, visit: &mut dyn FnMut(Feature));
+
+    /// The probability that the direct path is blocked, 0 to 1, where both are as likely beforehand; `None` where a feature
+    /// that it needs is not known.
+    fn nlos_probability(&self, features: &Features) -> Option<f32>;
+}
+
+/// 1/(1 + e⁻ˣ), without overflow; ½ for NaN.
+fn sigmoid(x: f32) -> f32 {
+    use crate::Real;
+    // Beyond 30 it is 0 or 1 in an `f32`.
+    let x = x.at_least(-30.0).at_most(30.0);
+    if x.is_nan() { 0.5 } else { 1.0 / (1.0 + Real::exp(-x)) }
+}

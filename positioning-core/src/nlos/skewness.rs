@@ -1,0 +1,68 @@
+//! The skewness test: the likelihood ratio of García et al., equations 3 and 4.
+//!
+//! Both conditional densities are normal with one deviation, so that they cross once and the ratio is a sigmoid: a larger
+//! skewness is never less in favour of the direct path. Their threshold λ is where the probability is ½.
+
+use super::{Classifier, Feature, Features, sigmoid};
+
+/// The skewness of direct and of blocked paths.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Skewness {
+    /// [`Feature::SkewnessNear`] or [`Feature::Skewness`].
+    pub feature: Feature,
+    /// Mean of direct paths.
+    pub los_mean: f32,
+    /// Mean of blocked paths.
+    pub nlos_mean: f32,
+    /// Deviation of either.
+    pub deviation: f32,
+}
+
+impl Skewness {
+    /// λ: the densities cross where both are as likely, between the means.
+    pub fn threshold(&self) -> f32 {
+        (self.los_mean + self.nlos_mean) / 2.0
+    }
+
+    #[cfg(feature = "serde")]
+    pub(crate) fn is_sane(&self) -> bool {
+        [self.los_mean, self.nlos_mean, self.deviation].iter().all(|number| number.is_finite()) && self.deviation > 0.0
+    }
+}
+
+impl Classifier for Skewness {
+    fn name(&self) -> &'static str {
+        "skewness"
+    }
+
+    fn for_each_feature(&self, visit: &mut dyn FnMut(Feature)) {
+        visit(self.feature);
+    }
+
+    fn nlos_probability(&self, features: &Features) -> Option<f32> {
+        // ln of the ratio of two normal densities of one deviation: (µ₁ − µ₀)(γ − λ)/s².
+        let away = (features.get(self.feature)? - self.threshold()) / self.deviation;
+        Some(sigmoid((self.nlos_mean - self.los_mean) / self.deviation * away))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ratio_is_that_of_a_hand_calculation() {
+        let skewness = Skewness { feature: Feature::SkewnessNear, los_mean: 1.5, nlos_mean: 0.9, deviation: 0.3 };
+        assert!((skewness.threshold() - 1.2).abs() < 1.0e-6);
+        let mut features = Features::default();
+        assert_eq!(skewness.nlos_probability(&features), None);
+        // At γ = 1.35: z of LOS −0.5, of NLOS 1.5; densities e^−0.125 and e^−1.125; 1/(1 + e) = 0.268941.
+        features.set(Feature::SkewnessNear, 1.35);
+        let p = skewness.nlos_probability(&features).expect("known");
+        assert!((p - 0.268_941).abs() < 1.0e-5, "{p}");
+        features.set(Feature::SkewnessNear, 1.2);
+        assert!((skewness.nlos_probability(&features).expect("known") - 0.5).abs() < 1.0e-5);
+    }
+}
