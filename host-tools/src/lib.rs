@@ -6,10 +6,12 @@
 #![forbid(unsafe_code)]
 
 pub mod example;
+pub mod monitor;
 pub mod output;
 pub mod plot;
 pub mod positions;
 pub mod probe;
+pub mod provision;
 mod recording;
 pub mod simulate;
 mod solve;

@@ -34,6 +34,7 @@ enum Command {
     Plot(commands::plot::Arguments),
     Simulate(commands::simulate::Arguments),
     Example(commands::example::Arguments),
+    Monitor(commands::monitor::Arguments),
 }
 
 #[derive(Subcommand)]
@@ -52,6 +53,7 @@ fn main() -> ExitCode {
         Command::Plot(arguments) => commands::plot::run(&arguments),
         Command::Simulate(arguments) => commands::simulate::run(&arguments),
         Command::Example(arguments) => commands::example::run(&arguments),
+        Command::Monitor(arguments) => commands::monitor::run(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

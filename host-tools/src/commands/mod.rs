@@ -1,6 +1,7 @@
 //! The subcommands, one module each: arguments, and what is printed.
 
 pub mod example;
+pub mod monitor;
 pub mod plot;
 pub mod simulate;
 pub mod solve;

@@ -1,0 +1,121 @@
+//! An image's ELF file: its build, where its RTT block lies, and what its log needs to be read.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use defmt_decoder::{Encoding, Table};
+use object::{Object, ObjectSection, ObjectSegment, ObjectSymbol, SegmentFlags};
+
+use super::formats::Formats;
+use crate::Wrong;
+
+/// Where an image keeps its build.
+const BUILD_SECTION: &str = ".baliza.build";
+
+/// Which build an image is.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Build(pub [u8; 8]);
+
+impl fmt::Display for Build {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
+impl fmt::Debug for Build {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Build({self})")
+    }
+}
+
+/// What a log line's place is, in the sources.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// The file, as the compiler was given it.
+    pub file: String,
+    /// The line, from 1.
+    pub line: u64,
+}
+
+/// By what an image is known in a chip.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Marks {
+    /// Where its RTT control block is.
+    pub rtt: Option<u64>,
+    /// Some of its code and constants, by their addresses; its build among them where it lies in one piece.
+    pub flash: Vec<(u64, Vec<u8>)>,
+}
+
+/// What is needed of an ELF file.
+pub struct Image {
+    /// The file, as the user named it.
+    pub file: PathBuf,
+    /// Its build; `None`: it is none of ours.
+    pub build: Option<Build>,
+    /// What to look for in the chip.
+    pub marks: Marks,
+    pub(super) table: Table,
+    pub(super) formats: Formats,
+    pub(super) places: BTreeMap<u64, Place>,
+}
+
+impl Image {
+    /// Reads an ELF file.
+    ///
+    /// # Errors
+    /// It cannot be read, is no ELF file, or has no log that can be read.
+    pub fn read(file: &Path) -> Result<Self, Wrong> {
+        let bytes = fs::read(file).map_err(|error| Wrong::file(file, format!("cannot open it: {error}")))?;
+        Self::parse(file, &bytes).map_err(|what| Wrong::file(file, what))
+    }
+
+    fn parse(file: &Path, bytes: &[u8]) -> Result<Self, String> {
+        const GIVE: &str =
+            "give the file that cargo built, target/<target>/firmware/<image>, not a .bin or .hex made of it";
+        let elf = object::File::parse(bytes).map_err(|_| format!("not an ELF file: {GIVE}"))?;
+        let table = Table::parse(bytes).map_err(|error| format!("its log cannot be read: {error:#}"))?;
+        let table = table.ok_or(
+            "it has no defmt table: it was built without the feature defmt, or is no image for a board; give the ELF that was flashed",
+        )?;
+        if table.encoding() != Encoding::Rzcobs {
+            return Err(
+                "its log is in defmt's raw encoding, which cannot be picked up midway: build it with rzcobs".into()
+            );
+        }
+        let build = elf.section_by_name(BUILD_SECTION);
+        let build = build.and_then(|section| section.data().ok()?.first_chunk().copied()).map(Build);
+        let rtt = elf.symbols().find(|symbol| symbol.name() == Ok("_SEGGER_RTT")).map(|symbol| symbol.address());
+        let marks = Marks { rtt, flash: flash(&elf, build) };
+        // A stripped file has none; its log is as readable without.
+        let places = table.get_locations(bytes).unwrap_or_default();
+        let places = places.into_iter().map(|(index, location)| {
+            (index, Place { file: location.file.to_string_lossy().into_owned(), line: location.line })
+        });
+        Ok(Self { file: file.to_owned(), build, marks, formats: Formats::of(&elf), places: places.collect(), table })
+    }
+}
+
+/// A window of each flash segment every so many bytes, and the build wherever it stands.
+fn flash(elf: &object::File<'_>, build: Option<Build>) -> Vec<(u64, Vec<u8>)> {
+    const WINDOW: usize = 64;
+    const WINDOWS: usize = 8;
+    let mut marks = Vec::new();
+    for segment in elf.segments() {
+        // What may be written to does not stay as it is in the file.
+        let writable = matches!(segment.flags(), SegmentFlags::Elf { p_flags } if p_flags & object::elf::PF_W != 0);
+        let Ok(data) = segment.data() else { continue };
+        if writable || data.is_empty() {
+            continue;
+        }
+        let stride = (data.len() / WINDOWS).max(WINDOW);
+        let windows = data.chunks(stride).enumerate().map(|(index, chunk)| (index * stride, chunk));
+        let windows = windows.map(|(at, chunk)| (at, chunk.get(..WINDOW).unwrap_or(chunk)));
+        let builds = build
+            .iter()
+            .flat_map(|build| data.windows(build.0.len()).enumerate().filter(move |(_, window)| *window == build.0));
+        marks.extend(windows.chain(builds).map(|(at, bytes)| (segment.address() + at as u64, bytes.to_vec())));
+    }
+    marks
+}

@@ -1,0 +1,223 @@
+//! The rings of RTT, read through a small view of the chip's memory.
+//!
+//! [`find`] looks for the control block, [`Rings::poll`] takes what the node has written and frees its room. probe-rs has a reader
+//! of its own (`probe_rs::rtt`); this one stands in its place because it must outlive the node: it reads the whole block in one
+//! access at every poll, so that a reset, a new image or a block that has moved shows at once as what it is, where the other
+//! holds on to the descriptors that it read when it attached and fails with an error; and because it runs on any [`Memory`], a
+//! test's as well.
+
+use std::ops::Range;
+
+use anyhow::{Result, anyhow};
+
+use super::source::Channel;
+
+/// What is needed of a chip.
+pub trait Memory {
+    /// Reads bytes.
+    ///
+    /// # Errors
+    /// The probe or the chip is gone, or there is no memory.
+    fn read(&mut self, address: u64, bytes: &mut [u8]) -> Result<()>;
+
+    /// Writes a word of 32 bits, in the chip's order of bytes.
+    ///
+    /// # Errors
+    /// As in reading.
+    fn write_word(&mut self, address: u64, word: u32) -> Result<()>;
+
+    /// Where its RAM is.
+    fn ram(&self) -> Vec<Range<u64>>;
+
+    /// Starts the chip anew.
+    ///
+    /// # Errors
+    /// As in reading.
+    fn reset(&mut self) -> Result<()>;
+}
+
+const ID: &[u8; 16] = b"SEGGER RTT\0\0\0\0\0\0";
+/// The identifier and two numbers of channels.
+const HEADER: usize = 24;
+/// Name, buffer, size, write, read, flags.
+const DESCRIPTOR: usize = 24;
+/// Where a descriptor keeps the place that the host has read up to.
+const READ: u64 = 16;
+/// The log's and telemetry's.
+const CHANNELS: [Channel; 2] = [Channel::Log, Channel::Telemetry];
+/// More channels than anyone has: what claims them is no control block.
+const MAX_CHANNELS: u32 = 32;
+/// Read at once while searching.
+const STRIDE: usize = 4096;
+
+/// Looks for the control block: where the ELF file says, else in all of RAM. `None`: the node has not made it yet.
+///
+/// # Errors
+/// The memory's, where none of it can be read.
+pub fn find(memory: &mut dyn Memory, expected: Option<u64>) -> Result<Option<Rings>> {
+    let ram = memory.ram();
+    if let Some(address) = expected {
+        let rings = Rings::at(address, &ram);
+        if rings.look(memory)?.is_some() {
+            return Ok(Some(rings));
+        }
+    }
+    let (mut failed, mut read_any) = (None, false);
+    for region in &ram {
+        match search(memory, region, &ram) {
+            Ok(Some(rings)) => return Ok(Some(rings)),
+            Ok(None) => read_any = true,
+            // A bank that is switched off; the block may be in another.
+            Err(error) => failed = Some(error),
+        }
+    }
+    match failed {
+        Some(error) if !read_any => Err(error),
+        _ => Ok(None),
+    }
+}
+
+fn search(memory: &mut dyn Memory, region: &Range<u64>, ram: &[Range<u64>]) -> Result<Option<Rings>> {
+    let mut window = [0; STRIDE];
+    let mut at = region.start;
+    while at < region.end {
+        let length = usize::try_from(region.end - at).unwrap_or(STRIDE).min(STRIDE);
+        let window = window.get_mut(..length).unwrap_or_default();
+        memory.read(at, window)?;
+        for (offset, found) in window.windows(ID.len()).enumerate().step_by(4) {
+            if found == ID {
+                let rings = Rings::at(at + offset as u64, ram);
+                if rings.look(memory)?.is_some() {
+                    return Ok(Some(rings));
+                }
+            }
+        }
+        // The identifier may lie across two windows.
+        let step = if length == STRIDE { STRIDE - ID.len() } else { length };
+        at += step as u64;
+    }
+    Ok(None)
+}
+
+/// The rings of a control block.
+pub struct Rings {
+    address: u64,
+    ram: Vec<Range<u64>>,
+    /// Up to where this side has read, by channel.
+    read: [Option<u32>; 2],
+}
+
+/// What a look at the rings brought.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Polled {
+    /// What the node has written since, by channel.
+    Bytes {
+        /// The channels that had any.
+        bytes: Vec<(Channel, Vec<u8>)>,
+        /// The rings begin anew: the node has restarted, or another program reads them as well.
+        anew: bool,
+    },
+    /// There is no control block any more: the node is starting, or has another image.
+    Gone,
+}
+
+#[derive(Clone, Copy)]
+struct Ring {
+    channel: usize,
+    buffer: u64,
+    size: u32,
+    write: u32,
+    read: u32,
+}
+
+impl Rings {
+    fn at(address: u64, ram: &[Range<u64>]) -> Self {
+        Self { address, ram: ram.to_vec(), read: [None; 2] }
+    }
+
+    /// Where the control block is.
+    pub fn address(&self) -> u64 {
+        self.address
+    }
+
+    /// Takes what is there.
+    ///
+    /// # Errors
+    /// The memory's.
+    pub fn poll(&mut self, memory: &mut dyn Memory) -> Result<Polled> {
+        let Some(rings) = self.look(memory)? else { return Ok(Polled::Gone) };
+        let (mut bytes, mut anew) = (Vec::new(), false);
+        for ring in rings {
+            let (Some(known), Some(channel)) = (self.read.get_mut(ring.channel), CHANNELS.get(ring.channel)) else {
+                continue;
+            };
+            anew |= known.is_some_and(|known| known != ring.read);
+            *known = Some(ring.write);
+            let taken = ring.take(memory)?;
+            if !taken.is_empty() {
+                // Only now that it is here. A node that restarts in between gets a place of its former life, and says some
+                // nonsense once: the decoders step over it.
+                let place = self.address + (HEADER + ring.channel * DESCRIPTOR) as u64 + READ;
+                memory.write_word(place, ring.write)?;
+                bytes.push((*channel, taken));
+            }
+        }
+        Ok(Polled::Bytes { bytes, anew })
+    }
+
+    /// The rings as they are, where the block is one.
+    fn look(&self, memory: &mut dyn Memory) -> Result<Option<Vec<Ring>>> {
+        let mut block = [0; HEADER + CHANNELS.len() * DESCRIPTOR];
+        memory.read(self.address, &mut block)?;
+        let (header, descriptors) = block.split_at(HEADER);
+        let Some((id, counts)) = header.split_at_checked(ID.len()) else { return Ok(None) };
+        let (up, down) = (word(counts, 0), word(counts, 4));
+        if id != ID || !(1..=MAX_CHANNELS).contains(&up) || down > MAX_CHANNELS {
+            return Ok(None);
+        }
+        let mut rings = Vec::new();
+        for (channel, descriptor) in descriptors.chunks_exact(DESCRIPTOR).enumerate().take(up as usize) {
+            let ring = Ring {
+                channel,
+                buffer: word(descriptor, 4).into(),
+                size: word(descriptor, 8),
+                write: word(descriptor, 12),
+                read: word(descriptor, 16),
+            };
+            if ring.buffer == 0 {
+                continue;
+            }
+            if !ring.possible(&self.ram) {
+                return Ok(None);
+            }
+            rings.push(ring);
+        }
+        Ok(Some(rings))
+    }
+}
+
+impl Ring {
+    fn possible(&self, ram: &[Range<u64>]) -> bool {
+        let end = self.buffer + u64::from(self.size);
+        // Regions that touch count as one: a buffer may lie across two banks.
+        let inside = |address: u64| ram.is_empty() || ram.iter().any(|region| region.contains(&address));
+        self.write < self.size && self.read < self.size && inside(self.buffer) && inside(end - 1)
+    }
+
+    fn take(&self, memory: &mut dyn Memory) -> Result<Vec<u8>> {
+        let parts =
+            if self.write >= self.read { [self.read..self.write, 0..0] } else { [self.read..self.size, 0..self.write] };
+        let mut bytes = Vec::new();
+        for part in parts.into_iter().filter(|part| !part.is_empty()) {
+            let begin = bytes.len();
+            bytes.resize(begin + part.len(), 0);
+            let to = bytes.get_mut(begin..).ok_or_else(|| anyhow!("no room"))?;
+            memory.read(self.buffer + u64::from(part.start), to)?;
+        }
+        Ok(bytes)
+    }
+}
+
+fn word(bytes: &[u8], at: usize) -> u32 {
+    bytes.get(at..).and_then(|bytes| bytes.first_chunk()).copied().map_or(0, u32::from_le_bytes)
+}

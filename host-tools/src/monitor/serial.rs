@@ -1,0 +1,155 @@
+//! The source that is a serial port: a mixture, parted by [`Demux`]. A port that goes away (a cable, a board that resets its own
+//! USB) is opened again.
+
+use std::collections::VecDeque;
+use std::io::{ErrorKind, Read};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use anyhow::{Result, anyhow};
+
+use super::demux::Demux;
+use super::source::{Event, Pace, Source};
+use crate::Wrong;
+
+/// Opens a port.
+pub trait Open {
+    /// Opens it; its reads end with [`ErrorKind::TimedOut`] after a few milliseconds without bytes.
+    ///
+    /// # Errors
+    /// It is not there or not to be had, in one sentence that says what to do.
+    fn open(&mut self) -> Result<Box<dyn Read>>;
+}
+
+/// A serial port by name.
+#[derive(Clone, Debug)]
+pub struct Port {
+    /// `/dev/ttyACM0`, `COM3`.
+    pub name: String,
+    /// Bits a second.
+    pub baud: u32,
+}
+
+/// A read returns after so long without bytes.
+const READ: Duration = Duration::from_millis(10);
+
+impl Open for Port {
+    fn open(&mut self) -> Result<Box<dyn Read>> {
+        let Self { name, baud } = self;
+        match serialport::new(name.as_str(), *baud).timeout(READ).open() {
+            Ok(port) => Ok(Box::new(port)),
+            Err(error) => Err(refused(name, error)),
+        }
+    }
+}
+
+fn refused(name: &str, error: serialport::Error) -> anyhow::Error {
+    use serialport::ErrorKind as Kind;
+    match error.kind() {
+        Kind::NoDevice | Kind::Io(ErrorKind::NotFound) if std::fs::metadata(name).is_err() => {
+            let mut others: Vec<_> = serialport::available_ports().unwrap_or_default();
+            others.sort_by(|a, b| a.port_name.cmp(&b.port_name));
+            let others: Vec<_> = others.into_iter().map(|port| port.port_name).collect();
+            let there =
+                if others.is_empty() { "there is none".into() } else { format!("there are {}", others.join(", ")) };
+            Wrong::flag("--serial", format!("no port {name}: plug in the board with a cable for data; {there}")).into()
+        }
+        Kind::Io(ErrorKind::PermissionDenied) => {
+            anyhow!("no permission to open {name}: on Linux `sudo usermod -aG dialout $USER` and a new login give it")
+        }
+        Kind::NoDevice => anyhow::Error::new(error)
+            .context(format!("{name} is in use by another program (espflash, minicom?): end that one")),
+        Kind::InvalidInput | Kind::Io(_) | Kind::Unknown => {
+            anyhow::Error::new(error).context(format!("cannot open {name}"))
+        }
+    }
+}
+
+enum State {
+    New,
+    Open(Box<dyn Read>),
+    Lost { again: Instant, wait: Duration },
+}
+
+/// A serial port, as a source.
+pub struct Serial<O> {
+    port: O,
+    name: String,
+    demux: Demux,
+    state: State,
+    pace: Pace,
+    ready: VecDeque<Event>,
+}
+
+impl<O: Open> Serial<O> {
+    /// Calls the port by `name`.
+    pub fn new(port: O, name: String, pace: Pace) -> Self {
+        Self { port, name, demux: Demux::default(), state: State::New, pace, ready: VecDeque::new() }
+    }
+
+    fn step(&mut self) -> Result<()> {
+        self.state = match std::mem::replace(&mut self.state, State::New) {
+            State::New => {
+                let port = self.port.open()?;
+                self.ready.push_back(Event::Connected(self.name.clone()));
+                State::Open(port)
+            }
+            State::Lost { again, wait } if Instant::now() < again => State::Lost { again, wait },
+            State::Lost { wait, .. } => match self.port.open() {
+                Ok(port) => {
+                    self.ready.push_back(Event::Connected(self.name.clone()));
+                    State::Open(port)
+                }
+                Err(_) => State::Lost { again: Instant::now() + wait, wait: (wait * 2).min(self.pace.longest) },
+            },
+            State::Open(mut port) => {
+                let mut bytes = [0; 4096];
+                match port.read(&mut bytes) {
+                    // A terminal whose other end is gone.
+                    Ok(0) => self.lose("it is gone"),
+                    Ok(count) => {
+                        self.ready.extend(self.demux.feed(bytes.get(..count).unwrap_or_default()));
+                        State::Open(port)
+                    }
+                    Err(error)
+                        if matches!(
+                            error.kind(),
+                            ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock
+                        ) =>
+                    {
+                        State::Open(port)
+                    }
+                    Err(error) => self.lose(&error.to_string()),
+                }
+            }
+        };
+        Ok(())
+    }
+
+    fn lose(&mut self, why: &str) -> State {
+        self.ready.extend(self.demux.finish());
+        self.ready.push_back(Event::Lost(why.to_owned()));
+        State::Lost { again: Instant::now() + self.pace.retry, wait: self.pace.retry * 2 }
+    }
+}
+
+impl<O: Open> Source for Serial<O> {
+    fn next(&mut self, patience: Duration) -> Result<Option<Event>> {
+        let begun = Instant::now();
+        loop {
+            if let Some(event) = self.ready.pop_front() {
+                return Ok(Some(event));
+            }
+            self.step()?;
+            let left = patience.saturating_sub(begun.elapsed());
+            if self.ready.is_empty() {
+                if left.is_zero() {
+                    return Ok(None);
+                }
+                if matches!(self.state, State::Lost { .. }) {
+                    sleep(left.min(READ));
+                }
+            }
+        }
+    }
+}
