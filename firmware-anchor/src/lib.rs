@@ -1,4 +1,4 @@
-//! The anchor, whole: a board's binary brings a radio, a delay and a listener for telemetry, and calls [`run`].
+//! The anchor, whole: a board's binary brings a radio, a delay and a [`Reporter`], and calls [`run`].
 //!
 //! Radio → machine of the exchange → changes of links, and the distances of tags where the exchange tells them to
 //! anchors.
@@ -7,8 +7,11 @@
 
 use core::convert::Infallible;
 
+use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
-use ranging::exchange::Machine;
+use firmware_common::Reporter;
+use ranging::RadioInstant;
+use ranging::exchange::{Action, Event, Guidance, Machine, Report};
 use ranging::node::{self, Restart};
 
 pub use ranging::node::Listener;
@@ -21,4 +24,22 @@ pub async fn run<R: Restart>(
     mut listener: impl Listener,
 ) -> Infallible {
     node::run(&mut radio, &mut delay, &mut machine, &mut listener).await
+}
+
+/// The listener of a board's anchor: everything goes to the node's reporter.
+pub struct Told<'r, M: RawMutex, const BYTES: usize>(pub &'r Reporter<M, BYTES>);
+
+impl<M: RawMutex, const BYTES: usize> Listener for Told<'_, M, BYTES> {
+    async fn report(&mut self, report: Report<'_>, _: RadioInstant) -> Guidance {
+        self.0.report(report);
+        Guidance::default()
+    }
+
+    fn observe(&mut self, _: RadioInstant, event: &Event<'_>, _: &Action<'_>) {
+        self.0.step(event);
+    }
+
+    async fn radio_failed(&mut self, error: &impl core::fmt::Debug, failures: u32) {
+        self.0.radio_failed(error, failures);
+    }
 }

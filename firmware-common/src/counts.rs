@@ -2,9 +2,7 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use ranging::node::Restart;
-use ranging::radio::MAX_FRAME;
-use ranging::{Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
+use ranging::exchange::Event;
 use telemetry::Counters;
 
 /// A count that one task writes and any may read; it wraps.
@@ -62,6 +60,19 @@ impl Counts {
         }
     }
 
+    /// What became of an action of the exchange.
+    pub fn event(&self, event: &Event<'_>) {
+        match event {
+            Event::Sent(_) => self.sent.add(),
+            Event::NotSent => self.not_sent.add(),
+            Event::Received(_) => self.received.add(),
+            Event::Corrupt => self.corrupt.add(),
+            Event::Timeout => self.timeouts.add(),
+            Event::Late => self.late.add(),
+            Event::Started | Event::Woken | Event::Reported => {}
+        }
+    }
+
     /// As they are told.
     pub fn told(&self, t_us: u64, telemetry_dropped: u32) -> Counters {
         Counters {
@@ -81,188 +92,44 @@ impl Counts {
     }
 }
 
-/// A radio whose frames and failures are counted; else the radio that it wraps.
-#[derive(Debug)]
-pub struct Counted<'c, R> {
-    radio: R,
-    counts: &'c Counts,
-}
-
-impl<'c, R> Counted<'c, R> {
-    /// A radio, counted from now on.
-    pub fn new(radio: R, counts: &'c Counts) -> Self {
-        Self { radio, counts }
-    }
-
-    fn judged<T, E>(&self, result: Result<T, E>) -> Result<T, E> {
-        if result.is_err() {
-            self.counts.radio_failures.add();
-        }
-        result
-    }
-}
-
-impl<R: Radio> Radio for Counted<'_, R> {
-    type Error = R::Error;
-
-    async fn now(&mut self) -> Result<RadioInstant, Self::Error> {
-        let result = self.radio.now().await;
-        self.judged(result)
-    }
-
-    fn departure(&self, at: RadioInstant) -> RadioInstant {
-        self.radio.departure(at)
-    }
-
-    async fn transmit(
-        &mut self,
-        frame: &[u8],
-        start: Start,
-        listen: bool,
-    ) -> Result<RadioInstant, TransmitError<Self::Error>> {
-        let result = self.radio.transmit(frame, start, listen).await;
-        match &result {
-            Ok(_) => &self.counts.sent,
-            Err(TransmitError::Late) => &self.counts.late,
-            Err(TransmitError::TooLong | TransmitError::NoConfirmation) => &self.counts.not_sent,
-            Err(TransmitError::Radio(_)) => &self.counts.radio_failures,
-        }
-        .add();
-        result
-    }
-
-    async fn receive<'b>(
-        &mut self,
-        buffer: &'b mut [u8; MAX_FRAME],
-        start: Start,
-        window: RadioDuration,
-        keep_listening: bool,
-    ) -> Result<RxFrame<'b>, ReceiveError<Self::Error>> {
-        let result = self.radio.receive(buffer, start, window, keep_listening).await;
-        match &result {
-            Ok(_) => &self.counts.received,
-            Err(ReceiveError::Timeout) => &self.counts.timeouts,
-            Err(ReceiveError::Late) => &self.counts.late,
-            Err(ReceiveError::Corrupt) => &self.counts.corrupt,
-            Err(ReceiveError::Radio(_)) => &self.counts.radio_failures,
-        }
-        .add();
-        result
-    }
-
-    async fn idle(&mut self) -> Result<(), Self::Error> {
-        let result = self.radio.idle().await;
-        self.judged(result)
-    }
-}
-
-impl<R: Restart> Restart for Counted<'_, R> {
-    async fn restart(&mut self) -> Result<(), Self::Error> {
-        let result = self.radio.restart().await;
-        self.judged(result)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use embassy_futures::block_on;
-    use ranging::Diagnostics;
-
-    /// Answers each call with the next of these.
-    struct Scripted {
-        transmissions: std::vec::Vec<Result<RadioInstant, TransmitError<()>>>,
-        receptions: std::vec::Vec<Result<(), ReceiveError<()>>>,
-        failing: bool,
-    }
-
-    impl Radio for Scripted {
-        type Error = ();
-
-        async fn now(&mut self) -> Result<RadioInstant, ()> {
-            if self.failing { Err(()) } else { Ok(RadioInstant::default()) }
-        }
-
-        fn departure(&self, at: RadioInstant) -> RadioInstant {
-            at
-        }
-
-        async fn transmit(&mut self, _: &[u8], _: Start, _: bool) -> Result<RadioInstant, TransmitError<()>> {
-            self.transmissions.pop().unwrap()
-        }
-
-        async fn receive<'b>(
-            &mut self,
-            buffer: &'b mut [u8; MAX_FRAME],
-            _: Start,
-            _: RadioDuration,
-            _: bool,
-        ) -> Result<RxFrame<'b>, ReceiveError<()>> {
-            let (rx_time, diagnostics) = (RadioInstant::default(), Diagnostics::default());
-            self.receptions.pop().unwrap().map(|()| RxFrame { bytes: &buffer[..1], rx_time, diagnostics })
-        }
-
-        async fn idle(&mut self) -> Result<(), ()> {
-            Ok(())
-        }
-    }
-
-    impl Restart for Scripted {
-        async fn restart(&mut self) -> Result<(), ()> {
-            self.now().await.map(|_| ())
-        }
-    }
+    use ranging::{Diagnostics, RadioInstant, RxFrame};
 
     #[test]
     fn every_fate_of_a_frame_is_counted_once() {
-        let now = RadioInstant::default();
-        let transmissions = std::vec![
-            Ok(now),
-            Ok(now),
-            Ok(now),
-            Err(TransmitError::Late),
-            Err(TransmitError::TooLong),
-            Err(TransmitError::NoConfirmation),
-            Err(TransmitError::Radio(())),
-        ];
-        let receptions = std::vec![
-            Ok(()),
-            Ok(()),
-            Err(ReceiveError::Timeout),
-            Err(ReceiveError::Timeout),
-            Err(ReceiveError::Timeout),
-            Err(ReceiveError::Timeout),
-            Err(ReceiveError::Late),
-            Err(ReceiveError::Corrupt),
-            Err(ReceiveError::Radio(())),
-        ];
         let counts = Counts::new();
-        let (sends, hears) = (transmissions.len(), receptions.len());
-        let mut radio = Counted::new(Scripted { transmissions, receptions, failing: true }, &counts);
-        for _ in 0..sends {
-            let _ = block_on(radio.transmit(&[], Start::Now, false));
+        let rx_time = RadioInstant::default();
+        let frame = RxFrame { bytes: &[], rx_time, diagnostics: Diagnostics::default() };
+        let events = [
+            (Event::Started, 1),
+            (Event::Sent(rx_time), 7),
+            (Event::NotSent, 2),
+            (Event::Received(frame), 6),
+            (Event::Corrupt, 3),
+            (Event::Timeout, 5),
+            (Event::Late, 4),
+            (Event::Woken, 1),
+            (Event::Reported, 1),
+        ];
+        for (event, times) in events {
+            (0..times).for_each(|_| counts.event(&event));
         }
-        for _ in 0..hears {
-            let _ = block_on(radio.receive(&mut [0; MAX_FRAME], Start::Now, RadioDuration::ZERO, false));
-        }
-        let _ = block_on(radio.now());
-        let _ = block_on(radio.restart());
-        assert_eq!(block_on(radio.idle()), Ok(()));
-        // Late: one of each kind. Failures: one of each kind, the clock, the restart.
-        let told = counts.told(5, 6);
+        counts.radio_failures.add();
         let expected = Counters {
             t_us: 5,
-            sent: 3,
-            received: 2,
-            timeouts: 4,
-            corrupt: 1,
-            late: 2,
+            sent: 7,
             not_sent: 2,
-            radio_failures: 4,
-            telemetry_dropped: 6,
+            received: 6,
+            corrupt: 3,
+            timeouts: 5,
+            late: 4,
+            radio_failures: 1,
+            telemetry_dropped: 8,
             ..Counters::default()
         };
-        assert_eq!(told, expected);
+        assert_eq!(counts.told(5, 8), expected);
     }
 
     #[test]

@@ -3,16 +3,18 @@
 //! Writing never waits: a full queue drops its oldest frames and counts them. Whoever has a channel to the host takes the frames
 //! out with [`Journal::drain`].
 
-use core::cell::RefCell;
+use core::cell::{Cell, RefCell};
 
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
+use ranging::exchange::Link;
 use telemetry::{Condition, Counters, Fix, Hello, Message, Queue, Range, Reset, Sighting, State};
 
 use crate::Counts;
 #[cfg(feature = "defmt")]
 use crate::lines::{CountersLine, FixLine, HelloLine, ResetLine, StateLine};
+use crate::supervision::{Lights, Lit};
 
 /// From one hello to the next, and from one telling of the counters to the next, seconds.
 const HELLO_S: u32 = 2;
@@ -21,6 +23,7 @@ const COUNTERS_S: u32 = 5;
 /// The journal of a node, for a `static`: `BYTES` of frames wait at most.
 pub struct Journal<M: RawMutex, const BYTES: usize> {
     queue: Mutex<M, RefCell<Queue<BYTES>>>,
+    lights: Mutex<M, Cell<Lights>>,
 }
 
 /// A line of the log; nothing without a log.
@@ -34,7 +37,7 @@ macro_rules! log {
 impl<M: RawMutex, const BYTES: usize> Journal<M, BYTES> {
     /// An empty one.
     pub const fn new() -> Self {
-        Self { queue: Mutex::new(RefCell::new(Queue::new())) }
+        Self { queue: Mutex::new(RefCell::new(Queue::new())), lights: Mutex::new(Cell::new(Lights::new())) }
     }
 
     fn tell(&self, message: &Message) {
@@ -89,6 +92,29 @@ impl<M: RawMutex, const BYTES: usize> Journal<M, BYTES> {
             }
         }
         self.tell(&Message::State(State { t_us, is }));
+        self.lights.lock(|lights| {
+            let mut shown = lights.get();
+            shown.show(is);
+            lights.set(shown);
+        });
+    }
+
+    /// A change of the node's link to its network, now.
+    pub fn link(&self, t_us: u64, link: Link) {
+        let is = match link {
+            Link::Paired(peer) => Condition::Paired(peer),
+            Link::Lost(_) | Link::Unsynchronised => Condition::Searching,
+            Link::Synchronised(coordinator) => Condition::Synchronised(coordinator),
+            Link::Joined(slots) => Condition::Joined(slots),
+            Link::Coordinating => Condition::Coordinating,
+            Link::Following(coordinator) => Condition::Following(coordinator),
+        };
+        self.state(t_us, is);
+    }
+
+    /// What the lights show of the state told last.
+    pub fn lit(&self, t_us: u64) -> Lit {
+        self.lights.lock(Cell::get).at(t_us)
     }
 
     /// What was counted.

@@ -15,11 +15,12 @@ pub mod journal;
 #[cfg(any(test, feature = "defmt"))]
 mod lines;
 pub mod machines;
-pub mod quantise;
+pub mod reporter;
 pub mod settings;
 pub mod supervision;
 
-pub use counts::{Counted, Counts};
+pub use counts::Counts;
 pub use journal::Journal;
 pub use machines::{AnchorMachine, TagMachine};
-pub use settings::{Settings, SettingsFault};
+pub use reporter::Reporter;
+pub use settings::Settings;

@@ -4,9 +4,7 @@
 
 use core::fmt;
 
-use telemetry::{
-    Board, Condition, Counters, Crash, CrashReason, Fix, Hello, Outcome, Reason, RecordFault, Reset, ResetCause, Role,
-};
+use telemetry::{Condition, Counters, Crash, CrashReason, Fix, Hello, Outcome, Reason, RecordFault, Reset, ResetCause};
 
 /// Gives a type its text, once for both: a match whose arms are a format and its arguments.
 macro_rules! text {
@@ -84,21 +82,8 @@ text!(FixLine, |this| this;
     Self::Plane { position: [x, y, z], deviation, used, age_ms } =>
         ("fix x={} y={} z={} (given) ±{} m, {} anchors, {} ms", x, y, z, deviation, used, age_ms),
     Self::None { reason, answered, asked } =>
-        ("no fix: {} ({} of {} answered)", reason_name(*reason), answered, asked),
+        ("no fix: {} ({} of {} answered)", reason.as_str(), answered, asked),
 );
-
-fn reason_name(reason: Reason) -> &'static str {
-    match reason {
-        Reason::TooFewAnchors => "too-few-anchors",
-        Reason::TooManyAnchors => "too-many-anchors",
-        Reason::NotFinite => "not-finite",
-        Reason::CoincidentAnchors => "coincident-anchors",
-        Reason::CollinearAnchors => "collinear-anchors",
-        Reason::RangesDisjoint => "ranges-disjoint",
-        Reason::Diverged => "diverged",
-        Reason::SightUnknown => "sight-unknown",
-    }
-}
 
 /// Who is speaking.
 pub(crate) struct HelloLine(pub(crate) Hello);
@@ -106,33 +91,14 @@ pub(crate) struct HelloLine(pub(crate) Hello);
 text!(HelloLine, |this| (this.0.role, this.0.build);
     (role, [a, b, c, d, e, f, g, h]) => (
         "{} {:04x} on {}, EUI {:08x}{:08x}, build {:02x}{:02x}{:02x}{:02x}{:02x}{:02x}{:02x}{:02x}",
-        role_name(role),
+        role.as_str(),
         this.0.address,
-        board_name(this.0.board),
+        this.0.board.as_str(),
         (this.0.eui >> 32) as u32,
         this.0.eui as u32,
         a, b, c, d, e, f, g, h
     ),
 );
-
-fn role_name(role: Role) -> &'static str {
-    match role {
-        Role::Tag => "tag",
-        Role::Anchor => "anchor",
-        Role::Beacon => "beacon",
-    }
-}
-
-fn board_name(board: Board) -> &'static str {
-    match board {
-        Board::Dwm1001 => "DWM1001",
-        Board::Evk1000 => "EVK1000",
-        Board::Esp32C3 => "ESP32-C3",
-        Board::Esp32C6 => "ESP32-C6",
-        Board::Esp32 => "ESP32",
-        Board::Simulated => "a simulated board",
-    }
-}
 
 /// A change of state.
 pub(crate) struct StateLine(pub(crate) Condition);
@@ -171,39 +137,18 @@ pub(crate) struct ResetLine(pub(crate) Reset);
 
 text!(ResetLine, |this| (this.0.cause, this.0.crash);
     (ResetCause::Other(number), None) => ("reset: other ({:08x})", number),
-    (cause, None) => ("reset: {}", cause_name(cause)),
+    (cause, None) => ("reset: {}", cause.as_str()),
     (cause, Some(Crash { reason: CrashReason::Panic, program_counter, line, .. })) =>
-        ("reset: {}; crashed before: panic at pc 0x{:08x}, line {}", cause_name(cause), program_counter, line),
+        ("reset: {}; crashed before: panic at pc 0x{:08x}, line {}", cause.as_str(), program_counter, line),
     (cause, Some(Crash { reason, program_counter, .. })) =>
-        ("reset: {}; crashed before: {} at pc 0x{:08x}", cause_name(cause), crash_name(reason), program_counter),
+        ("reset: {}; crashed before: {} at pc 0x{:08x}", cause.as_str(), reason.as_str(), program_counter),
 );
-
-fn cause_name(cause: ResetCause) -> &'static str {
-    match cause {
-        ResetCause::PowerOn => "power-on",
-        ResetCause::BrownOut => "brown-out",
-        ResetCause::Pin => "pin",
-        ResetCause::Software => "software",
-        ResetCause::Watchdog => "watchdog",
-        ResetCause::Lockup => "lockup",
-        ResetCause::Wake => "wake",
-        ResetCause::Other(_) => "other",
-    }
-}
-
-fn crash_name(reason: CrashReason) -> &'static str {
-    match reason {
-        CrashReason::Panic => "panic",
-        CrashReason::Fault => "fault",
-        CrashReason::StackOverflow => "stack overflow",
-        CrashReason::Stalled => "stalled task",
-    }
-}
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::string::{String, ToString};
+    use telemetry::{Board, Role};
 
     fn fix(deviation: [u32; 3]) -> String {
         let outcome = Outcome::Position {
@@ -255,7 +200,7 @@ mod tests {
         let stalled = Crash { reason: CrashReason::Stalled, ..crash };
         assert_eq!(
             line(ResetCause::Watchdog, Some(stalled)),
-            "reset: watchdog; crashed before: stalled task at pc 0x00012345"
+            "reset: watchdog; crashed before: stalled at pc 0x00012345"
         );
         assert_eq!(line(ResetCause::PowerOn, None), "reset: power-on");
         assert_eq!(line(ResetCause::Other(0x42), None), "reset: other (00000042)");
@@ -281,7 +226,7 @@ mod tests {
             board: Board::Dwm1001,
             build: [0xDD, 0x7E, 0x67, 0xA0, 1, 2, 3, 0xFF],
         };
-        let expected = "tag 1234 on DWM1001, EUI deca000000001234, build dd7e67a0010203ff";
+        let expected = "tag 1234 on dwm1001, EUI deca000000001234, build dd7e67a0010203ff";
         assert_eq!(HelloLine(hello).to_string(), expected);
     }
 }

@@ -1,11 +1,11 @@
 //! From the record in flash to what the node's parts are configured with, once, at the start.
 
-use node_record::{Mode, Record, Role};
+use node_record::{Fault, Invalid, Mode, Record, Role, Value};
+use ranging::RadioDuration;
 use ranging::dw1000::{self, FrameFilter, TxPower};
 use ranging::frame::decaranging::Variant;
-use ranging::native::{Network, Turnaround};
-use ranging::phy::{Channel, DataRate, PhyError, PreambleLength, Prf};
-use ranging::{PhyConfig, RadioDuration};
+use ranging::native::Network;
+use telemetry::RecordFault;
 
 /// What a node is configured with.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,35 +34,18 @@ pub enum Exchange {
     DecaRanging(Variant),
 }
 
-/// Why a record cannot be followed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum SettingsFault {
-    /// 0xFFFF is everybody's address, 0xFFFE nobody's.
-    Address(u16),
-    /// The radio has no such channel.
-    Channel(u8),
-    /// It has no such pulse rate, MHz.
-    PulseRate(u8),
-    /// It has no such data rate, kbit/s.
-    DataRate(u16),
-    /// It has no preamble of so many symbols.
-    Preamble(u16),
-    /// These do not go together.
-    Phy(PhyError),
-    /// An answer cannot be quicker than a transmission.
-    Turnaround,
-}
-
 impl Settings {
     /// Those of a record; `chip_eui` is the chip's own EUI-64, for records without one.
-    pub fn of(record: &Record, chip_eui: u64) -> Result<Self, SettingsFault> {
-        let eui = record.identity.eui.unwrap_or(chip_eui);
-        let address = record.identity.address.unwrap_or(eui as u16);
-        if address >= 0xFFFE {
-            return Err(SettingsFault::Address(address));
+    ///
+    /// # Errors
+    /// The radio cannot do what the record says, or the chip's EUI-64 would make an address that is everyone's.
+    pub fn of(record: &Record, chip_eui: u64) -> Result<Self, Invalid> {
+        let (eui, address) = record.identity.on(chip_eui);
+        if address == 0xFFFF {
+            let (field, value) = ("identity.address", Value::Absent);
+            return Err(Invalid { within: None, field, value, must: "given: the chip's own is everyone's" });
         }
-        let network = network(&record.network)?;
+        let network = record.network()?;
         let exchange = match record.network.mode {
             Mode::Native => Exchange::Native,
             Mode::DecaRanging { fast: false } => Exchange::DecaRanging(Variant::Standard),
@@ -96,45 +79,13 @@ impl Settings {
     }
 }
 
-fn network(network: &node_record::Network) -> Result<Network, SettingsFault> {
-    let node_record::Turnaround { answer_us, listen_again_us, transmit_us } = network.turnaround;
-    if transmit_us > answer_us {
-        return Err(SettingsFault::Turnaround);
-    }
-    let micros = |us: u16| RadioDuration::from_micros(us.into());
-    let turnaround =
-        Turnaround { answer: micros(answer_us), listen_again: micros(listen_again_us), transmit: micros(transmit_us) };
-    Ok(Network { pan: network.pan, phy: phy(&network.phy)?, turnaround })
-}
-
-fn phy(phy: &node_record::Phy) -> Result<PhyConfig, SettingsFault> {
-    let channel = Channel::from_number(phy.channel).ok_or(SettingsFault::Channel(phy.channel))?;
-    let prf = match phy.prf_mhz {
-        16 => Prf::Mhz16,
-        64 => Prf::Mhz64,
-        other => return Err(SettingsFault::PulseRate(other)),
-    };
-    let rate = match phy.rate_kbps {
-        110 => DataRate::Kbps110,
-        850 => DataRate::Kbps850,
-        6810 => DataRate::Kbps6810,
-        other => return Err(SettingsFault::DataRate(other)),
-    };
-    let preamble = match phy.preamble {
-        64 => PreambleLength::Symbols64,
-        128 => PreambleLength::Symbols128,
-        256 => PreambleLength::Symbols256,
-        512 => PreambleLength::Symbols512,
-        1024 => PreambleLength::Symbols1024,
-        1536 => PreambleLength::Symbols1536,
-        2048 => PreambleLength::Symbols2048,
-        4096 => PreambleLength::Symbols4096,
-        other => return Err(SettingsFault::Preamble(other)),
-    };
-    let config = PhyConfig::new(channel, prf, rate, preamble).map_err(SettingsFault::Phy)?;
-    match phy.code {
-        Some(code) => config.with_preamble_code(code).map_err(SettingsFault::Phy),
-        None => Ok(config),
+/// What telemetry tells of a page that holds no record.
+pub fn told(fault: &Fault) -> RecordFault {
+    match fault {
+        Fault::Missing => RecordFault::Missing,
+        Fault::Version(version) => RecordFault::Version(*version),
+        Fault::Corrupt => RecordFault::Corrupt,
+        Fault::Invalid(_) => RecordFault::Invalid,
     }
 }
 
@@ -142,6 +93,8 @@ fn phy(phy: &node_record::Phy) -> Result<PhyConfig, SettingsFault> {
 mod tests {
     use super::*;
     use node_record::{Calibration, Identity};
+    use ranging::PhyConfig;
+    use ranging::native::Turnaround;
 
     fn record() -> Record {
         Record {
@@ -192,23 +145,9 @@ mod tests {
 
     #[test]
     fn what_cannot_be_done_is_named() {
-        let fault = |spoil: &dyn Fn(&mut Record)| {
-            let mut record = record();
-            spoil(&mut record);
-            Settings::of(&record, 0xFFFF).unwrap_err()
-        };
-        assert_eq!(fault(&|_| ()), SettingsFault::Address(0xFFFF));
-        let sound = |spoil: &dyn Fn(&mut Record)| {
-            fault(&|record| {
-                record.identity.address = Some(1);
-                spoil(record);
-            })
-        };
-        assert_eq!(sound(&|record| record.network.phy.channel = 6), SettingsFault::Channel(6));
-        assert_eq!(sound(&|record| record.network.phy.prf_mhz = 32), SettingsFault::PulseRate(32));
-        assert_eq!(sound(&|record| record.network.phy.rate_kbps = 111), SettingsFault::DataRate(111));
-        assert_eq!(sound(&|record| record.network.phy.preamble = 65), SettingsFault::Preamble(65));
-        assert_eq!(sound(&|record| record.network.phy.code = Some(1)), SettingsFault::Phy(PhyError::PreambleCode(1)));
-        assert_eq!(sound(&|record| record.network.turnaround.transmit_us = 251), SettingsFault::Turnaround);
+        assert_eq!(Settings::of(&record(), 0xFFFF).unwrap_err().field, "identity.address");
+        let mut record = record();
+        record.network.phy.channel = 6;
+        assert_eq!(Settings::of(&record, 1).unwrap_err().field, "network.phy.channel");
     }
 }

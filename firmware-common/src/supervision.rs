@@ -69,11 +69,16 @@ pub struct Lights {
 
 impl Default for Lights {
     fn default() -> Self {
-        Self { shown: Condition::Searching }
+        Self::new()
     }
 }
 
 impl Lights {
+    /// A node that has told nothing yet.
+    pub const fn new() -> Self {
+        Self { shown: Condition::Searching }
+    }
+
     /// From now on this state is shown.
     pub fn show(&mut self, condition: Condition) {
         match condition {

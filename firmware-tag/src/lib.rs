@@ -1,80 +1,187 @@
-//! The tag, whole: a board's binary brings a radio, a delay and a [`Sink`], and calls [`run`].
+//! The tag, whole, in two tasks: [`ranging`] owns the radio and the machine of the exchange, [`engine`] makes positions. A board
+//! spawns them at two priorities; [`run`] joins them where there is one.
 //!
-//! Radio → machine of the exchange → a round of ranges → [`Memory`] → [`Locator`] → an [`Epoch`]: a position with its
-//! covariance, or the reason why there is none. Every round gives exactly one epoch.
+//! Radio → machine → a round of ranges → [`Handover`] → [`Memory`] → [`Locator`] → an [`Epoch`]: a position with its covariance,
+//! or the reason why there is none. Ranging never waits for the engine: where that is late, the oldest round goes, and is counted.
+//! Back flow the position, by which a tag chooses its anchors, and its [`Pace`]. A Bluetooth scan ([`scan`]) runs beside.
 #![no_std]
 #![forbid(unsafe_code)]
 
+mod handover;
 mod locator;
 mod memory;
+mod pace;
+pub mod scan;
+mod sightings;
+mod told;
 
 #[cfg(test)]
 extern crate std;
 
 use core::convert::Infallible;
 
+use embassy_futures::join::join;
+use embassy_futures::select::{Either, select};
+use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
 use embedded_hal_async::delay::DelayNs;
 use ranging::RadioInstant;
-use ranging::exchange::{Guidance, Link, Machine, Report};
+use ranging::exchange::{Action, Event, Guidance, Link, Machine, Report};
 use ranging::node::{self, Listener, Restart};
+use telemetry::Sighting;
 
-pub use locator::{AnchorPlace, Dimensions, Epoch, Locator, Position};
+use handover::{Quiet, Round};
+
+pub use handover::{Handover, Heard};
+pub use locator::{AnchorPlace, Dimensions, Epoch, Locator, Position, places};
 pub use memory::Memory;
+pub use pace::Pace;
+pub use sightings::{KnownBeacons, tell_sightings};
+pub use told::Told;
 
-/// Where a tag's results go: telemetry, a log, a test.
+/// The engine's sign of life while no rounds come, milliseconds.
+const IDLE_MS: u32 = 1000;
+
+/// Where a tag's results go, and what tells it the time: a node's reporter, a simulation's log. Both tasks have the same one.
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
 pub trait Sink {
-    /// A round is over.
-    async fn publish(&mut self, epoch: Epoch<'_>);
+    /// Microseconds since the node started.
+    fn now_us(&self) -> u64;
+
+    /// A round is over, and what can be made of it is made.
+    async fn publish(&self, epoch: Epoch<'_>);
+
+    /// What became of an action of the exchange.
+    fn step(&self, event: &Event<'_>) {
+        let _ = event;
+    }
 
     /// A link or the network has changed.
-    async fn link(&mut self, link: Link);
+    fn link(&self, link: Link);
 
     /// The radio failed for the `failures`-th time in a row; it is brought up again.
-    async fn radio_failed(&mut self, error: &impl core::fmt::Debug, failures: u32);
+    fn radio_failed(&self, error: &impl core::fmt::Debug, failures: u32);
+
+    /// The engine had no time for a round.
+    fn round_dropped(&self) {}
+
+    /// A task is alive; that of ranging shows it by its steps.
+    fn alive(&self, task: Task) {
+        let _ = task;
+    }
+
+    /// A beacon that the tag knows was heard.
+    fn sighting(&self, sighting: Sighting) {
+        let _ = sighting;
+    }
+
+    /// A beacon's advertisement was heard, which cost so many older ones their place.
+    fn heard(&self, dropped: u32) {
+        let _ = dropped;
+    }
+
+    /// The scanner was silent and has been restarted for the so-manieth time.
+    fn scanner_restarted(&self, times: u32) {
+        let _ = times;
+    }
 }
 
-/// Runs a tag: `machine` is its side of the exchange.
-pub async fn run<R: Restart>(
+/// A task that shows that it is alive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Task {
+    /// The one that makes positions.
+    Engine,
+}
+
+/// Runs a tag's two tasks in one: `machine` is its side of the exchange.
+pub async fn run<R: Restart, D: DelayNs + Clone>(
+    radio: R,
+    delay: D,
+    machine: impl Machine,
+    locator: Locator<'_>,
+    pace: Pace,
+    sink: impl Sink,
+) -> Infallible {
+    let handover = Handover::<NoopRawMutex>::new();
+    let ranging = ranging(radio, delay.clone(), machine, &handover, &sink);
+    join(ranging, engine(&handover, delay, locator, pace, &sink)).await.0
+}
+
+/// The task that owns the radio.
+pub async fn ranging<R: Restart, M: RawMutex>(
     mut radio: R,
     mut delay: impl DelayNs,
     mut machine: impl Machine,
-    locator: Locator<'_>,
-    sink: impl Sink,
+    handover: &Handover<M>,
+    sink: &impl Sink,
 ) -> Infallible {
-    node::run(
-        &mut radio,
-        &mut delay,
-        &mut machine,
-        &mut Positioner { locator, memory: Memory::default(), sink, place: None },
-    )
-    .await
+    node::run(&mut radio, &mut delay, &mut machine, &mut Ranging { handover, sink, life: 0 }).await
 }
 
-/// From rounds to epochs.
-struct Positioner<'a, S> {
-    locator: Locator<'a>,
-    memory: Memory,
-    sink: S,
-    /// Of the last round.
-    place: Option<[f32; 3]>,
+/// The task that makes positions, sole owner of whatever that needs.
+pub async fn engine<M: RawMutex>(
+    handover: &Handover<M>,
+    mut delay: impl DelayNs,
+    locator: Locator<'_>,
+    mut pace: Pace,
+    sink: &impl Sink,
+) -> Infallible {
+    let mut memory = Memory::default();
+    let mut life = 0;
+    loop {
+        sink.alive(Task::Engine);
+        let round = match select(handover.next_round(), delay.delay_ms(IDLE_MS)).await {
+            Either::First(round) => round,
+            Either::Second(()) => continue,
+        };
+        if core::mem::replace(&mut life, round.life) != round.life {
+            memory.forget();
+        }
+        let borrowed = round.borrowed();
+        let epoch = locator.locate(borrowed, round.poll_us, &memory.complete(&borrowed));
+        let position = epoch.outcome.as_ref().ok();
+        let rate = pace.after(sink.now_us(), position);
+        handover.guide(Guidance { position_m: position.map(|position| position.position_m), rate });
+        sink.publish(epoch).await;
+    }
 }
 
-impl<S: Sink> Listener for Positioner<'_, S> {
-    async fn report(&mut self, report: Report<'_>, _: RadioInstant) -> Guidance {
+/// What the loop of ranging reports to.
+struct Ranging<'a, M: RawMutex, S> {
+    handover: &'a Handover<M>,
+    sink: &'a S,
+    /// Counts the radio's lives.
+    life: u8,
+}
+
+impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
+    async fn report(&mut self, report: Report<'_>, present: RadioInstant) -> Guidance {
         match report {
             Report::Round(round) => {
-                let epoch = self.locator.locate(round, &self.memory.complete(&round));
-                self.place = epoch.outcome.ok().map(|position| position.position_m);
-                self.sink.publish(epoch).await;
+                let age_us = u64::try_from(present.since(round.poll).as_micros()).unwrap_or(0);
+                let poll_us = self.sink.now_us().saturating_sub(age_us);
+                let dropped = self.handover.put_round(Round::of(&round, poll_us, self.life));
+                (0..dropped).for_each(|_| self.sink.round_dropped());
             }
-            Report::Link(link) => self.sink.link(link).await,
+            Report::Link(link) => self.sink.link(link),
         }
-        Guidance { position_m: self.place, rate: None }
+        self.handover.take_guidance()
+    }
+
+    fn observe(&mut self, now: RadioInstant, event: &Event<'_>, action: &Action<'_>) {
+        self.sink.step(event);
+        match action {
+            Action::WaitUntil(instant) => {
+                let micros = u64::try_from(instant.since(now).as_micros()).unwrap_or(0);
+                self.handover.tell_quiet(Quiet { until_us: self.sink.now_us() + micros });
+            }
+            Action::Transmit { .. } | Action::Receive { .. } | Action::Report(_) => {}
+        }
+        if matches!(event, Event::Started) {
+            self.life = self.life.wrapping_add(1);
+        }
     }
 
     async fn radio_failed(&mut self, error: &impl core::fmt::Debug, failures: u32) {
-        self.memory.forget();
-        self.sink.radio_failed(error, failures).await;
+        self.sink.radio_failed(error, failures);
     }
 }

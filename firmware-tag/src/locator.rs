@@ -43,6 +43,8 @@ pub struct Locator<'a> {
 pub struct Epoch<'a> {
     /// The round with its ranges.
     pub round: Round<'a>,
+    /// When its poll left, since the node started, microseconds.
+    pub poll_us: u64,
     /// The position, or why there is none.
     pub outcome: Result<Position, NoFix>,
 }
@@ -61,9 +63,23 @@ pub struct Position {
     pub quality: f32,
 }
 
+/// Where the anchors of a record stand, for a locator.
+pub fn places(record: &node_record::Record) -> Vec<AnchorPlace, { node_record::MAX_ANCHORS }> {
+    record.anchors.iter().map(|anchor| AnchorPlace { address: anchor.address, position_m: anchor.position_m }).collect()
+}
+
+impl<'a> Locator<'a> {
+    /// That of a tag, by the method that serves best with blocked ranges, with these places.
+    pub fn of(tag: &node_record::Tag, anchors: &'a [AnchorPlace]) -> Self {
+        let dimensions = tag.height_m.map_or(Dimensions::Space, |height_m| Dimensions::Plane { height_m });
+        Self { dimensions, method: Method::Robust, anchors }
+    }
+}
+
 impl Locator<'_> {
-    /// The position at the end of a round, from `ranges`: the round's, and those that stand in for lost ones.
-    pub fn locate<'r>(&self, round: Round<'r>, ranges: &[Range]) -> Epoch<'r> {
+    /// The position at the end of a round, whose poll left at `poll_us`, from `ranges`: the round's, and those that stand in for
+    /// lost ones.
+    pub fn locate<'r>(&self, round: Round<'r>, poll_us: u64, ranges: &[Range]) -> Epoch<'r> {
         let outcome = match self.dimensions {
             Dimensions::Plane { height_m } => self.solve::<2>(ranges, Some(height_m)).map(|fix| {
                 let mut position = Position::from(fix);
@@ -72,7 +88,7 @@ impl Locator<'_> {
             }),
             Dimensions::Space => self.solve::<3>(ranges, None).map(Position::from),
         };
-        Epoch { round, outcome }
+        Epoch { round, poll_us, outcome }
     }
 
     /// Solves in the first `D` coordinates; with a height, ranges are brought to the plane at that height.
@@ -163,7 +179,7 @@ mod tests {
     #[test]
     fn a_tag_at_a_known_height_is_found_in_the_plane() {
         let heard = ranges(|i| Some(CORNERS[i]));
-        let epoch = locator(Dimensions::Plane { height_m: 0.0 }, &[]).locate(round(&heard), &heard);
+        let epoch = locator(Dimensions::Plane { height_m: 0.0 }, &[]).locate(round(&heard), 0, &heard);
         let position = epoch.outcome.unwrap();
         assert!(near(position.position_m, TAG), "{position:?}");
         assert_eq!((position.used, position.covariance_m2[2]), (0b1111, [0.0; 3]));
@@ -175,14 +191,15 @@ mod tests {
         let heard = ranges(|_| Some([9.0, 9.0, 9.0]));
         let table: [AnchorPlace; 4] =
             core::array::from_fn(|i| AnchorPlace { address: i as u16 + 1, position_m: CORNERS[i] });
-        let epoch = locator(Dimensions::Plane { height_m: 0.0 }, &table).locate(round(&heard), &heard);
+        let epoch = locator(Dimensions::Plane { height_m: 0.0 }, &table).locate(round(&heard), 0, &heard);
         assert!(near(epoch.outcome.unwrap().position_m, TAG));
     }
 
     #[test]
     fn a_range_to_an_anchor_of_unknown_place_is_left_out_and_the_others_keep_their_bits() {
         let heard = ranges(|i| (i != 1).then_some(CORNERS[i]));
-        let position = locator(Dimensions::Plane { height_m: 0.0 }, &[]).locate(round(&heard), &heard).outcome.unwrap();
+        let position =
+            locator(Dimensions::Plane { height_m: 0.0 }, &[]).locate(round(&heard), 0, &heard).outcome.unwrap();
         assert_eq!(position.used, 0b1101);
         assert!(near(position.position_m, TAG), "{position:?}");
     }
@@ -191,14 +208,14 @@ mod tests {
     fn too_few_ranges_give_a_reason() {
         let heard = ranges(|i| Some(CORNERS[i]));
         let space = locator(Dimensions::Space, &[]);
-        assert_eq!(space.locate(round(&heard[..3]), &heard[..3]).outcome, Err(NoFix::TooFewAnchors));
-        assert_eq!(space.locate(round(&[]), &[]).outcome, Err(NoFix::TooFewAnchors));
+        assert_eq!(space.locate(round(&heard[..3]), 0, &heard[..3]).outcome, Err(NoFix::TooFewAnchors));
+        assert_eq!(space.locate(round(&[]), 0, &[]).outcome, Err(NoFix::TooFewAnchors));
     }
 
     #[test]
     fn in_space_below_coplanar_anchors_the_lower_image_is_taken_and_its_doubt_told() {
         let heard = ranges(|i| Some(CORNERS[i]));
-        let position = locator(Dimensions::Space, &[]).locate(round(&heard), &heard).outcome.unwrap();
+        let position = locator(Dimensions::Space, &[]).locate(round(&heard), 0, &heard).outcome.unwrap();
         assert!(near(position.position_m, TAG), "{position:?}");
         // The mirror image is 4 m above: half of its squared distance is 8 m².
         assert!(position.covariance_m2[2][2] > 7.5, "{position:?}");

@@ -30,6 +30,12 @@ pub trait Listener {
     /// what the machine is to know before its next step.
     async fn report(&mut self, report: Report<'_>, present: RadioInstant) -> Guidance;
 
+    /// Sees, at each step, what became of the last action, and the next one before it is done: for counting, signs of life, and
+    /// whoever waits for the radio to be quiet. `now` is the step's.
+    fn observe(&mut self, now: RadioInstant, event: &Event<'_>, action: &Action<'_>) {
+        let _ = (now, event, action);
+    }
+
     /// The radio failed, for the `failures`-th time since it last worked; it is brought up again.
     async fn radio_failed(&mut self, error: &impl core::fmt::Debug, failures: u32);
 }
@@ -67,6 +73,7 @@ async fn attempt<R: Restart>(
     let (mut now, mut event) = (radio.now().await?, Event::Started);
     loop {
         let action = machine.step(now, event);
+        listener.observe(now, &event, &action);
         if let Action::Report(report) = action {
             now = radio.now().await?;
             let guidance = listener.report(report, now).await;

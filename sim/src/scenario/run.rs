@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::convert::Infallible;
 use std::rc::Rc;
 
-use firmware_tag::{AnchorPlace, Dimensions, Locator};
+use firmware_tag::{AnchorPlace, Dimensions, Locator, Pace};
 use rand::Rng;
 use ranging::native::{self, Turnaround};
 use ranging::node::Restart;
@@ -222,16 +222,17 @@ impl Firmware for TagFirmware {
                     });
                     // Native anchors tell where they are.
                     let locator = Locator { dimensions, method: settings.method, anchors: &[] };
-                    firmware_tag::run(radio, delay, machine, locator, sink).await
+                    firmware_tag::run(radio, delay, machine, locator, Pace::new(rate, None), sink).await
                 }
                 Mode::DecaRanging(variant) => {
+                    let period = period(settings.rate_hz.unwrap_or(DECARANGING_HZ));
                     let machine = decaranging::Tag::new(decaranging::TagConfig {
                         eui: eui(address),
                         variant,
                         phy: network.phy,
                         turnaround: Turnaround::DWM1001,
                         antenna_delay: antenna_delay(scenario.level),
-                        period: period(settings.rate_hz.unwrap_or(DECARANGING_HZ)),
+                        period,
                     });
                     let places = scenario.anchors.iter().map(|anchor| AnchorPlace {
                         address: anchor.address,
@@ -239,7 +240,8 @@ impl Firmware for TagFirmware {
                     });
                     let places: Vec<_> = places.collect();
                     let locator = Locator { dimensions, method: settings.method, anchors: &places };
-                    firmware_tag::run(radio, delay, machine, locator, sink).await
+                    let pace = Pace::new(native::Rate::Every(period), None);
+                    firmware_tag::run(radio, delay, machine, locator, pace, sink).await
                 }
             }
         }

@@ -69,7 +69,11 @@ pub(super) struct TagSink {
 }
 
 impl firmware_tag::Sink for TagSink {
-    async fn publish(&mut self, epoch: firmware_tag::Epoch<'_>) {
+    fn now_us(&self) -> u64 {
+        (self.notebook.world.now().as_secs_f64() * 1e6) as u64
+    }
+
+    async fn publish(&self, epoch: firmware_tag::Epoch<'_>) {
         let Notebook { world, scenario, log, .. } = &self.notebook;
         // The tag moves a few millimetres while the ranges of a round are made: this is the truth of their end.
         let truth_m = self.walk.at(world.now().as_secs_f64());
@@ -93,11 +97,11 @@ impl firmware_tag::Sink for TagSink {
         self.notebook.write(What::Epoch(record));
     }
 
-    async fn link(&mut self, link: Link) {
+    fn link(&self, link: Link) {
         self.notebook.write(What::Link(link));
     }
 
-    async fn radio_failed(&mut self, _: &impl Debug, failures: u32) {
+    fn radio_failed(&self, _: &impl Debug, failures: u32) {
         self.notebook.write(What::RadioFailed(failures));
     }
 }

@@ -1,0 +1,171 @@
+//! What passes between a tag's tasks: rounds to the engine, guidance back to the exchange, sightings to the engine, and word of
+//! when the radio is quiet to the Bluetooth scan. Nobody waits for anybody: what is full drops its oldest.
+
+use core::cell::Cell;
+
+use advertising::IBeacon;
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embassy_sync::channel::Channel;
+use embassy_sync::signal::Signal;
+use firmware_common::counts::Tally;
+use heapless::Vec;
+use ranging::RadioInstant;
+use ranging::exchange::{self, Guidance, Range};
+use ranging::native::MAX_ROUND;
+
+/// Rounds that may wait for the engine: it is late by two at most, then the oldest go.
+const ROUNDS: usize = 2;
+/// Sightings that may wait.
+const SIGHTINGS: usize = 8;
+
+/// A round that owns its ranges.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Round {
+    pub(crate) number: u16,
+    /// When the poll left, in the radio's clock …
+    pub(crate) poll: RadioInstant,
+    /// … and since the node started, microseconds.
+    pub(crate) poll_us: u64,
+    pub(crate) asked: u8,
+    pub(crate) ranges: Vec<Range, MAX_ROUND>,
+    /// How often the radio's clock has begun anew: rounds of different lives have nothing in common but the place.
+    pub(crate) life: u8,
+}
+
+impl Round {
+    pub(crate) fn of(round: &exchange::Round<'_>, poll_us: u64, life: u8) -> Self {
+        let ranges = round.ranges.iter().take(MAX_ROUND).copied().collect();
+        Self { number: round.number, poll: round.poll, poll_us, asked: round.asked, ranges, life }
+    }
+
+    pub(crate) fn borrowed(&self) -> exchange::Round<'_> {
+        exchange::Round { number: self.number, poll: self.poll, asked: self.asked, ranges: &self.ranges }
+    }
+}
+
+/// An iBeacon's advertisement, heard.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Heard {
+    /// When, since the node started, microseconds.
+    pub t_us: u64,
+    /// What it says.
+    pub beacon: IBeacon,
+    /// dBm.
+    pub rssi_dbm: i8,
+}
+
+/// A time without ranging.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Quiet {
+    /// Its end, since the node started, microseconds.
+    pub(crate) until_us: u64,
+}
+
+/// Between the tasks of one tag, for a `static`.
+pub struct Handover<M: RawMutex> {
+    rounds: Channel<M, Round, ROUNDS>,
+    guidance: Mutex<M, Cell<Guidance>>,
+    sightings: Channel<M, Heard, SIGHTINGS>,
+    quiet: Signal<M, Quiet>,
+    /// Advertisements heard, whoever's: a sign that the scanner works.
+    pub(crate) heard: Tally,
+}
+
+impl<M: RawMutex> Handover<M> {
+    /// Nothing has happened yet.
+    pub const fn new() -> Self {
+        Self {
+            rounds: Channel::new(),
+            guidance: Mutex::new(Cell::new(Guidance { position_m: None, rate: None })),
+            sightings: Channel::new(),
+            quiet: Signal::new(),
+            heard: Tally::new(),
+        }
+    }
+
+    /// Hands a round to the engine; how many older ones that cost.
+    pub(crate) fn put_round(&self, round: Round) -> u32 {
+        put(&self.rounds, round)
+    }
+
+    pub(crate) async fn next_round(&self) -> Round {
+        self.rounds.receive().await
+    }
+
+    /// The scanner has heard an iBeacon; how many older sightings that cost.
+    pub(crate) fn put_sighting(&self, heard: Heard) -> u32 {
+        put(&self.sightings, heard)
+    }
+
+    pub(crate) async fn next_sighting(&self) -> Heard {
+        self.sightings.receive().await
+    }
+
+    /// What the machine is to know from now on; a rate stays until it is taken.
+    pub(crate) fn guide(&self, guidance: Guidance) {
+        self.guidance.lock(|cell| cell.set(Guidance { rate: guidance.rate.or(cell.get().rate), ..guidance }));
+    }
+
+    pub(crate) fn take_guidance(&self) -> Guidance {
+        self.guidance.lock(|cell| cell.replace(Guidance { rate: None, ..cell.get() }))
+    }
+
+    /// The radio is off the air until then.
+    pub(crate) fn tell_quiet(&self, quiet: Quiet) {
+        self.quiet.signal(quiet);
+    }
+
+    pub(crate) async fn next_quiet(&self) -> Quiet {
+        self.quiet.wait().await
+    }
+}
+
+impl<M: RawMutex> Default for Handover<M> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Puts an item last, and drops the oldest while there is no room; how many.
+fn put<M: RawMutex, T, const N: usize>(channel: &Channel<M, T, N>, mut item: T) -> u32 {
+    let mut dropped = 0;
+    while let Err(embassy_sync::channel::TrySendError::Full(back)) = channel.try_send(item) {
+        item = back;
+        // Taken meanwhile, there is room as well.
+        dropped += u32::from(channel.try_receive().is_ok());
+    }
+    dropped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use embassy_futures::block_on;
+    use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+    use ranging::native::Rate;
+
+    fn round(number: u16) -> Round {
+        Round { number, poll: RadioInstant::default(), poll_us: 0, asked: 4, ranges: Vec::new(), life: 0 }
+    }
+
+    #[test]
+    fn the_oldest_round_goes_when_the_engine_is_late() {
+        let handover = Handover::<NoopRawMutex>::new();
+        let dropped: std::vec::Vec<u32> = (1..=4).map(|number| handover.put_round(round(number))).collect();
+        assert_eq!(dropped, [0, 0, 1, 1]);
+        assert_eq!(block_on(handover.next_round()).number, 3);
+        assert_eq!(block_on(handover.next_round()).number, 4);
+    }
+
+    #[test]
+    fn a_rate_waits_until_it_is_taken_and_a_position_stays() {
+        let handover = Handover::<NoopRawMutex>::new();
+        handover.guide(Guidance { position_m: None, rate: Some(Rate::Greedy) });
+        handover.guide(Guidance { position_m: Some([1.0, 2.0, 3.0]), rate: None });
+        let taken = Guidance { position_m: Some([1.0, 2.0, 3.0]), rate: Some(Rate::Greedy) };
+        assert_eq!(handover.take_guidance(), taken);
+        assert_eq!(handover.take_guidance(), Guidance { rate: None, ..taken });
+    }
+}

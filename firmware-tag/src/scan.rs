@@ -1,0 +1,252 @@
+//! The Bluetooth scan of a tag: when it runs, and what happens when it falls silent.
+//!
+//! UWB ranging needs the processor within microseconds; a Bluetooth controller takes it when it likes. So a scan's window begins
+//! where the radio has told that it is quiet for that long. A tag that is never quiet (it owns every slot) is scanned anyway, an
+//! interval late: what that costs are rounds, which are counted as late.
+//!
+//! [`Supervisor`] decides, sans-I/O; [`run`] does it.
+
+use core::convert::Infallible;
+
+use advertising::IBeacon;
+use embassy_futures::select::select;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embedded_hal_async::delay::DelayNs;
+
+use crate::handover::{Handover, Heard};
+use crate::{Quiet, Sink};
+
+/// Scanned for so long without an advertisement, a scanner that has heard some is taken to hang, microseconds …
+const SILENT_US: u64 = 10_000_000;
+/// … and one that has never heard any: there may be nobody.
+const EVER_SILENT_US: u64 = 30_000_000;
+
+/// A Bluetooth scanner: passive, with duplicates. What it hears goes to [`hear`].
+#[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
+pub trait Scanner {
+    /// Scans from now on, without end.
+    async fn start(&mut self);
+
+    /// Scans no more.
+    async fn stop(&mut self);
+}
+
+/// When a tag scans, microseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Plan {
+    /// From one window to the next.
+    pub interval_us: u64,
+    /// How long a window is; all the time where it is not shorter than the interval.
+    pub window_us: u64,
+}
+
+impl From<node_record::Scan> for Plan {
+    fn from(scan: node_record::Scan) -> Self {
+        let micros = |ms: u16| 1000 * u64::from(ms.max(1));
+        Self { interval_us: micros(scan.interval_ms), window_us: micros(scan.window_ms.min(scan.interval_ms)) }
+    }
+}
+
+/// What is to be done with the scanner.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Command {
+    /// A window begins.
+    Start,
+    /// It ends.
+    Stop,
+    /// The scanner hangs: stop it and start it again.
+    Restart,
+}
+
+/// Decides when to scan.
+#[derive(Clone, Debug)]
+pub struct Supervisor {
+    plan: Plan,
+    /// Since when the scanner is on.
+    on_since_us: Option<u64>,
+    /// The next window is due then.
+    due_us: u64,
+    quiet_until_us: u64,
+    /// Scanned since the last advertisement or restart.
+    silent_us: u64,
+    /// Up to when that is counted.
+    judged_us: u64,
+    has_heard: bool,
+}
+
+impl Supervisor {
+    /// A scanner that is off.
+    pub const fn new(plan: Plan) -> Self {
+        Self { plan, on_since_us: None, due_us: 0, quiet_until_us: 0, silent_us: 0, judged_us: 0, has_heard: false }
+    }
+
+    /// Ranging pauses until then.
+    pub fn quiet(&mut self, until_us: u64) {
+        self.quiet_until_us = until_us;
+    }
+
+    /// Some advertisement was heard.
+    pub fn heard(&mut self, now_us: u64) {
+        (self.has_heard, self.silent_us, self.judged_us) = (true, 0, now_us);
+    }
+
+    /// What is to be done now, and when to ask again at the latest.
+    pub fn step(&mut self, now_us: u64) -> (Option<Command>, u64) {
+        let Plan { interval_us, window_us } = self.plan;
+        let Some(since_us) = self.on_since_us else {
+            return self.begin(now_us);
+        };
+        self.silent_us += now_us.saturating_sub(self.judged_us);
+        self.judged_us = now_us;
+        let endless = window_us >= interval_us;
+        if self.silent_us >= if self.has_heard { SILENT_US } else { EVER_SILENT_US } {
+            self.silent_us = 0;
+            return (Some(Command::Restart), now_us);
+        }
+        if endless {
+            return (None, now_us + interval_us);
+        }
+        let end_us = since_us + window_us;
+        if now_us < end_us {
+            return (None, end_us);
+        }
+        self.on_since_us = None;
+        self.due_us = since_us + interval_us;
+        (Some(Command::Stop), self.due_us.max(now_us))
+    }
+
+    /// The scanner is off.
+    fn begin(&mut self, now_us: u64) -> (Option<Command>, u64) {
+        let Plan { interval_us, window_us } = self.plan;
+        let latest_us = self.due_us + interval_us;
+        let fits = self.quiet_until_us >= now_us + window_us;
+        let endless = window_us >= interval_us;
+        if now_us < self.due_us {
+            return (None, self.due_us);
+        }
+        if !endless && !fits && now_us < latest_us {
+            return (None, latest_us);
+        }
+        (self.on_since_us, self.judged_us) = (Some(now_us), now_us);
+        (Some(Command::Start), now_us + window_us)
+    }
+}
+
+/// Takes the data of an advertisement that a scanner has heard just now.
+pub fn hear<M: RawMutex>(handover: &Handover<M>, sink: &impl Sink, data: &[u8], rssi_dbm: i8) {
+    handover.heard.add();
+    // Most advertisements are no beacons'.
+    if let Ok(beacon) = IBeacon::parse(data) {
+        let dropped = handover.put_sighting(Heard { t_us: sink.now_us(), beacon, rssi_dbm });
+        sink.heard(dropped);
+    }
+}
+
+/// Runs a scanner for ever.
+pub async fn run<M: RawMutex>(
+    handover: &Handover<M>,
+    plan: Plan,
+    mut scanner: impl Scanner,
+    mut delay: impl DelayNs,
+    sink: &impl Sink,
+) -> Infallible {
+    let mut supervisor = Supervisor::new(plan);
+    let (mut heard, mut restarts) = (handover.heard.get(), 0_u32);
+    loop {
+        let now = sink.now_us();
+        let count = handover.heard.get();
+        if core::mem::replace(&mut heard, count) != count {
+            supervisor.heard(now);
+        }
+        let (command, next_us) = supervisor.step(now);
+        match command {
+            Some(Command::Start) => scanner.start().await,
+            Some(Command::Stop) => scanner.stop().await,
+            Some(Command::Restart) => {
+                scanner.stop().await;
+                scanner.start().await;
+                restarts = restarts.wrapping_add(1);
+                sink.scanner_restarted(restarts);
+            }
+            None => {}
+        }
+        let wait_us = u32::try_from(next_us.saturating_sub(sink.now_us())).unwrap_or(u32::MAX);
+        let quiet = async {
+            let Quiet { until_us } = handover.next_quiet().await;
+            supervisor.quiet(until_us);
+        };
+        select(delay.delay_us(wait_us), quiet).await;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PLAN: Plan = Plan { interval_us: 1_000_000, window_us: 100_000 };
+
+    /// Steps at the times it asks for, up to `end_us`; what was done and when.
+    fn commands(supervisor: &mut Supervisor, from_us: u64, end_us: u64) -> std::vec::Vec<(u64, Command)> {
+        let (mut now, mut done) = (from_us, std::vec::Vec::new());
+        while now < end_us {
+            let (command, next) = supervisor.step(now);
+            done.extend(command.map(|command| (now, command)));
+            assert!(command.is_some() || next > now, "stands still at {now}");
+            now = next;
+        }
+        done
+    }
+
+    #[test]
+    fn a_window_begins_where_the_radio_is_quiet_long_enough() {
+        let mut supervisor = Supervisor::new(PLAN);
+        supervisor.quiet(50_000);
+        assert_eq!(supervisor.step(0), (None, 1_000_000));
+        supervisor.quiet(390_000);
+        assert_eq!(supervisor.step(300_000), (None, 1_000_000));
+        supervisor.quiet(500_000);
+        assert_eq!(supervisor.step(400_000), (Some(Command::Start), 500_000));
+        assert_eq!(supervisor.step(500_000), (Some(Command::Stop), 1_400_000));
+    }
+
+    #[test]
+    fn a_tag_that_is_never_quiet_is_scanned_an_interval_late() {
+        let mut supervisor = Supervisor::new(PLAN);
+        let done = commands(&mut supervisor, 0, 5_000_000);
+        // Due at 0, 2 s, 4 s: each begun a second later.
+        let expected = [1_000_000, 1_100_000, 3_000_000, 3_100_000];
+        assert_eq!(done.iter().map(|(at, _)| *at).collect::<std::vec::Vec<_>>(), expected);
+        assert_eq!((done[0].1, done[1].1), (Command::Start, Command::Stop));
+    }
+
+    #[test]
+    fn a_scanner_that_falls_silent_is_restarted_after_ten_seconds_of_scanning() {
+        let mut supervisor = Supervisor::new(Plan { interval_us: 1_000_000, window_us: 1_000_000 });
+        assert_eq!(supervisor.step(0).0, Some(Command::Start));
+        supervisor.heard(4_000_000);
+        let done = commands(&mut supervisor, 4_000_000, 40_000_000);
+        assert_eq!(
+            done,
+            [(14_000_000, Command::Restart), (24_000_000, Command::Restart), (34_000_000, Command::Restart)]
+        );
+    }
+
+    #[test]
+    fn one_that_never_heard_anybody_is_given_thirty() {
+        let mut supervisor = Supervisor::new(Plan { interval_us: 1_000_000, window_us: 1_000_000 });
+        let done = commands(&mut supervisor, 0, 65_000_000);
+        assert_eq!(done, [(0, Command::Start), (30_000_000, Command::Restart), (60_000_000, Command::Restart)]);
+    }
+
+    #[test]
+    fn pauses_are_no_silence() {
+        let mut supervisor = Supervisor::new(PLAN);
+        supervisor.quiet(u64::MAX);
+        supervisor.heard(0);
+        // A tenth of the time: ten seconds of scanning take a hundred.
+        let done = commands(&mut supervisor, 0, 110_000_000);
+        let restarts = done.iter().filter(|(_, command)| *command == Command::Restart).map(|(at, _)| *at);
+        assert_eq!(restarts.collect::<std::vec::Vec<_>>(), [99_100_000]);
+    }
+}

@@ -1,0 +1,88 @@
+//! The sink of a board's tag: everything goes to the node's reporter, in the words of telemetry.
+
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use firmware_common::Reporter;
+use ranging::exchange::{Event, Link};
+use telemetry::{Condition, Fix, Outcome, Range, Sighting};
+
+use crate::{Epoch, Position, Sink, Task};
+
+/// A tag's results, told by a reporter.
+pub struct Told<'r, M: RawMutex, const BYTES: usize> {
+    reporter: &'r Reporter<M, BYTES>,
+    report_ranges: bool,
+}
+
+impl<'r, M: RawMutex, const BYTES: usize> Told<'r, M, BYTES> {
+    /// Told by this reporter, with each range or without.
+    pub const fn new(reporter: &'r Reporter<M, BYTES>, report_ranges: bool) -> Self {
+        Self { reporter, report_ranges }
+    }
+}
+
+impl<M: RawMutex, const BYTES: usize> Clone for Told<'_, M, BYTES> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<M: RawMutex, const BYTES: usize> Copy for Told<'_, M, BYTES> {}
+
+impl<M: RawMutex, const BYTES: usize> Sink for Told<'_, M, BYTES> {
+    fn now_us(&self) -> u64 {
+        self.reporter.now_us()
+    }
+
+    async fn publish(&self, epoch: Epoch<'_>) {
+        let t_us = self.now_us();
+        let (round, journal) = (epoch.round, &self.reporter.journal);
+        if self.report_ranges {
+            for range in round.ranges {
+                journal.range(Range::new(t_us, round.number, range));
+            }
+        }
+        let outcome = match epoch.outcome {
+            Ok(Position { position_m, covariance_m2, used, quality }) => {
+                Outcome::position(position_m, covariance_m2, used, quality)
+            }
+            Err(reason) => Outcome::Reason(reason.into()),
+        };
+        let age_us = u32::try_from(t_us.saturating_sub(epoch.poll_us)).unwrap_or(u32::MAX);
+        journal.fix(Fix { t_us, round: round.number, age_us, asked: round.asked, outcome }, round.ranges.len() as u8);
+    }
+
+    fn step(&self, event: &Event<'_>) {
+        self.reporter.step(event);
+    }
+
+    fn link(&self, link: Link) {
+        self.reporter.journal.link(self.now_us(), link);
+    }
+
+    fn radio_failed(&self, error: &impl core::fmt::Debug, failures: u32) {
+        self.reporter.radio_failed(error, failures);
+    }
+
+    fn round_dropped(&self) {
+        self.reporter.counts.rounds_dropped.add();
+    }
+
+    fn alive(&self, task: Task) {
+        match task {
+            Task::Engine => self.reporter.engine.beat(self.now_us()),
+        }
+    }
+
+    fn sighting(&self, sighting: Sighting) {
+        self.reporter.journal.sighting(sighting);
+    }
+
+    fn heard(&self, dropped: u32) {
+        self.reporter.counts.sightings.add();
+        (0..dropped).for_each(|_| self.reporter.counts.sightings_dropped.add());
+    }
+
+    fn scanner_restarted(&self, times: u32) {
+        self.reporter.journal.state(self.now_us(), Condition::ScannerRestarted(times));
+    }
+}
