@@ -1,0 +1,136 @@
+//! What goes into the engine.
+
+use crate::Real;
+
+/// Sums of magnitudes beyond this are no measurement, metres.
+const FARTHEST_M: f64 = 1.0e5;
+
+/// One thing that was measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Measurement<T> {
+    /// A range to an anchor.
+    Range(Range<T>),
+    /// All ranges, or differences, of a round have been given: the round's position is asked for.
+    RoundEnd,
+    /// A difference of two arrivals.
+    Tdoa(Tdoa<T>),
+    /// A range from the strength of a beacon's signal.
+    BleRange(BleRange<T>),
+    /// A height.
+    Height {
+        /// Metres.
+        height: T,
+        /// Standard deviation, metres.
+        deviation: T,
+    },
+    /// A position from elsewhere.
+    Position {
+        /// Metres.
+        position: [T; 3],
+        /// Covariance, m².
+        covariance: [[T; 3]; 3],
+    },
+}
+
+/// A range to an anchor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Range<T> {
+    /// The anchor's address.
+    pub anchor: u16,
+    /// Where it stands, metres.
+    pub place: [T; 3],
+    /// Metres.
+    pub distance: T,
+    /// Standard deviation of the range's noise in line of sight, metres.
+    pub deviation: T,
+    /// Probability, 0 to 1, that the link is without line of sight; `None`: nobody asked.
+    pub blocked: Option<T>,
+    /// By how much the range is believed to be too long, metres; heeded only where the settings say so.
+    pub excess: Option<T>,
+}
+
+/// A difference of two arrivals.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Tdoa<T> {
+    /// The anchor's address.
+    pub anchor: u16,
+    /// Where it stands, metres.
+    pub place: [T; 3],
+    /// The reference anchor's address. Differences to it that are given at the same time share its arrival and so its error.
+    pub reference: u16,
+    /// Where the reference anchor stands, metres.
+    pub reference_place: [T; 3],
+    /// The tag's distance to the anchor less that to the reference anchor, metres.
+    pub difference: T,
+    /// Standard deviations of the arrivals from the reference anchor and from the anchor, metres.
+    pub deviations: [T; 2],
+    /// Probabilities that their links are without line of sight.
+    pub blocked: [Option<T>; 2],
+}
+
+/// A range from the strength of a beacon's signal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct BleRange<T> {
+    /// The beacon's number.
+    pub beacon: u16,
+    /// Where it is, metres.
+    pub place: [T; 3],
+    /// Metres.
+    pub distance: T,
+    /// Standard deviation of the distance's natural logarithm: σ_dB ln 10 ⁄ (10 n) for a path loss exponent n.
+    pub relative_deviation: T,
+}
+
+/// A probability as it may be used: no number is no doubt.
+pub(super) fn probability<T: Real>(blocked: Option<T>) -> T {
+    match blocked {
+        Some(p) if p > T::ZERO => p.at_most(T::ONE),
+        Some(_) | None => T::ZERO,
+    }
+}
+
+/// Whether all magnitudes are believable: NaN and infinity survive a sum, and fail it.
+fn sane<T: Real>(magnitudes: T, deviation: T) -> bool {
+    magnitudes <= T::of(FARTHEST_M) && deviation > T::ZERO && deviation <= T::of(FARTHEST_M)
+}
+
+fn magnitude<T: Real>(point: &[T; 3]) -> T {
+    point[0].abs() + point[1].abs() + point[2].abs()
+}
+
+impl<T: Real> Range<T> {
+    pub(super) fn is_sane(&self) -> bool {
+        let excess = self.excess.unwrap_or(T::ZERO);
+        sane(magnitude(&self.place) + self.distance.abs() + excess.abs(), self.deviation)
+    }
+}
+
+impl<T: Real> Tdoa<T> {
+    pub(super) fn is_sane(&self) -> bool {
+        let places = magnitude(&self.place) + magnitude(&self.reference_place);
+        self.anchor != self.reference
+            && sane(places + self.difference.abs(), self.deviations[0])
+            && sane(T::ZERO, self.deviations[1])
+    }
+}
+
+impl<T: Real> BleRange<T> {
+    pub(super) fn is_sane(&self) -> bool {
+        sane(magnitude(&self.place) + self.distance.abs(), self.relative_deviation)
+    }
+}
+
+/// Whether a height with its deviation is one.
+pub(super) fn height_is_sane<T: Real>(height: T, deviation: T) -> bool {
+    sane(height.abs(), deviation)
+}
+
+/// Whether a position with its covariance is one.
+pub(super) fn position_is_sane<T: Real>(position: &[T; 3], covariance: &[[T; 3]; 3]) -> bool {
+    let sum = covariance.iter().flatten().fold(magnitude(position), |sum, element| sum + element.abs());
+    sane(sum, T::ONE) && (0..3).all(|axis| covariance[axis][axis] >= T::ZERO)
+}

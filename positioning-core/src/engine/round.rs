@@ -1,0 +1,209 @@
+//! What was given since the last round's end, and how it is solved by itself.
+
+use heapless::Vec;
+
+use super::measurement::{BleRange, Range, Tdoa, probability};
+use super::settings::{Dimensions, Settings};
+use crate::track::{Blocked, TdoaSample, hyperbolic};
+use crate::{AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, NoFix, RangeSample, Real, Side, flatten, solve};
+
+/// The measurements of a round.
+#[derive(Clone, Debug)]
+pub(super) struct Round<T> {
+    pub(super) ranges: Vec<Range<T>, MAX_ANCHORS>,
+    pub(super) tdoas: Vec<Tdoa<T>, MAX_ANCHORS>,
+    pub(super) beacons: Vec<BleRange<T>, MAX_ANCHORS>,
+    /// The ranges that have changed the track.
+    pub(super) used: u16,
+    /// The measurements that were given.
+    pub(super) given: usize,
+    /// Those that were used.
+    pub(super) taken: usize,
+}
+
+impl<T: Real> Round<T> {
+    pub(super) fn new() -> Self {
+        Self { ranges: Vec::new(), tdoas: Vec::new(), beacons: Vec::new(), used: 0, given: 0, taken: 0 }
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.ranges.clear();
+        self.tdoas.clear();
+        self.beacons.clear();
+        (self.used, self.given, self.taken) = (0, 0, 0);
+    }
+
+    /// Counts a measurement that was used; `place` is that of a range.
+    pub(super) fn count(&mut self, place: Option<usize>) {
+        self.taken = self.taken.saturating_add(1);
+        if let Some(place) = place {
+            self.used |= 1_u16.checked_shl(place as u32).unwrap_or(0);
+        }
+    }
+
+    /// Keeps a range; its place in the round. Beyond what a position can take, only the track sees it.
+    pub(super) fn keep(&mut self, range: &Range<T>) -> Option<usize> {
+        self.ranges.push(*range).is_ok().then(|| self.ranges.len() - 1)
+    }
+
+    /// The share of the measurements that were used.
+    pub(super) fn quality(&self) -> T {
+        if self.given == 0 { T::ZERO } else { T::count(self.taken) / T::count(self.given) }
+    }
+
+    /// The round's position.
+    #[inline(never)]
+    pub(super) fn solve(&self, settings: &Settings<T>) -> Result<Fix<T, 3>, NoFix> {
+        if !self.ranges.is_empty() {
+            return match settings.dimensions {
+                Dimensions::Plane { height } => self.solve_plane(settings, height),
+                Dimensions::Space { side } => self.solve_space(settings, side),
+            };
+        }
+        if !self.tdoas.is_empty() {
+            return self.solve_differences(settings);
+        }
+        self.solve_beacons(settings)
+    }
+
+    /// Which ranges a solver gets: all, or those in line of sight and so many of the least blocked that there are enough.
+    fn chosen(&self, settings: &Settings<T>) -> u16 {
+        let all = ((1_u32 << self.ranges.len()) - 1) as u16;
+        let Blocked::Ignore { threshold, at_least } = settings.blocked else { return all };
+        let direct = |place: usize| self.ranges.get(place).is_some_and(|r| probability(r.blocked) < threshold);
+        let chosen = (0..self.ranges.len()).filter(|&place| direct(place)).fold(0_u16, |set, place| set | 1 << place);
+        self.with_least_blocked(chosen, at_least.into())
+    }
+
+    /// Adds the least blocked ranges to a set until it has `enough`.
+    pub(super) fn with_least_blocked(&self, mut set: u16, enough: usize) -> u16 {
+        while (set.count_ones() as usize) < enough {
+            let mut least: Option<(usize, T)> = None;
+            for (place, range) in self.ranges.iter().enumerate() {
+                let blocked = probability(range.blocked);
+                if set >> place & 1 == 0 && least.is_none_or(|(_, other)| blocked < other) {
+                    least = Some((place, blocked));
+                }
+            }
+            let Some((place, _)) = least else { break };
+            set |= 1 << place;
+        }
+        set
+    }
+
+    #[inline(never)]
+    fn solve_plane(&self, settings: &Settings<T>, height: T) -> Result<Fix<T, 3>, NoFix> {
+        let area = settings.area.map(|area| Area { min: [area.min[0], area.min[1]], max: [area.max[0], area.max[1]] });
+        let fix = self.solve_in(settings, &Constraints { side: Side::Unknown, area }, |range| {
+            let distance = flatten(length(range, settings), range.place[2] - height);
+            RangeSample::new([range.place[0], range.place[1]], distance)
+        })?;
+        let [x, y] = fix.position;
+        let mut covariance = [[T::ZERO; 3]; 3];
+        for (row, of) in covariance.iter_mut().zip(&fix.covariance) {
+            [row[0], row[1]] = *of;
+        }
+        let [dx, dy] = fix.dilution_of_precision;
+        Ok(Fix {
+            position: [x, y, height],
+            covariance,
+            dilution_of_precision: [dx, dy, T::ZERO],
+            used: fix.used,
+            quality: fix.quality,
+        })
+    }
+
+    #[inline(never)]
+    fn solve_space(&self, settings: &Settings<T>, side: Side<T, 3>) -> Result<Fix<T, 3>, NoFix> {
+        self.solve_in(settings, &Constraints { side, area: settings.area }, |range| {
+            RangeSample::new(range.place, length(range, settings))
+        })
+    }
+
+    fn solve_in<const D: usize>(
+        &self,
+        settings: &Settings<T>,
+        constraints: &Constraints<T, D>,
+        sample: impl Fn(&Range<T>) -> RangeSample<T, D>,
+    ) -> Result<Fix<T, D>, NoFix> {
+        let chosen = self.chosen(settings);
+        let mut samples: Vec<RangeSample<T, D>, MAX_ANCHORS> = Vec::new();
+        for (place, range) in self.ranges.iter().enumerate() {
+            if chosen >> place & 1 == 1 {
+                // There are as many places as ranges.
+                let _ = samples.push(RangeSample { sigma: deviation(range, settings), ..sample(range) });
+            }
+        }
+        let mut fix = solve(settings.method, &samples, constraints)?;
+        fix.used = spread(fix.used, chosen);
+        Ok(fix)
+    }
+
+    #[inline(never)]
+    fn solve_differences(&self, settings: &Settings<T>) -> Result<Fix<T, 3>, NoFix> {
+        let Some(first) = self.tdoas.first() else { return Err(NoFix::TooFewAnchors) };
+        let mut samples: Vec<TdoaSample<T>, MAX_ANCHORS> = Vec::new();
+        for tdoa in self.tdoas.iter().filter(|tdoa| tdoa.reference == first.reference) {
+            let sigma = white(settings, tdoa.deviations[1], probability(tdoa.blocked[1]));
+            let _ = samples.push(TdoaSample { anchor: tdoa.place, difference: tdoa.difference, sigma });
+        }
+        let sigma = white(settings, first.deviations[0], probability(first.blocked[0]));
+        let start = match settings.dimensions {
+            Dimensions::Space { side: Side::Of(point) } => Some(point),
+            Dimensions::Space { side: Side::Unknown } | Dimensions::Plane { .. } => None,
+        };
+        hyperbolic(&samples, first.reference_place, sigma, settings.dimensions.height(), start)
+    }
+
+    #[inline(never)]
+    fn solve_beacons(&self, settings: &Settings<T>) -> Result<Fix<T, 3>, NoFix> {
+        let mut ranges = Self::new();
+        for beacon in &self.beacons {
+            let _ = ranges.keep(&Range {
+                anchor: beacon.beacon,
+                place: beacon.place,
+                distance: beacon.distance,
+                deviation: beacon.distance.at_least(T::of(0.3)) * beacon.relative_deviation,
+                blocked: None,
+                excess: None,
+            });
+        }
+        if ranges.ranges.is_empty() { Err(NoFix::TooFewAnchors) } else { ranges.solve(settings) }
+    }
+}
+
+/// The bits of `used`, which counts the members of `chosen` alone, at their places among all.
+fn spread(used: AnchorSet, chosen: u16) -> AnchorSet {
+    let members = (0..16_usize).filter(|place| chosen >> place & 1 == 1);
+    AnchorSet(members.enumerate().filter(|(k, _)| used.contains(*k)).fold(0, |set, (_, place)| set | 1 << place))
+}
+
+/// A range as it is to be used.
+pub(super) fn length<T: Real>(range: &Range<T>, settings: &Settings<T>) -> T {
+    let excess = if settings.mitigate { range.excess.unwrap_or(T::ZERO) } else { T::ZERO };
+    range.distance - excess
+}
+
+/// The deviation of a single range, all its errors together.
+fn deviation<T: Real>(range: &Range<T>, settings: &Settings<T>) -> T {
+    white(settings, range.deviation, probability(range.blocked))
+}
+
+fn white<T: Real>(settings: &Settings<T>, own: T, blocked: T) -> T {
+    let noise = &settings.noise;
+    match settings.blocked {
+        Blocked::TwoVariances { threshold, direct_m2, blocked_m2 } => {
+            if blocked >= threshold {
+                blocked_m2.sqrt()
+            } else {
+                direct_m2.sqrt()
+            }
+        }
+        Blocked::Alike | Blocked::Ignore { .. } if noise.link_sigma == T::ZERO => own,
+        Blocked::Alike | Blocked::Ignore { .. } => (own.squared() + noise.link_sigma.squared()).sqrt(),
+        Blocked::Weigh => {
+            let more = noise.blocked_link_sigma.squared() + noise.blocked_noise_sigma.squared();
+            (own.squared() + noise.link_sigma.squared() + blocked * more).sqrt()
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! How the engine is to work.
+
+use crate::track::{Blocked, Motion, Noise};
+use crate::{Area, Method, Real, Side};
+
+/// Whether there is a memory between rounds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Mode {
+    /// None: every round is solved by itself, at its end.
+    Solve,
+    /// A track: every measurement changes it as it comes.
+    Track,
+}
+
+/// What of the position is to be found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Dimensions<T> {
+    /// x and y of a tag at a known height.
+    Plane {
+        /// That height, metres.
+        height: T,
+    },
+    /// x, y and z.
+    Space {
+        /// Which of two mirror images, where all anchors lie on a plane.
+        side: Side<T, 3>,
+    },
+}
+
+/// How the engine is to work.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Settings<T> {
+    /// With a memory or without.
+    pub mode: Mode,
+    /// What is to be found.
+    pub dimensions: Dimensions<T>,
+    /// How a round is solved: the first position, and in [`Mode::Solve`] each.
+    pub method: Method,
+    /// Where a solved position can be at all.
+    pub area: Option<Area<T, 3>>,
+    /// How the tag moves.
+    pub motion: Motion<T>,
+    /// How ranges err.
+    pub noise: Noise<T>,
+    /// What a missing line of sight means.
+    pub blocked: Blocked<T>,
+    /// Whether ranges are shortened by their `excess`. Off by default: what was learnt in one building is wrong in the next
+    /// (V. Barral et al. 2019, tables 4 and 5).
+    pub mitigate: bool,
+    /// Linearisations of one measurement: 1 is the extended Kalman filter, more the iterated one.
+    pub iterations: u8,
+    /// A measurement beyond so many deviations is refused.
+    pub gate: T,
+    /// So many refused measurements of one source that are alike reopen its gate.
+    pub patience: u8,
+    /// Deviation of the unknown velocity at the start, metres a second and axis.
+    pub speed: T,
+    /// Variance of the first position, m² and axis; `None`: that of the solved position, and a bit.
+    pub start_variance: Option<T>,
+    /// A track whose position has become more uncertain than this is given up, metres of standard deviation, all axes together.
+    pub lost: T,
+    /// A track of which nothing was measured for so long is given up, microseconds.
+    pub gap_us: u64,
+    /// Whether a track that contradicts the solved rounds is started again.
+    pub supervised: bool,
+}
+
+impl<T: Real> Settings<T> {
+    /// A tag that tracks.
+    pub fn track(dimensions: Dimensions<T>) -> Self {
+        Self {
+            mode: Mode::Track,
+            dimensions,
+            method: Method::Robust,
+            area: None,
+            motion: Motion::Adaptive { calm: T::of(0.3), brisk: T::of(1.5) },
+            noise: Noise::indoors(),
+            blocked: Blocked::Weigh,
+            mitigate: false,
+            iterations: 3,
+            gate: T::of(4.0),
+            patience: 6,
+            speed: T::of(0.7),
+            start_variance: None,
+            lost: T::of(5.0),
+            gap_us: 10_000_000,
+            supervised: true,
+        }
+    }
+
+    /// A tag that solves every round by itself, as its ranges' deviations tell.
+    pub fn solve(dimensions: Dimensions<T>, method: Method) -> Self {
+        Self { mode: Mode::Solve, method, noise: Noise::white(), blocked: Blocked::Alike, ..Self::track(dimensions) }
+    }
+
+    /// The textbook's filter: white noise, no gates, no supervisor, only what `motion`, `blocked` and `iterations` say.
+    pub fn plain(dimensions: Dimensions<T>, motion: Motion<T>, blocked: Blocked<T>, iterations: u8) -> Self {
+        Self {
+            motion,
+            blocked,
+            iterations,
+            noise: Noise::white(),
+            gate: T::of(1.0e6),
+            supervised: false,
+            ..Self::track(dimensions)
+        }
+    }
+}

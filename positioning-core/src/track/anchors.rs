@@ -1,0 +1,86 @@
+//! The links that are being followed: who has which state, and what was seen of it.
+
+use super::gate::Gate;
+use super::noise::Shown;
+use super::state::LINKS;
+use crate::{MAX_ANCHORS, Real};
+
+/// One link.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Link<T> {
+    /// The anchor's address.
+    pub(crate) anchor: u16,
+    /// When it was measured last, microseconds.
+    pub(crate) measured_us: u64,
+    /// Its own gate.
+    pub(crate) gate: Gate<T>,
+    /// Its noise.
+    pub(crate) shown: Shown<T>,
+}
+
+/// The table of links.
+#[derive(Clone, Debug)]
+pub(crate) struct Links<T> {
+    links: heapless::Vec<Link<T>, MAX_ANCHORS>,
+}
+
+impl<T: Real> Links<T> {
+    /// None.
+    pub(crate) fn new() -> Self {
+        Self { links: heapless::Vec::new() }
+    }
+
+    /// Forgets all.
+    pub(crate) fn clear(&mut self) {
+        self.links.clear();
+    }
+
+    /// The state of a place in the table.
+    pub(crate) fn state(place: usize) -> usize {
+        LINKS + place
+    }
+
+    /// The place of an anchor's link, and whether it is new: it then takes a free place, or that of the link which nobody has
+    /// measured for longest.
+    pub(crate) fn place(&mut self, anchor: u16, now_us: u64) -> (usize, bool) {
+        if let Some(place) = self.links.iter().position(|link| link.anchor == anchor) {
+            return (place, false);
+        }
+        let fresh = Link { anchor, measured_us: now_us, gate: Gate::default(), shown: Shown::nothing() };
+        if self.links.push(fresh).is_ok() {
+            return (self.links.len() - 1, true);
+        }
+        let mut oldest = 0;
+        let mut since = u64::MAX;
+        for (place, link) in self.links.iter().enumerate() {
+            if link.measured_us < since {
+                (oldest, since) = (place, link.measured_us);
+            }
+        }
+        if let Some(link) = self.links.get_mut(oldest) {
+            *link = fresh;
+        }
+        (oldest, true)
+    }
+
+    /// The link at a place.
+    pub(crate) fn at(&mut self, place: usize) -> Option<&mut Link<T>> {
+        self.links.get_mut(place)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_link_that_was_silent_longest_makes_room() {
+        let mut links = Links::<f32>::new();
+        for anchor in 0..16 {
+            assert_eq!(links.place(anchor, u64::from(100 - anchor)), (usize::from(anchor), true));
+        }
+        assert_eq!(links.place(7, 200), (7, false));
+        assert_eq!(links.place(99, 200), (15, true));
+        assert_eq!(links.place(15, 201), (14, true));
+    }
+}

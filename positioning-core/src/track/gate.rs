@@ -1,0 +1,72 @@
+//! Gates: whether a measurement can belong to the track. Each source has its own, with its own memory, and it reopens: a
+//! source that insists on the same thing is believed at last, with an error of its own.
+
+use crate::Real;
+
+/// What a gate says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Passage {
+    /// It belongs to the track.
+    Open,
+    /// It does not.
+    Shut,
+    /// It did not, time and again, and always alike: the source has changed.
+    Reopens,
+}
+
+/// The gate of one source.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Gate<T> {
+    /// How many measurements in a row it has refused that were like each other.
+    alike: u8,
+    /// The innovation of the last one that it refused.
+    last: T,
+}
+
+impl<T: Real> Gate<T> {
+    /// Judges an innovation of variance `s`: refused beyond `limit` deviations, unless the `patience`-th of its kind.
+    pub(crate) fn judge(&mut self, innovation: T, s: T, limit: T, patience: u8) -> Passage {
+        let bound = limit.squared() * s;
+        if innovation.squared() <= bound {
+            self.alike = 0;
+            return Passage::Open;
+        }
+        let like_last = self.alike > 0 && (innovation - self.last).squared() <= bound;
+        self.alike = if like_last { self.alike.saturating_add(1) } else { 1 };
+        self.last = innovation;
+        if self.alike < patience {
+            return Passage::Shut;
+        }
+        self.alike = 0;
+        Passage::Reopens
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Variance 0.01 m², limit 3: 0.3 m.
+    fn judge(gate: &mut Gate<f64>, innovation: f64) -> Passage {
+        gate.judge(innovation, 0.01, 3.0, 3)
+    }
+
+    #[test]
+    fn a_source_that_insists_is_let_in_at_last() {
+        let mut gate = Gate::default();
+        let heard = [0.29, 1.0, 1.1, 0.9, 1.0, 0.0].map(|innovation| judge(&mut gate, innovation));
+        use Passage::{Open, Reopens, Shut};
+        assert_eq!(heard, [Open, Shut, Shut, Reopens, Shut, Open]);
+    }
+
+    #[test]
+    fn wild_values_never_open_it_and_a_good_one_makes_it_forget() {
+        let mut gate = Gate::default();
+        for wild in [5.0, -3.0, 40.0, 7.0, 90.0, 2.0] {
+            assert_eq!(judge(&mut gate, wild), Passage::Shut);
+        }
+        for innovation in [2.1, 0.0, 2.1, 2.1] {
+            assert_ne!(judge(&mut gate, innovation), Passage::Reopens);
+        }
+    }
+}

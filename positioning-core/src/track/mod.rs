@@ -1,0 +1,24 @@
+//! Tracking: one filter over position, velocity and the errors that last, fed by whatever is measured, one number at a time.
+//!
+//! `state` is what is tracked, `motion` what happens between measurements, `model` what can be measured, a file each; `update` is
+//! the one way in which a measurement changes the track. Around it stand `noise` (how far a measurement may err), `gate` (whether
+//! it can belong to the track) and `supervisor` (whether the track can be right at all). [`hyperbolic`] is the start from differences
+//! of arrival. The orchestrator is [`crate::engine`].
+
+mod anchors;
+mod filter;
+mod gate;
+mod hyperbolic;
+pub(crate) mod model;
+mod motion;
+mod noise;
+pub(crate) mod state;
+mod supervisor;
+pub(crate) mod update;
+
+pub use hyperbolic::{TdoaSample, hyperbolic};
+pub use motion::Motion;
+pub use noise::{Blocked, Noise};
+
+pub(crate) use filter::{Fate, Filter};
+pub(crate) use supervisor::Supervisor;

@@ -1,0 +1,45 @@
+//! A position from elsewhere with its covariance: z = p + n. Its three numbers are made independent first: with R = L D Lᵀ
+//! the components of L⁻¹ z have the variances D and depend on the position by the rows of L⁻¹.
+
+use crate::Real;
+use crate::track::state::STATES;
+use crate::track::update::{Linearised, Model};
+
+/// One independent component of a position.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PositionModel<T> {
+    row: [T; 3],
+    value: T,
+}
+
+impl<T: Real> Model<T> for PositionModel<T> {
+    #[inline(always)]
+    fn linearise(&self, mean: &[T; STATES]) -> Linearised<T> {
+        let expected = self.row[0] * mean[0] + self.row[1] * mean[1] + self.row[2] * mean[2];
+        Linearised {
+            innovation: self.value - expected,
+            position: self.row,
+            others: [(0, T::ZERO); 3],
+            curvature: T::ZERO,
+        }
+    }
+}
+
+/// The independent components of a position, and their variances, none less than `least`.
+pub(crate) fn components<T: Real>(position: [T; 3], covariance: &[[T; 3]; 3], least: T) -> [(PositionModel<T>, T); 3] {
+    let r = covariance;
+    let d0 = r[0][0].at_least(least);
+    let l10 = r[1][0] / d0;
+    let l20 = r[2][0] / d0;
+    let d1 = (r[1][1] - l10 * r[1][0]).at_least(least);
+    let l21 = (r[2][1] - l20 * r[1][0]) / d1;
+    let d2 = (r[2][2] - l20 * r[2][0] - l21.squared() * d1).at_least(least);
+    // L⁻¹.
+    let rows = [[T::ONE, T::ZERO, T::ZERO], [-l10, T::ONE, T::ZERO], [l21 * l10 - l20, -l21, T::ONE]];
+    let variances = [d0, d1, d2];
+    core::array::from_fn(|k| {
+        let row = rows[k];
+        let value = row[0] * position[0] + row[1] * position[1] + row[2] * position[2];
+        (PositionModel { row, value }, variances[k])
+    })
+}

@@ -1,0 +1,162 @@
+//! How far a range may err: by the white noise of one reception, and by the error of its link, which stays.
+//!
+//! Both grow with the probability that the link is without line of sight, sigma² = sigma_los² + p · sigma_nlos², and nothing is ever
+//! thrown away by that. They also grow with the noise that a link itself shows: where two paths are alike strong, the
+//! first of them is found in some frames and missed in others, and such a link's mean is as doubtful as its single ranges. It
+//! needs no diagnostics to see that.
+
+use crate::Real;
+
+/// What to do with the probability that a link is without line of sight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Blocked<T> {
+    /// Nothing: all ranges alike (V. Barral et al. 2019, "no ignore").
+    Alike,
+    /// Ranges that are rather blocked than not are left out (Barral et al. 2019, "ignore NLOS"), but of each round so many of the
+    /// least blocked are kept ("at least four anchors"; 0 keeps none).
+    Ignore {
+        /// From this probability on a range is left out.
+        threshold: T,
+        /// As few ranges as a round keeps.
+        at_least: u8,
+    },
+    /// Two variances in m², whatever the ranges say of themselves (E. García et al., 0.5 and 3).
+    TwoVariances {
+        /// From this probability on a range is blocked.
+        threshold: T,
+        /// Of a direct range, m².
+        direct_m2: T,
+        /// Of a blocked range, m².
+        blocked_m2: T,
+    },
+    /// The variance grows with the probability.
+    Weigh,
+}
+
+impl<T: Real> Blocked<T> {
+    /// The variances of García et al.
+    pub fn garcia() -> Self {
+        Self::TwoVariances { threshold: T::of(0.5), direct_m2: T::of(0.5), blocked_m2: T::of(3.0) }
+    }
+}
+
+/// The errors of ranges.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Noise<T> {
+    /// Deviation of the error common to all ranges, metres; 0 where it is calibrated to nothing.
+    pub common_sigma: T,
+    /// Deviation of the error of a link in line of sight, metres; 0 makes all errors white.
+    pub link_sigma: T,
+    /// What a link without line of sight adds to that, metres.
+    pub blocked_link_sigma: T,
+    /// What a link without line of sight adds to the noise of one range, metres.
+    pub blocked_noise_sigma: T,
+    /// How much of the variance that a link's ranges show is taken to be variance of its error.
+    pub noise_to_link: T,
+    /// How much of a link's measured noise a new range makes up, 0 to 1; 0 believes the deviation that comes with the range.
+    pub learning: T,
+    /// After so many seconds two thirds of a link's error are others.
+    pub link_seconds: T,
+    /// After so many metres of way two thirds of a link's error are others.
+    pub link_metres: T,
+    /// Innovations have Student's distribution with so many degrees of freedom; 0: a Gaussian one.
+    pub degrees: T,
+}
+
+impl<T: Real> Noise<T> {
+    /// What fits a DW1000 indoors: tuned on one recording and checked on others (`docs/performance.md`).
+    pub fn indoors() -> Self {
+        Self {
+            common_sigma: T::of(0.12),
+            link_sigma: T::of(0.09),
+            blocked_link_sigma: T::of(0.1),
+            blocked_noise_sigma: T::of(0.1),
+            noise_to_link: T::ONE,
+            learning: T::of(0.05),
+            link_seconds: T::of(5.0),
+            link_metres: T::of(0.3),
+            degrees: T::of(2.0),
+        }
+    }
+
+    /// White noise alone, as the textbook has it.
+    pub fn white() -> Self {
+        Self {
+            common_sigma: T::ZERO,
+            link_sigma: T::ZERO,
+            blocked_link_sigma: T::ZERO,
+            blocked_noise_sigma: T::ZERO,
+            noise_to_link: T::ZERO,
+            learning: T::ZERO,
+            link_seconds: T::ONE,
+            link_metres: T::ONE,
+            degrees: T::ZERO,
+        }
+    }
+}
+
+/// The noise that a link has shown.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Shown<T> {
+    variance: T,
+}
+
+/// What becomes of one range.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Variances<T> {
+    /// Of the reception, m².
+    pub(crate) white: T,
+    /// Of the link's error, m².
+    pub(crate) link: T,
+}
+
+impl<T: Real> Shown<T> {
+    /// Nothing yet.
+    pub(crate) fn nothing() -> Self {
+        Self { variance: T::ZERO }
+    }
+
+    /// The variances of a range that says of itself that its variance is `own`, blocked with probability `blocked`.
+    pub(crate) fn variances(&self, noise: &Noise<T>, own: T, blocked: T) -> Variances<T> {
+        let shown = self.variance.at_least(own);
+        let link = noise.link_sigma.squared()
+            + blocked * noise.blocked_link_sigma.squared()
+            + noise.noise_to_link * (shown - own);
+        Variances { white: shown + blocked * noise.blocked_noise_sigma.squared(), link }
+    }
+
+    /// Learns from an innovation; `expected` is what of its square the track's uncertainty and the line of sight account for, and
+    /// `s` its variance.
+    pub(crate) fn learn(&mut self, noise: &Noise<T>, innovation: T, expected: T, s: T) {
+        let seen = innovation.squared().at_most(T::of(9.0) * s) - expected;
+        self.variance += noise.learning * (seen.at_least(T::ZERO) - self.variance);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_blocked_link_is_doubted_in_proportion() {
+        let noise =
+            Noise::<f64> { link_sigma: 0.1, blocked_link_sigma: 0.4, blocked_noise_sigma: 0.2, ..Noise::white() };
+        let shown = Shown::nothing();
+        // Half blocked: 0.03² + 0.5 · 0.2² = 0.0209, and 0.1² + 0.5 · 0.4² = 0.09.
+        let half = shown.variances(&noise, 0.0009, 0.5);
+        assert!((half.white - 0.0209).abs() < 1e-12 && (half.link - 0.09).abs() < 1e-12, "{half:?}");
+    }
+
+    #[test]
+    fn a_link_that_jumps_about_is_found_out() {
+        let noise = Noise::<f64>::indoors();
+        let mut shown = Shown::nothing();
+        for k in 0..400 {
+            let innovation = if k % 2 == 0 { 0.3 } else { -0.3 };
+            shown.learn(&noise, innovation, 0.0, 0.09);
+        }
+        assert!((shown.variances(&noise, 0.0009, 0.0).white - 0.09).abs() < 1e-6);
+    }
+}
