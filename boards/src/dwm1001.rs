@@ -19,6 +19,7 @@ use embassy_nrf::gpio::{Input, Level, Output, OutputDrive, Pull};
 use embassy_nrf::interrupt::{self, InterruptExt, Priority, typelevel};
 use embassy_nrf::nvmc::Nvmc;
 use embassy_nrf::{bind_interrupts, pac, peripherals, spim};
+use firmware_common::supervision::Lit;
 use node_record::Record;
 use telemetry::{Crash, ResetCause};
 
@@ -46,7 +47,7 @@ pub struct Board {
     pub uwb: Uwb,
     /// For the exchange's waits.
     pub delay: Delay,
-    /// Green, red, red, blue of the DWM1001-DEV (D9, D11, D12, D10).
+    /// The lights.
     pub leds: Leds,
     /// Runs already.
     pub watchdog: Watchdog,
@@ -103,7 +104,10 @@ impl Board {
         Self {
             uwb,
             delay,
-            leds: Leds::new([p.P0_30.into(), p.P0_14.into(), p.P0_22.into(), p.P0_31.into()]),
+            leds: Leds {
+                state: Output::new(p.P0_30, Level::High, OutputDrive::Standard),
+                fault: Output::new(p.P0_14, Level::High, OutputDrive::Standard),
+            },
             watchdog,
             record: node_record::load(&mut Nvmc::new(p.NVMC), node_record::Pages::DWM1001.offsets),
             eui: identity::of_random(device_id()),
@@ -161,18 +165,16 @@ fn start_ranging() -> SendSpawner {
     RANGING.start(interrupt::EGU1_SWI1)
 }
 
-/// Four lights, on when their pin is low.
-pub struct Leds([Output<'static>; 4]);
+/// The lights of the DWM1001-DEV, on when their pin is low; a bare module has none.
+pub struct Leds {
+    state: Output<'static>,
+    fault: Output<'static>,
+}
 
 impl Leds {
-    fn new(pins: [embassy_nrf::Peri<'static, embassy_nrf::gpio::AnyPin>; 4]) -> Self {
-        Self(pins.map(|pin| Output::new(pin, Level::High, OutputDrive::Standard)))
-    }
-
-    /// Switches all of them: bit i is the i-th light.
-    pub fn show(&mut self, lit: u8) {
-        for (i, light) in self.0.iter_mut().enumerate() {
-            light.set_level(Level::from(lit & (1 << i) == 0));
-        }
+    /// Green for the state (D9), red for a fault (D11).
+    pub fn show(&mut self, lit: Lit) {
+        self.state.set_level((!lit.state).into());
+        self.fault.set_level((!lit.fault).into());
     }
 }
