@@ -2,14 +2,24 @@
 //!
 //! A board is taken once, at the start of a program; what it gives is what the node's tasks need: the UWB chip's bus, interrupt
 //! and reset line, the record from flash, lights, the watchdog, the channel of telemetry. What needs no chip (`fault`,
-//! `identity`, `lcd`, `reset_cause`) builds on a desktop too, where it is tested.
+//! `identity`, `lcd`, `panel`, `reset_cause`) builds on a desktop too, where it is tested.
 #![no_std]
 
+#[cfg(all(feature = "_esp", any(target_arch = "riscv32", target_arch = "xtensa")))]
+extern crate alloc;
+#[cfg(test)]
+extern crate std;
+
+pub mod esp;
 pub mod fault;
 pub mod identity;
+pub mod lcd;
+pub mod panel;
 pub mod reset_cause;
 
 #[cfg(all(feature = "_cortex-m", target_arch = "arm"))]
 pub mod cortex;
 #[cfg(all(feature = "dwm1001", target_arch = "arm"))]
 pub mod dwm1001;
+#[cfg(all(feature = "evk1000", target_arch = "arm"))]
+pub mod evk1000;

@@ -1,0 +1,120 @@
+//! The board, taken once at the start of a program.
+
+use embassy_executor::Spawner;
+use embassy_time::Delay;
+use esp_hal::clock::CpuClock;
+use esp_hal::efuse;
+use esp_hal::rng::Rng;
+use esp_hal::timer::timg::TimerGroup;
+use esp_storage::FlashStorage;
+use node_record::{Invalid, Pages, Pins, Record};
+use telemetry::{Crash, ResetCause};
+
+use super::log::{self, TelemetryChannel};
+use super::spi::{Bus, Interrupt, Port, Reset};
+use super::watchdog::{self, Watchdog};
+use super::{crash, this};
+use crate::esp::{pins, reset_cause};
+
+// What the second-stage bootloader and espflash look for.
+esp_bootloader_esp_idf::esp_app_desc!();
+
+/// Bytes of the heap: threads' stacks, and what the Bluetooth controller takes.
+const HEAP_BYTES: usize = if cfg!(feature = "ble") { 80 << 10 } else { 16 << 10 };
+
+/// The board, taken.
+pub struct Board {
+    /// Where a DW1000 may be wired.
+    pub uwb: UwbPort,
+    /// Runs already.
+    pub watchdog: Watchdog,
+    /// From flash.
+    pub record: Result<Record, node_record::Fault>,
+    /// The chip's own EUI-64, from its factory address.
+    pub eui: u64,
+    /// The chip's factory address, the highest byte first.
+    pub address: [u8; 6],
+    /// Why the node started.
+    pub reset: ResetCause,
+    /// What the life before left.
+    pub crash: Option<Crash>,
+    /// Telemetry's way out.
+    pub telemetry: TelemetryChannel,
+    /// The chip's radio.
+    #[cfg(feature = "ble")]
+    pub bluetooth: super::bluetooth::Parts,
+}
+
+/// What the driver of the DW1000 is made of.
+pub struct Uwb {
+    /// SPI with the chip's select line.
+    pub bus: Bus,
+    /// High while the chip has something to tell.
+    pub interrupt: Interrupt,
+    /// RSTn.
+    pub reset: Reset,
+    /// For the driver's waits.
+    pub delay: Delay,
+}
+
+/// The SPI port, not yet wired.
+pub struct UwbPort(Port);
+
+impl UwbPort {
+    /// Wires it by the record, or by the chip's default ([`pins`]).
+    pub fn wire(self, record: &Record) -> Result<Uwb, Invalid> {
+        record.validate_for(this::BOARD)?;
+        let pins: Pins = record.pins.unwrap_or(this::PINS);
+        let (bus, interrupt, reset) = self.0.wire(&pins, pins::fast_mhz(&pins, &this::PINS));
+        Ok(Uwb { bus, interrupt, reset, delay: Delay })
+    }
+}
+
+impl Board {
+    /// Takes the board; once a program. The log works from here on, and the watchdog runs. `spawner` is the main thread's.
+    pub fn take(spawner: Spawner) -> Self {
+        let p = esp_hal::init(esp_hal::Config::default().with_cpu_clock(CpuClock::max()));
+        esp_alloc::heap_allocator!(size: HEAP_BYTES);
+        esp_rtos::start(TimerGroup::new(p.TIMG0).timer0, p.FROM_CPU_INTR0);
+        #[cfg(not(feature = "log-serial"))]
+        let (telemetry, _) = (log::start(), spawner);
+        #[cfg(feature = "log-serial")]
+        let telemetry = log::start(
+            spawner,
+            log::Port {
+                #[cfg(not(feature = "esp32"))]
+                usb: p.USB_DEVICE,
+                uart: p.UART0,
+            },
+        );
+        watchdog::reset_on_brown_out();
+        let mut address = [0; 6];
+        address.copy_from_slice(efuse::base_mac_address().as_bytes());
+        #[cfg(not(feature = "esp32"))]
+        let port = Port::new(p.SPI2);
+        #[cfg(feature = "esp32")]
+        let port = Port::new(p.SPI3);
+        Self {
+            uwb: UwbPort(port),
+            watchdog: Watchdog::start(p.RTC_TIMER),
+            record: node_record::load(&mut FlashStorage::new(p.FLASH), Pages::ESP.offsets),
+            eui: eui_of(address),
+            address,
+            reset: reset_cause::of(esp_hal::system::reset_reason().map_or(0, |reason| reason as u32)),
+            crash: crash::take(),
+            telemetry,
+            #[cfg(feature = "ble")]
+            bluetooth: super::bluetooth::Parts(p.BT),
+        }
+    }
+}
+
+/// Fills a slice with random bytes: from the radio's noise while Bluetooth is on; without it they can be guessed.
+pub fn random(bytes: &mut [u8]) {
+    Rng::new().read(bytes);
+}
+
+/// The EUI-64 of an address of 48 bits: FF FE in its middle (IEEE, "Guidelines for Use of EUI").
+fn eui_of([a, b, c, d, e, f]: [u8; 6]) -> u64 {
+    u64::from_be_bytes([a, b, c, 0xFF, 0xFE, d, e, f])
+}

@@ -1,0 +1,77 @@
+//! The RTC's watchdog: it interrupts first, so that the place where the processor hangs can be left behind, and resets the core
+//! shortly after, interrupt or not.
+
+use esp_hal::handler;
+use esp_hal::interrupt::Priority;
+use esp_hal::peripherals::RTC_TIMER;
+use esp_hal::rtc_cntl::{Rtc, RwdtStage, RwdtStageAction};
+use esp_hal::time::Duration;
+use telemetry::{Crash, CrashReason};
+
+use super::crash;
+
+/// Until it bites: longer than Bluetooth's start and shorter than a person's patience.
+const PATIENCE: Duration = Duration::from_secs(6);
+/// From the interrupt to the reset.
+const LAST_WORDS: Duration = Duration::from_millis(100);
+
+/// The watchdog. It stands still while the chip sleeps.
+pub struct Watchdog(Rtc<'static>);
+
+impl Watchdog {
+    pub(super) fn start(timer: RTC_TIMER<'static>) -> Self {
+        let mut this = Self(Rtc::new(timer));
+        this.0.set_interrupt_handler(ran_out);
+        let watchdog = &mut this.0.rwdt;
+        watchdog.enable();
+        watchdog.set_timeout(RwdtStage::Stage0, PATIENCE);
+        watchdog.set_timeout(RwdtStage::Stage1, LAST_WORDS);
+        // The core without the RTC, in whose memory the crash is.
+        watchdog.set_stage_action(RwdtStage::Stage1, RwdtStageAction::ResetCore);
+        watchdog.listen();
+        this.feed();
+        this
+    }
+
+    /// Keeps it from biting for another 6 s.
+    pub fn feed(&mut self) {
+        self.0.rwdt.feed();
+    }
+}
+
+#[handler(priority = Priority::max())]
+fn ran_out() {
+    crash::leave(Crash { reason: CrashReason::Stalled, program_counter: interrupted_at(), line: 0, file: 0 });
+    // The reset comes by itself, and tells that it was the watchdog's.
+    loop {
+        core::hint::spin_loop();
+    }
+}
+
+/// Where the processor was: an interrupt of the highest priority is not interrupted itself, so that the register still holds.
+#[cfg(target_arch = "riscv32")]
+fn interrupted_at() -> u32 {
+    let address: u32;
+    // SAFETY: reads a register of the processor.
+    unsafe { core::arch::asm!("csrr {0}, mepc", out(reg) address) };
+    address
+}
+
+/// The register depends on the interrupt's level: unknown.
+#[cfg(target_arch = "xtensa")]
+fn interrupted_at() -> u32 {
+    0
+}
+
+/// Lets a sagging supply reset the chip by its digital part, which remembers why; the analog part, which the bootloader may have
+/// made quicker, does not, and shows as power that came.
+pub(super) fn reset_on_brown_out() {
+    #[cfg(feature = "esp32c3")]
+    esp_hal::peripherals::LPWR::regs()
+        .brown_out()
+        .modify(|_, w| w.brown_out_rst_sel().set_bit().brown_out_rst_ena().set_bit().brown_out_ena().set_bit());
+    #[cfg(feature = "esp32c6")]
+    esp_hal::peripherals::LP_ANA::regs()
+        .bod_mode0_cntl()
+        .modify(|_, w| w.bod_mode0_reset_sel().set_bit().bod_mode0_reset_ena().set_bit());
+}
