@@ -99,3 +99,100 @@ fn push(events: &mut Vec<Event>, channel: Channel, piece: &[u8]) {
         _ => events.push(Event::Bytes(channel, piece.to_vec())),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    use super::super::source::{Channel, Event};
+    use super::super::testing::{BUILD, fix, frame, hello, told};
+    use super::Demux;
+
+    /// Log, telemetry and text of a mixture, fed in pieces of a size.
+    fn parted(mixture: &[u8], size: usize) -> (Vec<u8>, Vec<u8>, Vec<String>) {
+        let mut demux = Demux::default();
+        let mut events: Vec<_> = mixture.chunks(size).flat_map(|piece| demux.feed(piece)).collect();
+        events.extend(demux.finish());
+        let (mut log, mut telemetry, mut text) = (Vec::new(), Vec::new(), Vec::new());
+        for event in events {
+            match event {
+                Event::Bytes(Channel::Log, bytes) => log.extend(bytes),
+                Event::Bytes(Channel::Telemetry, bytes) => telemetry.extend(bytes),
+                Event::Text(line) => text.push(line),
+                other => panic!("{other:?}"),
+            }
+        }
+        (log, telemetry, text)
+    }
+
+    /// As espflash expects it.
+    fn announced(frame: &[u8]) -> Vec<u8> {
+        [&[0xFF, 0], frame].concat()
+    }
+
+    #[test]
+    fn channels_part_whatever_the_pieces() {
+        let (line, greeting, place) = (frame(1, 5, &[1]), told(&hello(4, BUILD)), told(&fix(6, 3.21)));
+        // The first frame of defmt begins with a zero of its own.
+        let first = announced(&[&[0], &line[..]].concat());
+        let mixture = [&first[..], &greeting, &announced(&line), &announced(&line), &place].concat();
+        for size in [1, 2, 7, 1000] {
+            let (log, telemetry, text) = parted(&mixture, size);
+            assert_eq!(log, line.repeat(3));
+            assert_eq!(telemetry, [&greeting[..], &place].concat());
+            assert!(text.is_empty());
+        }
+    }
+
+    #[test]
+    fn a_boot_loaders_lines_are_text() {
+        let boot = b"ESP-ROM:esp32c3-api1-20210207\r\nrst:0x1 (POWERON)\r\n\r\n";
+        let line = frame(1, 5, &[1]);
+        let mixture = [&boot[..], &announced(&line), &told(&fix(6, 3.21)), b"again\n"].concat();
+        let (log, telemetry, text) = parted(&mixture, 3);
+        assert_eq!((log, telemetry), (line, told(&fix(6, 3.21))));
+        assert_eq!(text, ["ESP-ROM:esp32c3-api1-20210207", "rst:0x1 (POWERON)", "again"]);
+    }
+
+    #[test]
+    fn text_without_an_end_costs_no_frame_of_the_log() {
+        let line = frame(1, 5, &[1]);
+        let (log, telemetry, _) = parted(&[&b"half a li"[..], &announced(&line)].concat(), 100);
+        assert_eq!((log, telemetry), (line, b"half a li\0".to_vec()));
+    }
+
+    #[test]
+    fn a_frame_that_begins_like_a_line_end_is_a_frame() {
+        // COBS begins with the distance to the first zero, here ten: a line feed. 0.1 mm · 0 makes the zeros.
+        let of_distance = |distance: u8| {
+            (0..1 << 20).step_by(9973).map(|t_us| told(&fix(t_us, 0.0))).find(|frame| frame.first() == Some(&distance))
+        };
+        let frame = of_distance(10).expect("there is one");
+        let (_, telemetry, text) = parted(&frame.repeat(3), 1);
+        assert_eq!((telemetry, text), (frame.repeat(3), vec![]));
+    }
+
+    #[test]
+    fn random_bytes_and_flipped_bits_come_out_somewhere() {
+        let mut random = Pcg64::seed_from_u64(2);
+        let mixture = [announced(&frame(1, 5, &[1])), told(&fix(6, 3.21)), b"text\n".to_vec()].concat().repeat(300);
+        let mut noise = mixture.clone();
+        noise.iter_mut().for_each(|byte| *byte = random.random());
+        parted(&noise, 64);
+        parted(&vec![0x55; 1 << 20], 4096);
+
+        let mut flipped = mixture.clone();
+        for byte in &mut flipped {
+            if random.random_bool(0.01) {
+                *byte ^= 1 << random.random_range(0..8);
+            }
+        }
+        let (log, telemetry, text) = parted(&flipped, 64);
+        // Of 300 each, of some 8, 40 and 5 bytes: one in twelve, three and twenty is hit, and as many follow one that is.
+        let frames = telemetry.split(|byte| *byte == 0).filter(|frame| telemetry::decode(frame).is_ok()).count();
+        let lines = log.split(|byte| *byte == 0).filter(|line| [*line, &[0]].concat() == frame(1, 5, &[1])).count();
+        let text = text.iter().filter(|line| *line == "text").count();
+        assert!(frames > 160 && lines > 200 && text > 200, "{frames} {lines} {text}");
+    }
+}

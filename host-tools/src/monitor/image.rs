@@ -71,7 +71,7 @@ impl Image {
         Self::parse(file, &bytes).map_err(|what| Wrong::file(file, what))
     }
 
-    fn parse(file: &Path, bytes: &[u8]) -> Result<Self, String> {
+    pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<Self, String> {
         const GIVE: &str =
             "give the file that cargo built, target/<target>/firmware/<image>, not a .bin or .hex made of it";
         let elf = object::File::parse(bytes).map_err(|_| format!("not an ELF file: {GIVE}"))?;
@@ -118,4 +118,76 @@ fn flash(elf: &object::File<'_>, build: Option<Build>) -> Vec<(u64, Vec<u8>)> {
         marks.extend(windows.chain(builds).map(|(at, bytes)| (segment.address() + at as u64, bytes.to_vec())));
     }
     marks
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::super::testing::{BUILD, STATEMENTS, elf, elf_with};
+    use super::{Build, Image, flash};
+
+    fn refused(bytes: &[u8]) -> String {
+        Image::parse(Path::new("image"), bytes).err().expect("it is refused")
+    }
+
+    #[test]
+    fn what_an_image_says_of_itself() {
+        let image = Image::parse(Path::new("image"), &elf(Some(BUILD))).expect("an image");
+        assert_eq!(image.build, Some(Build(BUILD)));
+        assert_eq!(image.build.map(|build| build.to_string()), Some("1a2b3c4d5e6f7081".into()));
+        assert_eq!(image.marks.rtt, Some(0x2000_0100));
+        let foreign = Image::parse(Path::new("image"), &elf(None)).expect("an image");
+        assert_eq!(foreign.build, None);
+    }
+
+    #[test]
+    fn what_is_no_image_is_refused_with_what_to_do() {
+        assert!(refused(b"S0030000FC").starts_with("not an ELF file: give the file that cargo built"));
+        assert!(refused(b"").starts_with("not an ELF file"));
+        assert!(refused(&elf(Some(BUILD))[..100]).contains("ELF"));
+        let raw = elf_with(Some(BUILD), &STATEMENTS, "raw");
+        assert!(refused(&raw).contains("raw encoding"));
+        let mut without = object::write::Object::new(
+            object::BinaryFormat::Elf,
+            object::Architecture::Arm,
+            object::Endianness::Little,
+        );
+        without.add_file_symbol(b"none".to_vec());
+        assert!(refused(&without.write().expect("an ELF file")).starts_with("it has no defmt table"));
+    }
+
+    /// An executable for a 32-bit little-endian machine: a header, and a program header for each segment (address, flags, bytes).
+    fn executable(segments: &[(u32, u32, &[u8])]) -> Vec<u8> {
+        let mut elf = b"\x7FELF\x01\x01\x01\0\0\0\0\0\0\0\0\0".to_vec();
+        let half = |elf: &mut Vec<u8>, values: &[u16]| values.iter().for_each(|value| elf.extend(value.to_le_bytes()));
+        let word = |elf: &mut Vec<u8>, values: &[u32]| values.iter().for_each(|value| elf.extend(value.to_le_bytes()));
+        // An executable for Arm, version 1; entry, program headers at 52, no section headers, flags.
+        half(&mut elf, &[2, 40]);
+        word(&mut elf, &[1, 0, 52, 0, 0]);
+        half(&mut elf, &[52, 32, segments.len() as u16, 40, 0, 0]);
+        let mut offset = 52 + 32 * segments.len() as u32;
+        for (address, flags, bytes) in segments {
+            let length = bytes.len() as u32;
+            word(&mut elf, &[1, offset, *address, *address, length, length, *flags, 4]);
+            offset += length;
+        }
+        segments.iter().for_each(|(.., bytes)| elf.extend(*bytes));
+        elf
+    }
+
+    #[test]
+    fn marks_are_of_what_the_chip_cannot_change() {
+        let mut code = vec![0x11; 1000];
+        code[500..508].copy_from_slice(&BUILD);
+        // Readable and executable; readable and writable.
+        let bytes = executable(&[(0x1000, 5, &code), (0x2000_0000, 6, &BUILD)]);
+        let elf = object::File::parse(&bytes[..]).expect("an ELF file");
+        let marks = flash(&elf, Some(Build(BUILD)));
+        // 1000 bytes, a window of 64 every 125; then the build.
+        let expected: Vec<(u64, usize)> =
+            (0..8).map(|window| (0x1000 + 125 * window, 64)).chain([(0x1000 + 500, 8)]).collect();
+        assert_eq!(marks.iter().map(|(address, bytes)| (*address, bytes.len())).collect::<Vec<_>>(), expected);
+        assert_eq!(marks.last().map(|(_, bytes)| bytes.as_slice()), Some(&BUILD[..]));
+    }
 }

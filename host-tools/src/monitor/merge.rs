@@ -160,3 +160,116 @@ fn opposite(channel: Channel) -> Channel {
         Channel::Telemetry => Channel::Log,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::super::source::Channel::{self, Log, Telemetry};
+    use super::{Merger, Patience};
+
+    const fn ms(milliseconds: u64) -> Duration {
+        Duration::from_millis(milliseconds)
+    }
+
+    fn popped(merger: &mut Merger<&'static str>, now: Duration) -> Vec<&'static str> {
+        std::iter::from_fn(|| merger.pop(now)).collect()
+    }
+
+    fn finished(merger: &mut Merger<&'static str>) -> Vec<&'static str> {
+        std::iter::from_fn(|| merger.finish()).collect()
+    }
+
+    /// All pushed at once, in the order of the host; out in the node's.
+    fn merged(said: &[(Channel, u64, &'static str)]) -> Vec<&'static str> {
+        let mut merger = Merger::new(Patience::FILES);
+        for (channel, t_us, what) in said {
+            merger.push(*channel, Some(*t_us), false, ms(0), *what);
+        }
+        finished(&mut merger)
+    }
+
+    #[test]
+    fn the_nodes_clock_orders_what_came_otherwise() {
+        let said = [(Telemetry, 10, "b"), (Telemetry, 30, "d"), (Log, 5, "a"), (Log, 20, "c"), (Log, 40, "e")];
+        assert_eq!(merged(&said), ["a", "b", "c", "d", "e"]);
+    }
+
+    #[test]
+    fn a_sighting_told_late_goes_to_its_place() {
+        assert_eq!(
+            merged(&[(Telemetry, 300_000, "fix"), (Telemetry, 200_000, "heard before")]),
+            ["heard before", "fix"]
+        );
+    }
+
+    #[test]
+    fn the_other_channel_is_waited_for_but_not_for_ever() {
+        let mut merger = Merger::new(Patience::LIVE);
+        merger.push(Telemetry, Some(1000), false, ms(0), "fix");
+        assert!(popped(&mut merger, ms(199)).is_empty());
+        assert_eq!(popped(&mut merger, ms(200)), ["fix"]);
+
+        // The log is past it.
+        merger.push(Telemetry, Some(2000), false, ms(300), "fix");
+        merger.push(Log, Some(1500), false, ms(301), "line");
+        merger.push(Log, Some(2500), false, ms(301), "later");
+        assert_eq!(popped(&mut merger, ms(301)), ["line", "fix"]);
+        assert_eq!(popped(&mut merger, ms(501)), ["later"]);
+    }
+
+    #[test]
+    fn in_one_file_the_nodes_clock_ends_the_wait() {
+        let mut merger = Merger::new(Patience::MIXTURE);
+        merger.push(Telemetry, Some(0), false, ms(0), "first");
+        merger.push(Telemetry, Some(199_999), false, ms(0), "second");
+        assert!(popped(&mut merger, ms(0)).is_empty());
+        merger.push(Telemetry, Some(200_000), false, ms(0), "third");
+        assert_eq!(popped(&mut merger, ms(0)), ["first"]);
+        assert_eq!(finished(&mut merger), ["second", "third"]);
+    }
+
+    #[test]
+    fn a_restart_begins_the_order_anew() {
+        let mut merger = Merger::new(Patience::FILES);
+        let mut push = |channel, t_us, what| merger.push(channel, Some(t_us), false, ms(0), what);
+        assert!(!push(Log, 60_000_000, "a"));
+        assert!(!push(Telemetry, 60_000_001, "b"));
+        // Seen first by the log, then by telemetry: one restart.
+        assert!(push(Log, 1000, "c"));
+        assert!(!push(Telemetry, 1001, "d"));
+        assert!(!push(Log, 2000, "e"));
+        assert_eq!(finished(&mut merger), ["a", "b", "c", "d", "e"]);
+    }
+
+    #[test]
+    fn a_restart_after_a_short_life_is_seen_by_its_greeting() {
+        let mut merger = Merger::new(Patience::FILES);
+        merger.push(Telemetry, Some(500_000), false, ms(0), "before");
+        assert!(merger.push(Telemetry, Some(100), true, ms(0), "greeting"));
+        assert_eq!(finished(&mut merger), ["before", "greeting"]);
+    }
+
+    #[test]
+    fn a_channel_that_cannot_see_a_restart_follows_the_other() {
+        let mut merger = Merger::new(Patience::FILES);
+        merger.push(Log, Some(50_000_000), false, ms(0), "a");
+        merger.push(Telemetry, Some(100), true, ms(0), "b");
+        // The log's clock fell; telemetry was at 100 µs in the former life.
+        merger.push(Log, Some(7_000_000), false, ms(0), "c");
+        merger.push(Telemetry, Some(7_000_100), false, ms(0), "d");
+        assert_eq!(finished(&mut merger), ["b", "a", "c", "d"]);
+    }
+
+    #[test]
+    fn what_has_no_time_stays_behind_what_came_before_it() {
+        let mut merger = Merger::new(Patience::FILES);
+        merger.push(Telemetry, Some(10), false, ms(0), "a");
+        merger.push(Telemetry, None, false, ms(0), "boot");
+        merger.push(Log, Some(11), false, ms(0), "b");
+        assert_eq!(finished(&mut merger), ["a", "boot", "b"]);
+        merger.restart();
+        merger.push(Log, Some(5), false, ms(0), "c");
+        assert_eq!(finished(&mut merger), ["c"]);
+    }
+}

@@ -32,3 +32,6 @@ pub use show::{Lines, summary};
 pub use source::{Channel, Event, Pace, Source};
 pub use streams::{Files, Piped};
 pub use words::{label, words};
+
+#[cfg(test)]
+mod testing;

@@ -184,3 +184,160 @@ impl Memory for Chip {
         Ok(self.0.core(0)?.reset()?)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::cell::RefCell;
+    use std::rc::Rc;
+    use std::time::Duration;
+
+    use anyhow::{Result, anyhow};
+
+    use super::super::image::Marks;
+    use super::super::rtt::Memory;
+    use super::super::source::{Channel, Event, Pace, Source};
+    use super::super::testing::Ram;
+    use super::{Attach, Probed};
+
+    const PACE: Pace = Pace {
+        poll: Duration::from_millis(1),
+        retry: Duration::from_millis(2),
+        longest: Duration::from_millis(4),
+        silent: Duration::from_millis(20),
+    };
+
+    /// A probe on a desk: whoever holds the other end changes what is behind it.
+    #[derive(Clone)]
+    struct Desk(Rc<RefCell<Ram>>);
+
+    impl Desk {
+        fn new() -> Self {
+            let mut ram = Ram::new(0x1000);
+            ram.start(0x100);
+            Self(Rc::new(RefCell::new(ram)))
+        }
+
+        fn source(&self, marks: Option<Marks>) -> Probed<Self> {
+            Probed::new(self.clone(), marks, false, PACE)
+        }
+    }
+
+    impl Attach for Desk {
+        fn attach(&mut self) -> Result<(Box<dyn Memory>, String)> {
+            if self.0.borrow().plugged { Ok((Box::new(self.clone()), "chip".into())) } else { Err(anyhow!("no probe")) }
+        }
+    }
+
+    impl Memory for Desk {
+        fn read(&mut self, address: u64, bytes: &mut [u8]) -> Result<()> {
+            self.0.borrow_mut().read(address, bytes)
+        }
+
+        fn write_word(&mut self, address: u64, word: u32) -> Result<()> {
+            self.0.borrow_mut().write_word(address, word)
+        }
+
+        fn ram(&self) -> Vec<std::ops::Range<u64>> {
+            self.0.borrow().ram()
+        }
+
+        fn reset(&mut self) -> Result<()> {
+            self.0.borrow_mut().reset()
+        }
+    }
+
+    /// Everything up to a silence.
+    fn events(source: &mut dyn Source) -> Vec<Event> {
+        std::iter::from_fn(|| source.next(Duration::from_millis(10)).expect("no failure")).collect()
+    }
+
+    fn log(text: &str) -> Event {
+        Event::Bytes(Channel::Log, text.into())
+    }
+
+    #[test]
+    fn attached_it_reads_both_channels() {
+        let desk = Desk::new();
+        let mut source = desk.source(None);
+        desk.0.borrow_mut().say(0, b"log");
+        desk.0.borrow_mut().say(1, b"told");
+        let told = Event::Bytes(Channel::Telemetry, b"told".to_vec());
+        assert_eq!(events(&mut source), [Event::Connected("chip".into()), log("log"), told]);
+        assert_eq!(desk.0.borrow().resets, 0);
+    }
+
+    #[test]
+    fn a_probe_that_is_not_there_at_the_start_is_a_failure() {
+        let desk = Desk::new();
+        desk.0.borrow_mut().unplug();
+        assert_eq!(desk.source(None).next(Duration::ZERO).expect_err("no probe").to_string(), "no probe");
+    }
+
+    #[test]
+    fn unplugged_it_attaches_again() {
+        let desk = Desk::new();
+        let mut source = desk.source(None);
+        events(&mut source);
+        desk.0.borrow_mut().unplug();
+        assert_eq!(events(&mut source), [Event::Lost("the probe is gone".into())]);
+        desk.0.borrow_mut().say(0, b"meanwhile");
+        assert!(events(&mut source).is_empty());
+        desk.0.borrow_mut().plugged = true;
+        assert_eq!(events(&mut source), [Event::Connected("chip".into()), log("meanwhile")]);
+    }
+
+    #[test]
+    fn a_reset_and_a_block_that_has_moved_are_survived() {
+        let desk = Desk::new();
+        let mut source = desk.source(None);
+        desk.0.borrow_mut().say(0, b"before");
+        events(&mut source);
+        // Another image, whose block is elsewhere.
+        desk.0.borrow_mut().clear();
+        assert_eq!(events(&mut source), [Event::Restarted]);
+        desk.0.borrow_mut().start(0x800);
+        desk.0.borrow_mut().say(0, b"after");
+        assert_eq!(events(&mut source), [log("after")]);
+        // The same, faster than anyone looks.
+        desk.0.borrow_mut().start(0x800);
+        desk.0.borrow_mut().say(0, b"again");
+        assert_eq!(events(&mut source), [Event::Restarted, log("again")]);
+    }
+
+    #[test]
+    fn a_node_without_rings_is_told_once() {
+        let desk = Desk::new();
+        desk.0.borrow_mut().clear();
+        let mut source = desk.source(None);
+        std::thread::sleep(PACE.silent);
+        let mut seen = events(&mut source);
+        std::thread::sleep(PACE.silent * 2);
+        seen.extend(events(&mut source));
+        seen.extend(events(&mut source));
+        assert_eq!(seen, [Event::Connected("chip".into()), Event::Silent]);
+    }
+
+    #[test]
+    fn the_flash_is_compared_with_the_elf_file() {
+        let desk = Desk::new();
+        let mark = |expected: &[u8]| Marks { rtt: Some(Ram::BASE + 0x100), flash: vec![(0x1002, expected.to_vec())] };
+        let seen = |expected: &[u8]| events(&mut desk.source(Some(mark(expected)))).pop();
+        // Flash that cannot be read tells nothing.
+        assert_eq!(seen(b"ab"), Some(Event::Connected("chip".into())));
+        desk.0.borrow_mut().flash.push((0x1000, b"..ab".to_vec()));
+        assert_eq!(seen(b"ab"), Some(Event::Flashed { same: true }));
+        assert_eq!(seen(b"cd"), Some(Event::Flashed { same: false }));
+    }
+
+    #[test]
+    fn a_reset_is_done_once_and_first() {
+        let desk = Desk::new();
+        let mut source = Probed::new(desk.clone(), None, true, PACE);
+        events(&mut source);
+        desk.0.borrow_mut().unplug();
+        events(&mut source);
+        desk.0.borrow_mut().plugged = true;
+        events(&mut source);
+        assert_eq!(desk.0.borrow().resets, 1);
+    }
+}

@@ -221,3 +221,85 @@ impl Ring {
 fn word(bytes: &[u8], at: usize) -> u32 {
     bytes.get(at..).and_then(|bytes| bytes.first_chunk()).copied().map_or(0, u32::from_le_bytes)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::source::Channel;
+    use super::super::testing::Ram;
+    use super::{Memory, Polled, find};
+
+    fn bytes(polled: Polled) -> Vec<(Channel, Vec<u8>)> {
+        match polled {
+            Polled::Bytes { bytes, anew: false } => bytes,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn the_block_is_where_the_elf_file_says_or_anywhere() {
+        for place in [0, 0x0FF4, 0x1F00] {
+            let mut ram = Ram::new(0x3000);
+            assert!(find(&mut ram, None).expect("memory").is_none());
+            ram.start(place);
+            let expected = Ram::BASE + place as u64;
+            for hint in [None, Some(expected), Some(Ram::BASE + 0x2800)] {
+                let found = find(&mut ram, hint).expect("memory").expect("a control block");
+                assert_eq!(found.address(), expected);
+            }
+        }
+    }
+
+    #[test]
+    fn a_ring_is_read_round_its_end() {
+        let mut ram = Ram::new(0x1000);
+        ram.start(0);
+        let mut rings = find(&mut ram, None).expect("memory").expect("a control block");
+        assert!(bytes(rings.poll(&mut ram).expect("memory")).is_empty());
+        // Rings hold 63 bytes.
+        for round in 0..20_u8 {
+            let (log, told) = (vec![round; 50], vec![round ^ 0x80; 17]);
+            assert!(ram.say(0, &log) && ram.say(1, &told));
+            let read = bytes(rings.poll(&mut ram).expect("memory"));
+            assert_eq!(read, [(Channel::Log, log), (Channel::Telemetry, told)]);
+        }
+        assert!(ram.say(0, &[1; 63]) && !ram.say(0, &[2]));
+    }
+
+    #[test]
+    fn a_restart_shows_as_a_block_that_is_gone_or_new() {
+        let mut ram = Ram::new(0x1000);
+        ram.start(0);
+        let mut rings = find(&mut ram, None).expect("memory").expect("a control block");
+        ram.say(0, b"before");
+        rings.poll(&mut ram).expect("memory");
+        ram.start(0);
+        ram.say(0, b"after");
+        let anew = Polled::Bytes { bytes: vec![(Channel::Log, b"after".to_vec())], anew: true };
+        assert_eq!(rings.poll(&mut ram).expect("memory"), anew);
+        ram.clear();
+        assert_eq!(rings.poll(&mut ram).expect("memory"), Polled::Gone);
+    }
+
+    #[test]
+    fn what_only_looks_like_a_block_is_none() {
+        // Each word of the block in turn, made impossible: identifier, channels, size, write, read.
+        for (word, value) in
+            [(0, 0), (4, 0), (4, 33), (5, 99), (8, 0), (8, u32::MAX), (9, 64), (10, 64), (7, 0x1000_0000)]
+        {
+            let mut ram = Ram::new(0x1000);
+            ram.start(0x40);
+            ram.write_word(Ram::BASE + 0x40 + 4 * word, value).expect("memory");
+            assert!(find(&mut ram, None).expect("memory").is_none(), "word {word} = {value}");
+        }
+    }
+
+    #[test]
+    fn memory_that_cannot_be_read_is_an_error() {
+        let mut ram = Ram::new(0x1000);
+        ram.start(0);
+        let mut rings = find(&mut ram, None).expect("memory").expect("a control block");
+        ram.unplug();
+        assert!(rings.poll(&mut ram).is_err());
+        assert!(find(&mut ram, None).is_err());
+    }
+}

@@ -153,3 +153,79 @@ impl<O: Open> Source for Serial<O> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+    use std::io::{self, ErrorKind, Read};
+    use std::time::Duration;
+
+    use anyhow::{Result, anyhow};
+
+    use super::super::source::{Channel, Event, Pace, Source};
+    use super::super::testing::{fix, frame, told};
+    use super::{Open, Port, Serial};
+
+    const PACE: Pace = Pace {
+        poll: Duration::from_millis(1),
+        retry: Duration::from_millis(1),
+        longest: Duration::from_millis(2),
+        silent: Duration::from_millis(20),
+    };
+
+    /// A cable: each opening, and what its reads give. `None`: it is not there.
+    struct Cable(VecDeque<Option<Vec<Result<Vec<u8>, ErrorKind>>>>);
+
+    struct Opened(VecDeque<Result<Vec<u8>, ErrorKind>>);
+
+    impl Open for Cable {
+        fn open(&mut self) -> Result<Box<dyn Read>> {
+            let reads = self.0.pop_front().flatten().ok_or_else(|| anyhow!("no port"))?;
+            Ok(Box::new(Opened(reads.into())))
+        }
+    }
+
+    impl Read for Opened {
+        fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+            let read = self.0.pop_front().unwrap_or(Err(ErrorKind::TimedOut)).map_err(io::Error::from)?;
+            bytes[..read.len()].copy_from_slice(&read);
+            Ok(read.len())
+        }
+    }
+
+    #[test]
+    fn a_port_that_goes_away_is_opened_again() {
+        let (line, place) = (frame(1, 5, &[1]), told(&fix(6, 3.21)));
+        let mixture = [&[0xFF, 0], &line[..], &place, &place[..9]].concat();
+        let cable = Cable(VecDeque::from([
+            Some(vec![Ok(mixture), Err(ErrorKind::TimedOut), Err(ErrorKind::BrokenPipe)]),
+            None,
+            None,
+            Some(vec![Ok(place.clone())]),
+        ]));
+        let mut source = Serial::new(cable, "port".into(), PACE);
+        let mut events = Vec::new();
+        while events.last() != Some(&Event::Bytes(Channel::Telemetry, place.clone())) || events.len() < 5 {
+            events.extend(source.next(Duration::from_millis(50)).expect("no failure"));
+        }
+        let torn = Event::Bytes(Channel::Telemetry, place[..9].to_vec());
+        let lost = Event::Lost(io::Error::from(ErrorKind::BrokenPipe).to_string());
+        let place = Event::Bytes(Channel::Telemetry, place);
+        let connected = Event::Connected("port".into());
+        assert_eq!(
+            events,
+            [connected.clone(), Event::Bytes(Channel::Log, line), place.clone(), torn, lost, connected, place]
+        );
+    }
+
+    #[test]
+    fn a_port_that_is_not_there_at_the_start_is_a_failure() {
+        let mut source = Serial::new(Cable(VecDeque::new()), "port".into(), PACE);
+        assert!(source.next(Duration::ZERO).is_err());
+        let port = Port { name: "/dev/nosuch".into(), baud: 115_200 };
+        let error =
+            Serial::new(port, "/dev/nosuch".into(), PACE).next(Duration::ZERO).expect_err("there is no such port");
+        let wrong = error.downcast_ref::<crate::Wrong>().expect("the argument is wrong").to_string();
+        assert!(wrong.starts_with("--serial: no port /dev/nosuch: plug in the board"), "{wrong}");
+    }
+}

@@ -1,0 +1,206 @@
+//! A small image for tests: an ELF file with a log's symbols, written by the `object` crate, and the frames that its node would
+//! send, written byte by byte.
+
+use super::rtt::Memory;
+use object::write::{Object, Symbol, SymbolSection};
+use object::{Architecture, BinaryFormat, Endianness, SectionKind, SymbolFlags, SymbolKind, SymbolScope};
+
+pub const BUILD: [u8; 8] = [0x1A, 0x2B, 0x3C, 0x4D, 0x5E, 0x6F, 0x70, 0x81];
+pub const OTHER_BUILD: [u8; 8] = [0x3C, 0x4D, 0, 0, 0, 0, 0, 1];
+
+/// The log's statements: number, level, format.
+pub const STATEMENTS: [(u16, &str, &str); 9] = [
+    (1, "defmt_info", "hello {=u8}"),
+    (2, "defmt_warn", "{=str} is {=bool}"),
+    (3, "defmt_error", "values {=[?]}"),
+    (4, "defmt_info", "{=?}"),
+    // Interned: what a value is printed by.
+    (5, "defmt_prim", "{=u16}"),
+    (6, "defmt_derived", "Some({=?})|None"),
+    (7, "defmt_derived", "{=?}"),
+    (8, "defmt_info", "flags {0=0..4} {0=9..12}"),
+    (9, "defmt_debug", "fix x={=u8}"),
+];
+
+/// An ELF file with the statements, the time stamp of our images and a build.
+pub fn elf(build: Option<[u8; 8]>) -> Vec<u8> {
+    elf_with(build, &STATEMENTS, "rzcobs")
+}
+
+pub fn elf_with(build: Option<[u8; 8]>, statements: &[(u16, &str, &str)], encoding: &str) -> Vec<u8> {
+    let mut elf = Object::new(BinaryFormat::Elf, Architecture::Arm, Endianness::Little);
+    if let Some(build) = build {
+        let section = elf.add_section(Vec::new(), b".baliza.build".to_vec(), SectionKind::Other);
+        elf.set_section_data(section, build.to_vec(), 1);
+    }
+    let section = elf.add_section(Vec::new(), b".defmt".to_vec(), SectionKind::Other);
+    elf.set_section_data(section, vec![0; 64], 1);
+    let symbol = |name: String, value: u64, section| Symbol {
+        name: name.into_bytes(),
+        value,
+        size: 1,
+        kind: SymbolKind::Data,
+        scope: SymbolScope::Linkage,
+        weak: false,
+        section,
+        flags: SymbolFlags::None,
+    };
+    let timestamp = [(40, "defmt_timestamp", "{=u64:us}")];
+    for (index, (number, tag, data)) in statements.iter().chain(&timestamp).enumerate() {
+        let name =
+            format!(r#"{{"package":"p","tag":"{tag}","data":"{data}","disambiguator":"{index}","crate_name":"c"}}"#);
+        elf.add_symbol(symbol(name, (*number).into(), SymbolSection::Section(section)));
+    }
+    for name in ["_defmt_version_ = 4".to_owned(), format!("_defmt_encoding_ = {encoding}")] {
+        elf.add_symbol(symbol(name, 0, SymbolSection::Absolute));
+    }
+    elf.add_symbol(symbol("_SEGGER_RTT".into(), 0x2000_0100, SymbolSection::Absolute));
+    elf.write().expect("an ELF file")
+}
+
+/// A frame of the log, with its zero: the statement's number, the time and the arguments, little-endian, encoded by rzCOBS.
+pub fn frame(statement: u16, t_us: u64, arguments: &[u8]) -> Vec<u8> {
+    let plain = [&statement.to_le_bytes(), &t_us.to_le_bytes()[..], arguments].concat();
+    let mut frame = rzcobs::encode(&plain);
+    frame.push(0);
+    frame
+}
+
+/// A telemetry frame.
+pub fn told(message: &telemetry::Message) -> Vec<u8> {
+    telemetry::encode(message, &mut [0; telemetry::MAX_FRAME]).to_vec()
+}
+
+pub fn hello(t_us: u64, build: [u8; 8]) -> telemetry::Message {
+    telemetry::Message::Hello(telemetry::Hello {
+        t_us,
+        eui: 0xDECA_0000_0000_1234,
+        address: 0x1234,
+        role: telemetry::Role::Tag,
+        board: telemetry::Board::Dwm1001,
+        build,
+    })
+}
+
+/// A position at (x, 4.05, 1.5) m: deviations of 3, 4 and 0 cm are 5 cm together; ten ranges, six used.
+pub fn fix(t_us: u64, x_m: f64) -> telemetry::Message {
+    telemetry::Message::Fix(telemetry::Fix {
+        t_us,
+        round: 7,
+        age_us: 12_400,
+        asked: 10,
+        outcome: telemetry::Outcome::Position {
+            position: [(x_m * 1e4).round() as i32, 40_500, 15_000],
+            deviation: [300, 400, 0],
+            correlation: [0; 3],
+            used: 0b11_0111_1000,
+            quality: 200,
+        },
+    })
+}
+
+/// A chip's memory with a node's RTT rings in it, as `rtt-target` keeps them: two of 63 bytes.
+pub struct Ram {
+    bytes: Vec<u8>,
+    block: usize,
+    pub flash: Vec<(u64, Vec<u8>)>,
+    pub plugged: bool,
+    pub resets: u32,
+}
+
+const SIZE: usize = 64;
+
+impl Ram {
+    pub const BASE: u64 = 0x2000_0000;
+
+    pub fn new(size: usize) -> Self {
+        Self { bytes: vec![0; size], block: 0, flash: Vec::new(), plugged: true, resets: 0 }
+    }
+
+    /// The node starts and makes its control block here.
+    pub fn start(&mut self, place: usize) {
+        self.block = place;
+        self.bytes[place..place + 72].fill(0);
+        for channel in 0..2 {
+            let buffer = Self::BASE as usize + place + 72 + channel * SIZE;
+            self.set(channel, 1, buffer);
+            self.set(channel, 2, SIZE);
+        }
+        self.bytes[place + 16] = 2;
+        self.bytes[place..place + 10].copy_from_slice(b"SEGGER RTT");
+    }
+
+    /// The node is being reset, and its block is not made yet.
+    pub fn clear(&mut self) {
+        self.bytes.fill(0);
+    }
+
+    pub fn unplug(&mut self) {
+        self.plugged = false;
+    }
+
+    /// The node says something; `false`: there is no room.
+    pub fn say(&mut self, channel: usize, bytes: &[u8]) -> bool {
+        let (write, read) = (self.get(channel, 3), self.get(channel, 4));
+        if bytes.len() > (read + SIZE - write - 1) % SIZE {
+            return false;
+        }
+        for (index, byte) in bytes.iter().enumerate() {
+            self.bytes[self.block + 72 + channel * SIZE + (write + index) % SIZE] = *byte;
+        }
+        self.set(channel, 3, (write + bytes.len()) % SIZE);
+        true
+    }
+
+    fn word(&self, channel: usize, word: usize) -> std::ops::Range<usize> {
+        let at = self.block + 24 + channel * 24 + word * 4;
+        at..at + 4
+    }
+
+    fn get(&self, channel: usize, word: usize) -> usize {
+        u32::from_le_bytes(self.bytes[self.word(channel, word)].try_into().expect("four bytes")) as usize
+    }
+
+    fn set(&mut self, channel: usize, word: usize, value: usize) {
+        let at = self.word(channel, word);
+        self.bytes[at].copy_from_slice(&(value as u32).to_le_bytes());
+    }
+
+    fn at(&mut self, address: u64, length: usize) -> anyhow::Result<&mut [u8]> {
+        anyhow::ensure!(self.plugged, "the probe is gone");
+        let region = |base: u64, bytes: &mut [u8]| -> Option<std::ops::Range<usize>> {
+            let begin = usize::try_from(address.checked_sub(base)?).ok()?;
+            bytes.get(begin..begin + length).map(|_| begin..begin + length)
+        };
+        if let Some(range) = region(Self::BASE, &mut self.bytes) {
+            return Ok(&mut self.bytes[range]);
+        }
+        for (base, bytes) in &mut self.flash {
+            if let Some(range) = region(*base, bytes) {
+                return Ok(&mut bytes[range]);
+            }
+        }
+        anyhow::bail!("no memory at {address:#x}")
+    }
+}
+
+impl Memory for Ram {
+    fn read(&mut self, address: u64, bytes: &mut [u8]) -> anyhow::Result<()> {
+        bytes.copy_from_slice(self.at(address, bytes.len())?);
+        Ok(())
+    }
+
+    fn write_word(&mut self, address: u64, word: u32) -> anyhow::Result<()> {
+        self.at(address, 4)?.copy_from_slice(&word.to_le_bytes());
+        Ok(())
+    }
+
+    fn ram(&self) -> Vec<std::ops::Range<u64>> {
+        vec![Self::BASE..Self::BASE + self.bytes.len() as u64]
+    }
+
+    fn reset(&mut self) -> anyhow::Result<()> {
+        self.resets += 1;
+        Ok(())
+    }
+}
