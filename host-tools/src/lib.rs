@@ -5,6 +5,7 @@
 //! simulated ranges. Nothing here knows of arguments or prints: that is the binary's, one module a subcommand.
 #![forbid(unsafe_code)]
 
+pub mod decode;
 pub mod example;
 pub mod monitor;
 pub mod output;
@@ -12,6 +13,7 @@ pub mod plot;
 pub mod positions;
 pub mod probe;
 pub mod provision;
+pub mod recorder;
 mod recording;
 pub mod simulate;
 mod solve;

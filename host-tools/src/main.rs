@@ -35,6 +35,9 @@ enum Command {
     Simulate(commands::simulate::Arguments),
     Example(commands::example::Arguments),
     Monitor(commands::monitor::Arguments),
+    Decode(commands::decode::Arguments),
+    Record(commands::record::Arguments),
+    Replay(commands::replay::Arguments),
 }
 
 #[derive(Subcommand)]
@@ -54,6 +57,9 @@ fn main() -> ExitCode {
         Command::Simulate(arguments) => commands::simulate::run(&arguments),
         Command::Example(arguments) => commands::example::run(&arguments),
         Command::Monitor(arguments) => commands::monitor::run(&arguments),
+        Command::Decode(arguments) => commands::decode::run(&arguments),
+        Command::Record(arguments) => commands::record::run(&arguments),
+        Command::Replay(arguments) => commands::replay::run(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,8 +1,10 @@
 //! Where results go: whole files or none, and a standard output that may be closed early.
 
 use std::fs::{self, File};
-use std::io::{self, ErrorKind, Write};
-use std::path::Path;
+use std::io::{self, BufWriter, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+use tempfile::NamedTempFile;
 
 use crate::Wrong;
 
@@ -21,28 +23,88 @@ pub fn check(flag: &'static str, file: &Path) -> Result<(), Wrong> {
     Ok(())
 }
 
-/// Writes a file as a whole: beside it first, then in its place. A symbolic link stays one; what is not a regular file (a pipe,
-/// a terminal) is written to directly.
+/// Writes a file as a whole: see [`Growing`].
 ///
 /// # Errors
 /// The file system's.
 pub fn write_file(file: &Path, bytes: &[u8]) -> io::Result<()> {
-    let target = fs::canonicalize(file).unwrap_or_else(|_| file.to_owned());
-    if fs::metadata(&target).is_ok_and(|metadata| !metadata.is_file()) {
-        return File::options().write(true).open(&target)?.write_all(bytes);
+    let mut growing = Growing::create(file)?;
+    growing.write_all(bytes)?;
+    growing.finish()
+}
+
+/// A file that is written beside its place, and put there once it is whole; until then, and if it never is, the place keeps
+/// what it had. A symbolic link stays one; what is not a regular file (a pipe, a terminal) is written to directly.
+#[derive(Debug)]
+pub struct Growing {
+    file: BufWriter<Place>,
+}
+
+#[derive(Debug)]
+enum Place {
+    Direct(File),
+    Beside(NamedTempFile, PathBuf),
+}
+
+impl Growing {
+    /// Begins a file.
+    ///
+    /// # Errors
+    /// The file system's.
+    pub fn create(file: &Path) -> io::Result<Self> {
+        let target = fs::canonicalize(file).unwrap_or_else(|_| file.to_owned());
+        if fs::metadata(&target).is_ok_and(|metadata| !metadata.is_file()) {
+            let direct = File::options().write(true).open(&target)?;
+            return Ok(Self { file: BufWriter::new(Place::Direct(direct)) });
+        }
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".baliza-");
+        #[cfg(unix)]
+        {
+            // What any new file gets, less the process's mask: a temporary one would be its owner's alone.
+            use std::os::unix::fs::PermissionsExt;
+            builder.permissions(fs::Permissions::from_mode(0o666));
+        }
+        let beside = builder.tempfile_in(folder_of(&target))?;
+        Ok(Self { file: BufWriter::new(Place::Beside(beside, target)) })
     }
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".baliza-");
-    #[cfg(unix)]
-    {
-        // What any new file gets, less the process's mask: a temporary one would be its owner's alone.
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(fs::Permissions::from_mode(0o666));
+
+    /// Puts the file in its place.
+    ///
+    /// # Errors
+    /// The file system's.
+    pub fn finish(self) -> io::Result<()> {
+        match self.file.into_inner().map_err(io::IntoInnerError::into_error)? {
+            Place::Direct(_) => Ok(()),
+            Place::Beside(file, target) => Ok(file.persist(target).map(drop)?),
+        }
     }
-    let mut beside = builder.tempfile_in(folder_of(&target))?;
-    beside.write_all(bytes)?;
-    beside.persist(&target)?;
-    Ok(())
+}
+
+impl Write for Growing {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Write for Place {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Self::Direct(file) => file.write(bytes),
+            Self::Beside(file, _) => file.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match self {
+            Self::Direct(file) => file.flush(),
+            Self::Beside(file, _) => file.flush(),
+        }
+    }
 }
 
 /// Writes to standard output. A reader that went away (`| head`) has what it wanted.
@@ -50,10 +112,19 @@ pub fn write_file(file: &Path, bytes: &[u8]) -> io::Result<()> {
 /// # Errors
 /// Any other failure.
 pub fn write_stdout(bytes: &[u8]) -> io::Result<()> {
+    feed_stdout(bytes).map(drop)
+}
+
+/// Writes to standard output, and says whether anybody reads on.
+///
+/// # Errors
+/// Any failure but a reader that went away.
+pub fn feed_stdout(bytes: &[u8]) -> io::Result<bool> {
     let mut stdout = io::stdout().lock();
     match stdout.write_all(bytes).and_then(|()| stdout.flush()) {
-        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
-        other => other,
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
+        Err(error) => Err(error),
     }
 }
 

@@ -1,10 +1,14 @@
 //! The subcommands, one module each: arguments, and what is printed.
 
+pub mod decode;
 pub mod example;
 pub mod monitor;
 pub mod plot;
+pub mod record;
+pub mod replay;
 pub mod simulate;
 pub mod solve;
+mod stream;
 pub mod thesis;
 
 use std::path::Path;

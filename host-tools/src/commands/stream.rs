@@ -1,0 +1,154 @@
+//! What `decode`, `record` and `replay` share: where a stream comes from, how its messages are written, and Ctrl-C.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::{Context, Result};
+use clap::ValueEnum;
+use host_tools::decode::{Chunks, Stamp, Table, json};
+use host_tools::{Wrong, output};
+use telemetry::Message;
+
+use crate::progress::Progress;
+
+/// A stream in a file or on standard input.
+pub struct Input {
+    chunks: Chunks,
+    /// What is read, for errors.
+    name: String,
+    /// The file's length, bytes.
+    length: usize,
+}
+
+impl Input {
+    /// Of a file; without one, standard input.
+    pub fn open(file: Option<&Path>) -> Result<Self, Wrong> {
+        let Some(path) = file else {
+            let chunks = Chunks::new(std::io::stdin());
+            return Ok(Self { chunks, name: "standard input".to_owned(), length: 0 });
+        };
+        let opened = File::open(path).and_then(|file| file.metadata().map(|metadata| (file, metadata)));
+        let (file, metadata) = opened.map_err(|error| Wrong::file(path, format!("cannot open it: {error}")))?;
+        if metadata.is_dir() {
+            return Err(Wrong::file(path, "it is a folder"));
+        }
+        let length = usize::try_from(metadata.len()).unwrap_or(usize::MAX);
+        Ok(Self { chunks: Chunks::new(file), name: path.display().to_string(), length })
+    }
+
+    /// A bar for the whole of a file.
+    pub fn progress(&self) -> Option<Progress> {
+        (self.length > 0).then(|| Progress::new(self.length))
+    }
+
+    /// The next bytes; `None` at the end, or after Ctrl-C.
+    pub fn next(&self) -> Result<Option<Vec<u8>>> {
+        self.chunks.next(&STOP).with_context(|| format!("cannot read {}", self.name))
+    }
+}
+
+/// Ctrl-C was pressed.
+pub static STOP: AtomicBool = AtomicBool::new(false);
+
+/// From now on Ctrl-C ends the reading and not the program, so that what came is written; pressed twice, it ends the program.
+pub fn catch_ctrl_c() -> Result<()> {
+    ctrlc::set_handler(|| {
+        if STOP.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    })
+    .context("cannot watch for Ctrl-C")
+}
+
+/// How messages are written.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct Writing {
+    /// How messages are written
+    #[arg(long, value_name = "FORMAT", default_value = "jsonl")]
+    format: Format,
+    /// Which messages are the rows (--format csv) [default: positions]
+    #[arg(long, value_name = "TABLE")]
+    table: Option<TableName>,
+}
+
+/// `--format`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// One object of JSON a line, every message
+    Jsonl,
+    /// The rows of one table
+    Csv,
+}
+
+/// `--table`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum TableName {
+    /// Positions and rounds without one, as solve writes them
+    Positions,
+    /// Ranges, as solve reads them
+    Ranges,
+    /// Advertisements heard
+    Rssi,
+}
+
+/// Makes text of messages.
+pub enum Lines {
+    Json,
+    Csv(Table),
+}
+
+impl Writing {
+    /// What the flags ask for; flags that do not go together are refused.
+    pub fn lines(self) -> Result<Lines, Wrong> {
+        match (self.format, self.table) {
+            (Format::Jsonl, Some(_)) => Err(Wrong::flag("--table", "only with --format csv")),
+            (Format::Jsonl, None) => Ok(Lines::Json),
+            (Format::Csv, None | Some(TableName::Positions)) => Ok(Lines::Csv(Table::Positions)),
+            (Format::Csv, Some(TableName::Ranges)) => Ok(Lines::Csv(Table::Ranges)),
+            (Format::Csv, Some(TableName::Rssi)) => Ok(Lines::Csv(Table::Rssi)),
+        }
+    }
+}
+
+impl Lines {
+    /// What stands before all messages.
+    pub fn header(&self) -> Result<Vec<u8>> {
+        match self {
+            Self::Json => Ok(Vec::new()),
+            Self::Csv(table) => row(table.columns()),
+        }
+    }
+
+    /// Appends a message; nothing where it is of no concern.
+    pub fn append(&self, text: &mut Vec<u8>, stamp: Stamp, message: &Message) -> Result<()> {
+        match self {
+            Self::Json => {
+                text.extend(json(message).context("cannot write JSON")?);
+                text.push(b'\n');
+            }
+            Self::Csv(table) => {
+                if let Some(fields) = table.row(stamp, message) {
+                    text.extend(row(&fields)?);
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+fn row<T: AsRef<[u8]>>(fields: &[T]) -> Result<Vec<u8>> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(fields)?;
+    writer.into_inner().map_err(|error| anyhow::Error::from(error.into_error()))
+}
+
+/// Writes to standard output; false where nobody reads on.
+pub fn feed_stdout(bytes: &[u8]) -> Result<bool> {
+    output::feed_stdout(bytes).context("cannot write to standard output")
+}
+
+/// The file that is meant: of a folder that `record` made, its stream.
+pub fn stream_of(path: &Path) -> PathBuf {
+    if path.is_dir() { path.join("telemetry.bin") } else { path.to_owned() }
+}

@@ -1,0 +1,61 @@
+//! A file or a pipe, read so that waiting for it can be given up.
+
+use std::io::{self, ErrorKind, Read};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::thread;
+use std::time::Duration;
+
+/// Read at once, bytes.
+const CHUNK: usize = 1 << 16;
+/// Chunks read ahead.
+const AHEAD: usize = 4;
+/// From one look at the wish to stop to the next.
+const PATIENCE: Duration = Duration::from_millis(50);
+
+/// What a reader gives, chunk by chunk.
+pub struct Chunks {
+    chunks: Receiver<io::Result<Vec<u8>>>,
+}
+
+impl Chunks {
+    /// Reads in a thread of its own, which lives until the reader ends: a pipe cannot be waited for with a limit.
+    pub fn new(mut from: impl Read + Send + 'static) -> Self {
+        let (to, chunks) = sync_channel(AHEAD);
+        thread::spawn(move || {
+            loop {
+                let mut chunk = vec![0; CHUNK];
+                let read = match from.read(&mut chunk) {
+                    Ok(0) => break,
+                    Ok(count) => {
+                        chunk.truncate(count);
+                        Ok(chunk)
+                    }
+                    Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+                    Err(error) => Err(error),
+                };
+                let failed = read.is_err();
+                // Where the receiver is gone nobody wants more.
+                if to.send(read).is_err() || failed {
+                    break;
+                }
+            }
+        });
+        Self { chunks }
+    }
+
+    /// The next bytes; `None` at the end, or when `stop` is wished for.
+    ///
+    /// # Errors
+    /// The reader's.
+    pub fn next(&self, stop: &AtomicBool) -> io::Result<Option<Vec<u8>>> {
+        while !stop.load(Ordering::Relaxed) {
+            match self.chunks.recv_timeout(PATIENCE) {
+                Ok(chunk) => return chunk.map(Some),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return Ok(None),
+            }
+        }
+        Ok(None)
+    }
+}

@@ -1,0 +1,106 @@
+//! Messages as rows of CSV tables, with the columns that `solve`, `plot` and the commands for beacons read.
+
+use telemetry::{BeaconId, Fix, Message, Range, Sighting};
+
+use super::Stamp;
+use crate::positions::COLUMNS;
+
+/// A table, and which messages are its rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Table {
+    /// Fixes, with or without a position.
+    Positions,
+    /// Ranges, each with what the receiver measured.
+    Ranges,
+    /// Sightings of beacons.
+    Rssi,
+}
+
+impl Table {
+    /// The columns.
+    pub fn columns(self) -> &'static [&'static str] {
+        match self {
+            Self::Positions => &COLUMNS,
+            Self::Ranges => &[
+                "epoch",
+                "t_s",
+                "anchor",
+                "range_m",
+                "rx_power_dbm",
+                "fp_power_dbm",
+                "fp_idx",
+                "fp_amp1",
+                "fp_amp2",
+                "fp_amp3",
+                "cir_pwr",
+                "rxpacc",
+                "std_noise",
+                "sigma_m",
+                "clock_offset_ppm",
+            ],
+            Self::Rssi => &["epoch", "t_s", "beacon", "rssi_dbm", "measured_power_dbm"],
+        }
+    }
+
+    /// The row that a message is; `None` where it is in another table, or in none.
+    pub fn row(self, stamp: Stamp, message: &Message) -> Option<Vec<String>> {
+        let start = [stamp.epoch.to_string(), format!("{:.6}", stamp.t_s)];
+        let fields = match (self, message) {
+            (Self::Positions, Message::Fix(fix)) => position(fix),
+            (Self::Ranges, Message::Range(of)) => range(of),
+            (Self::Rssi, Message::Sighting(of)) => sighting(of),
+            (Self::Positions | Self::Ranges | Self::Rssi, _) => return None,
+        };
+        Some(start.into_iter().chain(fields).collect())
+    }
+}
+
+/// How files call a beacon: network, major and minor number.
+pub fn beacon_name(beacon: BeaconId) -> String {
+    format!("{:08x}-{}-{}", beacon.network, beacon.major, beacon.minor)
+}
+
+fn position(fix: &Fix) -> Vec<String> {
+    let mut fields = vec!["tag".to_owned()];
+    match (fix.position_m(), fix.deviation_m()) {
+        (Some(position), Some([x, y, z])) => {
+            fields.extend(position.map(metres));
+            // A height that was given has no deviation.
+            fields.extend([metres(x), metres(y), if z == 0.0 { String::new() } else { metres(z) }]);
+        }
+        (None, _) | (_, None) => fields.extend([const { String::new() }; 6]),
+    }
+    fields.push(fix.used().map_or_else(String::new, |used| used.count_ones().to_string()));
+    fields.push(fix.reason().map_or_else(String::new, |reason| reason.as_str().to_owned()));
+    fields
+}
+
+fn range(range: &Range) -> Vec<String> {
+    let measured = range.diagnostics;
+    let hundredths = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.2}"));
+    let [amp1, amp2, amp3] = measured.first_path_amplitudes.map(|amplitude| amplitude.to_string());
+    vec![
+        range.peer.to_string(),
+        metres(range.distance_m()),
+        hundredths(measured.rx_power_dbm()),
+        hundredths(measured.first_path_power_dbm()),
+        measured.first_path_index().to_string(),
+        amp1,
+        amp2,
+        amp3,
+        measured.cir_power.to_string(),
+        measured.preamble_count.to_string(),
+        measured.noise_deviation.to_string(),
+        metres(range.deviation_m()),
+        hundredths(measured.clock_offset_ppm()),
+    ]
+}
+
+fn sighting(sighting: &Sighting) -> Vec<String> {
+    vec![beacon_name(sighting.beacon), sighting.rssi.to_string(), sighting.measured_power.to_string()]
+}
+
+/// As fine as the wire has it.
+pub(crate) fn metres(value: f64) -> String {
+    format!("{value:.4}")
+}
