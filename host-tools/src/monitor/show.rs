@@ -179,3 +179,173 @@ pub fn summary(counts: &Counts, elapsed: Duration) -> String {
     more(*lost, "lost connections");
     text
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use defmt_parser::Level;
+    use telemetry::{
+        BeaconId, Condition, Counters, Crash, CrashReason, Diagnostics, Fix, Message, Outcome, Range, Reason,
+        RecordFault, Reset, ResetCause, Sighting, State,
+    };
+
+    use super::super::image::Place;
+    use super::super::log::LogLine;
+    use super::super::session::{Counts, Said};
+    use super::super::testing::{BUILD, fix, hello};
+    use super::{Lines, summary};
+
+    fn line(said: &Said) -> String {
+        Lines::new(false, true).line(said).expect("a line")
+    }
+
+    fn shown(message: Message) -> String {
+        line(&Said::Message(message))
+    }
+
+    fn log(t_us: u64, text: &str) -> Said {
+        Said::Log(LogLine { t_us: Some(t_us), level: Some(Level::Info), text: text.into(), place: None })
+    }
+
+    #[test]
+    fn every_message_is_one_line() {
+        assert_eq!(
+            shown(hello(1_500_000, BUILD)),
+            "     1.500000 hello tag 1234 on DWM1001, EUI deca000000001234, build 1a2b3c4d5e6f7081\n"
+        );
+        // √(0.03² + 0.04²) = 0.05 m.
+        assert_eq!(
+            shown(fix(12_345_678, 3.21)),
+            "    12.345678 fix   x=3.21 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms\n"
+        );
+        let outcome = Outcome::Reason(Reason::TooFewAnchors);
+        let none = Message::Fix(Fix { t_us: 1, round: 1, age_us: 0, asked: 4, outcome });
+        assert_eq!(shown(none), "     0.000001 fix   none: too-few-anchors, 4 asked\n");
+        let diagnostics = Diagnostics {
+            rx_power: -7950,
+            first_path_power: -8125,
+            first_path_index: 0,
+            first_path_amplitudes: [0; 3],
+            cir_power: 0,
+            preamble_count: 0,
+            noise_deviation: 0,
+            clock_offset: i16::MIN,
+        };
+        let range = |place| {
+            Message::Range(Range {
+                t_us: 0,
+                round: 1,
+                peer: 0xA1,
+                distance: 51_234,
+                deviation: 300,
+                place,
+                diagnostics,
+            })
+        };
+        assert_eq!(
+            shown(range(Some([10_000, 20_000, -5000]))),
+            "     0.000000 range 00a1 5.123 ±0.030 m, received -79.5 dBm, first path -81.2 dBm, at 1.00 2.00 -0.50\n"
+        );
+        assert!(!shown(range(None)).contains(" at "));
+        let beacon = BeaconId { network: 0xFDA5_0693, major: 1, minor: 7 };
+        assert_eq!(
+            shown(Message::Sighting(Sighting { t_us: 0, beacon, rssi: -71, measured_power: -59 })),
+            "     0.000000 ble   fda50693 1.7 -71 dBm (-59 dBm at 1 m)\n"
+        );
+        let state = |is| shown(Message::State(State { t_us: 0, is }));
+        assert_eq!(state(Condition::Synchronised(0xA1)), "     0.000000 state synchronised with the network of 00a1\n");
+        assert_eq!(
+            state(Condition::NoRecord(RecordFault::Missing)),
+            "     0.000000 state no record in flash: nothing is sent; `baliza provision` writes one\n"
+        );
+        let counters = Counters { sent: 1, received: 2, timeouts: 3, telemetry_dropped: 4, ..Counters::default() };
+        assert_eq!(
+            shown(Message::Counters(counters)),
+            "     0.000000 count 1 sent, 2 received, 3 timeouts, 0 corrupt, 0 late, 0 not sent, 0 radio failures; 0 sightings; \
+             dropped: 0 rounds, 0 sightings, 4 telemetry frames\n"
+        );
+        let crash = Crash { reason: CrashReason::Panic, program_counter: 0x1234, line: 56, file: 0xABC };
+        assert_eq!(
+            shown(Message::Reset(Reset { t_us: 0, cause: ResetCause::Watchdog, crash: Some(crash) })),
+            "     0.000000 reset watchdog; crashed before: panic at pc 0x00001234, line 56 of file 00000abc\n"
+        );
+        assert_eq!(
+            shown(Message::Reset(Reset { t_us: 0, cause: ResetCause::Other(0x42), crash: None })),
+            "     0.000000 reset other (00000042)\n"
+        );
+    }
+
+    #[test]
+    fn lines_of_the_log_have_their_level_and_place() {
+        let place = Place { file: "firmware-tag/src/lib.rs".into(), line: 12 };
+        let said =
+            Said::Log(LogLine { t_us: Some(2), level: Some(Level::Warn), text: "a\nb".into(), place: Some(place) });
+        assert_eq!(line(&said), "     0.000002 WARN  a\n                    b  (firmware-tag/src/lib.rs:12)\n");
+        assert_eq!(
+            Lines::new(false, false).line(&said).as_deref(),
+            Some("     0.000002 WARN  a\n                    b\n")
+        );
+        let bare = Said::Log(LogLine { t_us: None, level: None, text: "bare".into(), place: None });
+        assert_eq!(line(&bare), "                    bare\n");
+        assert_eq!(line(&Said::Text("ESP-ROM:x".into())), "              boot  ESP-ROM:x\n");
+        assert_eq!(line(&Said::Unreadable), "              log   [defmt text not decodable]\n");
+    }
+
+    #[test]
+    fn a_terminal_gets_colours_and_nobody_else() {
+        let said = Said::Message(fix(1, 3.21));
+        let coloured = Lines::new(true, false).line(&said).expect("a line");
+        assert!(coloured.starts_with("\x1b[2m     0.000001\x1b[0m \x1b[32mfix  \x1b[0m x=3.21"), "{coloured:?}");
+        assert!(!line(&said).contains('\x1b'));
+    }
+
+    #[test]
+    fn what_log_and_telemetry_say_both_is_shown_once() {
+        let mut lines = Lines::new(false, false);
+        let mut shows = |said: &Said| lines.line(said).is_some();
+        let (first, second) = (Said::Message(fix(1000, 3.21)), Said::Message(fix(101_000, 3.21)));
+        assert!(shows(&log(1100, "fix x=3.21 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms")));
+        assert!(!shows(&first));
+        // Each hides one, and only at its own time.
+        assert!(shows(&second));
+        assert!(!shows(&log(101_050, "fix x=3.21 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms")));
+        assert!(shows(&log(151_050, "fix x=3.21 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms")));
+        assert!(shows(&second));
+        let state = |t_us| Said::Message(Message::State(State { t_us, is: Condition::Paired(0xA1) }));
+        assert!(shows(&log(5, "paired with 00a2")) && shows(&state(5)));
+        assert!(shows(&log(100_007, "paired with 00a1")) && !shows(&state(100_008)));
+    }
+
+    #[test]
+    fn a_greeting_is_shown_again_only_where_it_says_something_new() {
+        let mut lines = Lines::new(false, false);
+        let mut shows = |t_us, build| lines.line(&Said::Message(hello(t_us, build))).is_some();
+        assert!(shows(1, BUILD) && !shows(2_000_001, BUILD));
+        assert!(shows(4_000_001, [9; 8]));
+        // After a restart.
+        assert!(!shows(6_000_001, [9; 8]) && shows(1, [9; 8]));
+    }
+
+    #[test]
+    fn the_summary_names_only_what_went_wrong() {
+        let good = Counts { fixes: 10, no_fixes: 1, others: 30, log_lines: 5, ..Counts::default() };
+        assert_eq!(
+            summary(&good, Duration::from_millis(1500)),
+            "1.5 s: 10 fixes, 1 rounds without one, 30 other messages, 5 lines of the log"
+        );
+        let telemetry = telemetry::Counts { checksum: 2, cobs: 1, lost_bytes: 70, ..telemetry::Counts::default() };
+        let bad = Counts { log_malformed: 3, node_dropped: 4, restarts: 1, lost: 2, telemetry, ..good };
+        let said = summary(&bad, Duration::ZERO);
+        for part in [
+            "3 malformed frames of the log",
+            "3 malformed telemetry frames",
+            "70 bytes of telemetry lost",
+            "4 frames dropped by the node",
+            "1 restarts of the node",
+            "2 lost connections",
+        ] {
+            assert!(said.contains(part), "{said}");
+        }
+    }
+}
