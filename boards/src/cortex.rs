@@ -7,6 +7,9 @@ pub mod log;
 
 use core::mem::MaybeUninit;
 
+/// Makes a function the program: `#[embassy_executor::main(entry = "boards::cortex::entry")]`.
+pub use cortex_m_rt::entry;
+
 /// Microseconds since the node started.
 pub fn uptime_us() -> u64 {
     embassy_time::Instant::now().as_micros()

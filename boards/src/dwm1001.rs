@@ -20,10 +20,9 @@ use embassy_nrf::interrupt::{self, InterruptExt, Priority, typelevel};
 use embassy_nrf::nvmc::Nvmc;
 use embassy_nrf::{bind_interrupts, pac, peripherals, spim};
 use firmware_common::supervision::Lit;
-use node_record::Record;
-use telemetry::{Crash, ResetCause};
 
 use crate::cortex::{self, crash, log};
+use crate::node::Start;
 use crate::{identity, reset_cause};
 
 pub use crate::cortex::log::TelemetryChannel;
@@ -51,14 +50,8 @@ pub struct Board {
     pub leds: Leds,
     /// Runs already.
     pub watchdog: Watchdog,
-    /// From flash.
-    pub record: Result<Record, node_record::Fault>,
-    /// The chip's own EUI-64.
-    pub eui: u64,
-    /// Why the node started.
-    pub reset: ResetCause,
-    /// What the life before left.
-    pub crash: Option<Crash>,
+    /// What the node is told.
+    pub start: Start,
     /// Telemetry's way out.
     pub telemetry: TelemetryChannel,
     /// Of the executor that ranging runs in, above the thread's.
@@ -101,6 +94,8 @@ impl Board {
             reset: Reset::new(p.P0_24.into()),
             delay: driver_delay,
         };
+        let record = node_record::load(&mut Nvmc::new(p.NVMC), node_record::Pages::DWM1001.offsets);
+        let eui = identity::of_random(device_id());
         Self {
             uwb,
             delay,
@@ -109,10 +104,7 @@ impl Board {
                 fault: Output::new(p.P0_14, Level::High, OutputDrive::Standard),
             },
             watchdog,
-            record: node_record::load(&mut Nvmc::new(p.NVMC), node_record::Pages::DWM1001.offsets),
-            eui: identity::of_random(device_id()),
-            reset,
-            crash,
+            start: Start { record, eui, reset, crash },
             telemetry,
             ranging: start_ranging(),
             #[cfg(feature = "ble")]

@@ -18,10 +18,9 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, pac, peripherals, uid};
 use firmware_common::supervision::Lit;
-use node_record::Record;
-use telemetry::{Crash, ResetCause};
 
 use crate::cortex::{self, crash, log};
+use crate::node::Start;
 use crate::panel::Switches;
 use crate::{identity, reset_cause};
 
@@ -58,14 +57,8 @@ pub struct Board {
     pub lcd: Lcd,
     /// Runs already.
     pub watchdog: Watchdog,
-    /// From flash.
-    pub record: Result<Record, node_record::Fault>,
-    /// The chip's own EUI-64.
-    pub eui: u64,
-    /// Why the node started.
-    pub reset: ResetCause,
-    /// What the life before left.
-    pub crash: Option<Crash>,
+    /// What the node is told.
+    pub start: Start,
     /// Telemetry's way out.
     pub telemetry: TelemetryChannel,
     /// Of the executor that ranging runs in, above the thread's.
@@ -125,6 +118,8 @@ impl Board {
         cortex_m::asm::delay(72 * 50);
         let [anchor, s1_5, s1_6, s1_7, native] = switches.map(|line| line.is_low());
 
+        let record = node_record::load(&mut Flash::new_blocking(p.FLASH), node_record::Pages::EVK1000.offsets);
+        let eui = identity::of_serial(&uid::uid());
         Self {
             uwb,
             delay: Delay,
@@ -137,10 +132,7 @@ impl Board {
             },
             lcd,
             watchdog: Watchdog(watchdog),
-            record: node_record::load(&mut Flash::new_blocking(p.FLASH), node_record::Pages::EVK1000.offsets),
-            eui: identity::of_serial(&uid::uid()),
-            reset,
-            crash,
+            start: Start { record, eui, reset, crash },
             telemetry,
             ranging: start_ranging(),
         }

@@ -23,3 +23,7 @@ pub mod cortex;
 pub mod dwm1001;
 #[cfg(all(feature = "evk1000", target_arch = "arm"))]
 pub mod evk1000;
+#[cfg(all(feature = "_node", target_os = "none"))]
+pub mod node;
+#[cfg(all(feature = "simulated", target_os = "none"))]
+pub mod simulated;

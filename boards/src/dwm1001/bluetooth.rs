@@ -14,13 +14,8 @@ use bt_hci_nrf::event::le::LeEvent;
 use bt_hci_nrf::event::{Event, EventKind};
 use bt_hci_nrf::param::{AddrKind, Duration, EventMask, LeEventMask, LeScanKind, ScanningFilterPolicy};
 use embassy_executor::Spawner;
-use embassy_futures::select::{Either3, select3};
 use embassy_nrf::mode::Blocking;
 use embassy_nrf::{Peri, bind_interrupts, peripherals, rng};
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::signal::Signal;
-use embassy_time::{Instant, Timer};
-use node_record::Scan;
 use nrf_sdc::mpsl::{self, MultiprotocolServiceLayer};
 use nrf_sdc::{self as sdc, SoftdeviceController};
 use static_cell::StaticCell;
@@ -71,23 +66,21 @@ pub struct Advertisement<'a> {
     pub data: &'a [u8],
 }
 
-/// What the scanner is to do from now on, for a `static`: scan so, or not at all.
-pub type Orders = Signal<CriticalSectionRawMutex, Option<Scan>>;
-
 /// The controller's memory: what its defaults ask for (3.2 kB: a link in each role, which nothing uses, an advertising set, 3 scan
 /// buffers) and three scan buffers more, for reports that wait while ranging has the processor.
 const MEMORY: usize = 4096;
 const SCAN_BUFFERS: u8 = 6;
 
-/// A scanner that hears nothing for so long is started anew, milliseconds; the time doubles while that does not help, because the place
-/// may be without beacons.
-const PATIENCE_MS: u64 = 10_000;
-const MOST_PATIENCE_MS: u64 = 320_000;
+/// How long the controller listens on one of the three channels before the next, milliseconds: all the time.
+const CHANNEL_MS: u32 = 100;
 
 /// A scanner, its controller running.
 pub struct Scanner {
     controller: SoftdeviceController<'static>,
 }
+
+/// Why the controller does not do what it is told.
+pub type ScanError = bt_hci_nrf::cmd::Error<sdc::Error>;
 
 /// Why a scanner did not start.
 #[derive(Clone, Copy, Debug, defmt::Format)]
@@ -143,105 +136,46 @@ impl Scanner {
         Ok(Self { controller: builder.build(peripherals, random, layer, memory)? })
     }
 
-    /// Scans as ordered, for ever; until the first order, not at all. `heard` is called for each advertisement, `restarted` after each
-    /// restart of a scanner that was silent or failed, with their number.
-    pub async fn run(
-        &self,
-        orders: &Orders,
-        mut heard: impl FnMut(Advertisement<'_>),
-        mut restarted: impl FnMut(u32),
-    ) -> Infallible {
-        let mut wanted = None;
-        let mut patience_ms = PATIENCE_MS;
-        let mut restarts = 0_u32;
-        loop {
-            let mut silent = true;
-            let heard = |advertisement: Advertisement<'_>| {
-                silent = false;
-                heard(advertisement);
-            };
-            if self.scan(orders, &mut wanted, patience_ms, heard).await.is_err() {
-                // The controller itself: not in a busy loop.
-                Timer::after_millis(100).await;
-            }
-            patience_ms = if silent { (2 * patience_ms).min(MOST_PATIENCE_MS) } else { PATIENCE_MS };
-            restarts = restarts.wrapping_add(1);
-            restarted(restarts);
-        }
-    }
-
-    /// Resets the controller and scans as ordered, until it is silent for too long.
-    async fn scan(
-        &self,
-        orders: &Orders,
-        wanted: &mut Option<Scan>,
-        patience_ms: u64,
-        mut heard: impl FnMut(Advertisement<'_>),
-    ) -> Result<(), bt_hci_nrf::cmd::Error<sdc::Error>> {
+    /// Scans from now on, whatever it was doing before: the controller begins anew.
+    pub async fn start_scan(&self) -> Result<(), ScanError> {
         let controller = &self.controller;
         Reset::new().exec(controller).await?;
         SetEventMask::new(EventMask::new().enable_le_meta(true)).exec(controller).await?;
         LeSetEventMask::new(LeEventMask::new().enable_le_adv_report(true)).exec(controller).await?;
+        let duration = Duration::from_millis(CHANNEL_MS);
+        let (kind, policy) = (LeScanKind::Passive, ScanningFilterPolicy::BasicUnfiltered);
+        LeSetScanParams::new(kind, duration, duration, AddrKind::PUBLIC, policy).exec(controller).await?;
+        let filter_duplicates = false;
+        LeSetScanEnable::new(true, filter_duplicates).exec(controller).await
+    }
 
-        let mut scanning = None;
-        // The time of the last advertisement, moved on by pauses.
-        let (mut last, mut paused) = (Instant::now(), Instant::now());
-        let mut buffer = controller.alloc_buf().map_err(bt_hci_nrf::cmd::Error::Io)?;
+    /// Scans no more.
+    pub async fn stop_scan(&self) -> Result<(), ScanError> {
+        LeSetScanEnable::new(false, false).exec(&self.controller).await
+    }
+
+    /// Hands over each advertisement, for ever. Runs beside the commands.
+    pub async fn listen(&self, mut heard: impl FnMut(Advertisement<'_>)) -> Infallible {
+        let mut buffer = [0; sdc::raw::HCI_MSG_BUFFER_MAX_SIZE as usize];
         loop {
-            if scanning != *wanted {
-                if scanning.is_some() {
-                    LeSetScanEnable::new(false, false).exec(controller).await?;
-                    paused = Instant::now();
-                }
-                if let Some(scan) = *wanted {
-                    parameters(scan).exec(controller).await?;
-                    // Without a filter of duplicates.
-                    LeSetScanEnable::new(true, false).exec(controller).await?;
-                    last += paused.elapsed();
-                }
-                scanning = *wanted;
-            }
-            let silent_at = last + embassy_time::Duration::from_millis(patience_ms);
-            let silence = async {
-                match scanning {
-                    Some(_) => Timer::at(silent_at).await,
-                    None => core::future::pending().await,
-                }
-            };
-            match select3(orders.wait(), controller.read(&mut buffer), silence).await {
-                Either3::First(order) => *wanted = order,
-                Either3::Second(packet) => {
-                    if reports(packet.map_err(bt_hci_nrf::cmd::Error::Io)?, &mut heard) {
-                        last = Instant::now();
-                    }
-                }
-                Either3::Third(()) => return Ok(()),
+            match self.controller.read(&mut buffer).await {
+                Ok(packet) => tell(packet, &mut heard),
+                // A packet that nobody can read: the next one may do.
+                Err(error) => defmt::warn!("Bluetooth: {}", error),
             }
         }
     }
 }
 
-fn parameters(scan: Scan) -> LeSetScanParams {
-    LeSetScanParams::new(
-        LeScanKind::Passive,
-        Duration::from_millis(scan.interval_ms.into()),
-        Duration::from_millis(scan.window_ms.into()),
-        AddrKind::PUBLIC,
-        ScanningFilterPolicy::BasicUnfiltered,
-    )
-}
-
-/// Whether the packet told of advertisements; they are handed over.
-fn reports(packet: ControllerToHostPacket<'_>, heard: &mut impl FnMut(Advertisement<'_>)) -> bool {
-    let ControllerToHostPacket::Event(packet) = packet else { return false };
+fn tell(packet: ControllerToHostPacket<'_>, heard: &mut impl FnMut(Advertisement<'_>)) {
+    let ControllerToHostPacket::Event(packet) = packet else { return };
     if packet.kind != EventKind::Le {
-        return false;
+        return;
     }
-    let Ok(Event::Le(LeEvent::LeAdvertisingReport(event))) = Event::try_from(packet) else { return false };
+    let Ok(Event::Le(LeEvent::LeAdvertisingReport(event))) = Event::try_from(packet) else { return };
     for report in event.reports.iter().flatten() {
         let mut address = [0; 6];
         address.copy_from_slice(report.addr.raw());
         heard(Advertisement { address, rssi: report.rssi, data: report.data });
     }
-    true
 }

@@ -1,0 +1,87 @@
+//! What every node's program does beside its role: says why it started and who it is, reads its record, and watches over its tasks.
+
+use core::convert::Infallible;
+
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_time::{Duration, Ticker};
+use firmware_common::supervision::Lit;
+use firmware_common::{Settings, build, settings};
+use node_record::{Fault, Record};
+use telemetry::{Condition, Crash, CrashReason, Hello, Reset, ResetCause, Role};
+
+/// Guards what tasks of two priorities share.
+pub type Guard = CriticalSectionRawMutex;
+
+/// Bytes of telemetry that wait while the channel is full.
+pub const TELEMETRY_BYTES: usize = 2048;
+
+/// A node's reporter, for a `static`.
+pub type Reporter = firmware_common::Reporter<Guard, TELEMETRY_BYTES>;
+
+/// From one look at telemetry, lights and tasks to the next, milliseconds: the channel holds 10 ms of the busiest tag.
+const LOOK_MS: u64 = 10;
+
+/// What a node is told at its start.
+pub struct Start {
+    /// From flash.
+    pub record: Result<Record, Fault>,
+    /// The chip's own EUI-64.
+    pub eui: u64,
+    /// Why the node started.
+    pub reset: ResetCause,
+    /// What the life before left.
+    pub crash: Option<Crash>,
+}
+
+/// Tells why the node started, who it is and, if so, why its record cannot be followed. The node greets in any case.
+pub fn introduce(
+    reporter: &Reporter,
+    board: telemetry::Board,
+    role: Role,
+    start: Start,
+) -> (Hello, Option<(Record, Settings)>) {
+    let Start { record, eui, reset, crash } = start;
+    let t_us = reporter.now_us();
+    reporter.journal.reset(Reset { t_us, cause: reset, crash });
+    let followed = record.and_then(|record| Ok((Settings::of(&record, eui).map_err(Fault::Invalid)?, record)));
+    let (eui, address) = followed.as_ref().map_or((eui, 0xFFFF), |(settings, _)| (settings.eui, settings.address));
+    let hello = Hello { t_us, eui, address, role, board, build: *build::BUILD };
+    reporter.journal.greet(hello);
+    match followed {
+        Ok((settings, record)) => (hello, Some((record, settings))),
+        Err(fault) => {
+            // Telemetry has the kind, the log what is wrong.
+            if let Fault::Invalid(what) = &fault {
+                defmt::error!("{}", what);
+            }
+            reporter.journal.state(t_us, Condition::NoRecord(settings::told(&fault)));
+            (hello, None)
+        }
+    }
+}
+
+/// The supervisor, for ever: lets telemetry out, shows the lights, and feeds the watchdog while `alive` says that all tasks are. Of
+/// the first that is not it leaves word, and the watchdog ends the life of all.
+pub async fn supervise(
+    reporter: &Reporter,
+    mut write: impl FnMut(&[u8]) -> bool,
+    mut show: impl FnMut(Lit),
+    mut feed: impl FnMut(),
+    alive: impl Fn(&Reporter) -> Result<(), usize>,
+    leave: impl Fn(Crash),
+) -> Infallible {
+    let mut ticker = Ticker::every(Duration::from_millis(LOOK_MS));
+    loop {
+        reporter.journal.drain(&mut write);
+        show(reporter.journal.lit(reporter.now_us()));
+        match alive(reporter) {
+            Ok(()) => feed(),
+            Err(task) => {
+                // The task's place stands for a line.
+                let line = u32::try_from(task).unwrap_or(u32::MAX);
+                leave(Crash { reason: CrashReason::Stalled, program_counter: 0, line, file: 0 });
+            }
+        }
+        ticker.next().await;
+    }
+}
