@@ -8,6 +8,11 @@ pub const MAX_ANCHORS: usize = 24;
 /// Most beacons that a tag may be told of.
 pub const MAX_BEACONS: usize = 24;
 
+/// Anchors that a tag is told the places of.
+pub type Anchors = Vec<Anchor, MAX_ANCHORS>;
+/// Beacons that a tag is told of.
+pub type Beacons = Vec<Beacon, MAX_BEACONS>;
+
 /// The record of one node.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -23,9 +28,9 @@ pub struct Record {
     /// Where the DW1000 is wired, where the board leaves that open (ESP32); else the board's default.
     pub pins: Option<Pins>,
     /// Where anchors stand that do not tell it themselves, or not rightly.
-    pub anchors: Vec<Anchor, MAX_ANCHORS>,
+    pub anchors: Anchors,
     /// Beacons that a tag knows.
-    pub beacons: Vec<Beacon, MAX_BEACONS>,
+    pub beacons: Beacons,
     /// By which beacons hide their identity from others, and our tags find it.
     pub beacon_key: Option<[u8; 16]>,
 }

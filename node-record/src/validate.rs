@@ -349,7 +349,7 @@ impl Scan {
         let interval = (3..=10_240).contains(&interval_ms);
         ensure(interval, "tag.scan.interval_ms", integer(interval_ms), "3 to 10240")?;
         let window = (3..=interval_ms).contains(&window_ms);
-        ensure(window, "tag.scan.window_ms", integer(window_ms), "3 to interval_ms")
+        ensure(window, "tag.scan.window_ms", integer(window_ms), "3 to the interval")
     }
 }
 

@@ -4,6 +4,7 @@ pub mod decode;
 pub mod example;
 pub mod monitor;
 pub mod plot;
+pub mod provision;
 pub mod record;
 pub mod replay;
 pub mod simulate;

@@ -3,6 +3,7 @@
 mod contract;
 mod example;
 mod pictures;
+mod provision;
 mod recordings;
 mod simulate;
 mod support;

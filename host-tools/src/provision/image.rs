@@ -1,0 +1,216 @@
+//! Files with a record: both pages of a board, as they are to be in flash.
+//!
+//! The record is in both pages. So whatever was in flash before does not count any more, and a file that was half written leaves
+//! a whole page.
+
+use ihex::Record as Hex;
+use node_record::{Board, Fault, HEADER_BYTES, MAX_BYTES, Record, decode, encode, newest};
+
+/// Bytes in a line of Intel HEX.
+const HEX_LINE: usize = 16;
+/// The sequence number of a record in a file: the flash forgets what it had.
+const FIRST: u32 = 1;
+
+/// A page as a board's flash has it, 0xFF where nothing is written.
+pub fn page(board: Board, record: &Record, sequence: u32) -> Vec<u8> {
+    let mut buffer = [0; MAX_BYTES];
+    let mut page = encode(record, sequence, &mut buffer).to_vec();
+    page.resize(board.pages().size as usize, 0xFF);
+    page
+}
+
+/// Both pages, one after the other, for the first page's place.
+pub fn binary(board: Board, record: &Record) -> Vec<u8> {
+    page(board, record, FIRST).repeat(2)
+}
+
+/// The same as Intel HEX, which says itself where it belongs.
+///
+/// # Errors
+/// None that a record can cause.
+pub fn intel_hex(board: Board, record: &Record) -> Result<String, ihex::WriterError> {
+    let mut buffer = [0; MAX_BYTES];
+    let bytes = encode(record, FIRST, &mut buffer);
+    let mut lines = Vec::new();
+    for address in board.pages().addresses() {
+        // A page ends before the 64 KiB that the upper half of an address is for.
+        lines.push(Hex::ExtendedLinearAddress((address >> 16) as u16));
+        lines.extend(bytes.chunks(HEX_LINE).enumerate().map(|(index, chunk)| Hex::Data {
+            offset: address as u16 + (index * HEX_LINE) as u16,
+            value: chunk.to_vec(),
+        }));
+    }
+    lines.push(Hex::EndOfFile);
+    ihex::create_object_file_representation(&lines).map(|text| text + "\n")
+}
+
+/// A file that may hold a record.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Image {
+    bytes: Vec<u8>,
+}
+
+/// What an image holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Held {
+    /// The record that a node with these pages would follow.
+    pub record: Record,
+    /// Its sequence number.
+    pub sequence: u32,
+}
+
+impl Image {
+    /// From a file's bytes: one page or two, or Intel HEX.
+    ///
+    /// # Errors
+    /// What begins like Intel HEX is none: which line, and what is wrong.
+    pub fn new(bytes: &[u8]) -> Result<Self, (u64, String)> {
+        match std::str::from_utf8(bytes) {
+            Ok(text) if text.starts_with(':') => from_hex(text).map(|bytes| Self { bytes }),
+            Ok(_) | Err(_) => Ok(Self { bytes: bytes.to_vec() }),
+        }
+    }
+
+    /// The pages: a file of at most 4096 bytes has pages of 2048, or a single one.
+    fn pages(&self) -> [&[u8]; 2] {
+        let size = if self.bytes.len() > 4096 { 4096 } else { 2048 };
+        let (first, second) = self.bytes.split_at_checked(size).unwrap_or((&self.bytes, &[]));
+        [first, second]
+    }
+
+    /// The record that counts, whatever else is wrong with the file.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn read(&self) -> Result<Held, Fault> {
+        newest(self.pages()).map(|(_, record, sequence)| Held { record, sequence })
+    }
+
+    /// The record that counts, where all of the file is as it should be.
+    ///
+    /// # Errors
+    /// In words: there is no record, or a page is damaged or of another version, or the file is cut short.
+    pub fn check(&self) -> Result<Held, String> {
+        let held = self.read().map_err(|fault| match fault {
+            Fault::Corrupt if !self.bytes.starts_with(b"BLZR") => {
+                "this is no node record: it does not begin as one".to_owned()
+            }
+            Fault::Corrupt if self.bytes.len() < HEADER_BYTES => "the record is cut short".to_owned(),
+            fault => fault.to_string(),
+        })?;
+        if !self.bytes.len().is_multiple_of(2048) {
+            return Err(format!("the file is cut short: {} bytes are no whole pages", self.bytes.len()));
+        }
+        for (number, page) in (1..).zip(self.pages()) {
+            match decode(page) {
+                Ok(_) | Err(Fault::Missing) => (),
+                Err(fault) => return Err(format!("page {number} of 2: {fault}; the other page is whole")),
+            }
+        }
+        Ok(held)
+    }
+}
+
+/// The bytes of Intel HEX from the first address that it has, page by page, 0xFF between.
+fn from_hex(text: &str) -> Result<Vec<u8>, (u64, String)> {
+    let mut upper = 0_u32;
+    let mut pieces: Vec<(u32, Vec<u8>)> = Vec::new();
+    for (line, record) in (1..).zip(ihex::Reader::new(text)) {
+        match record.map_err(|error| (line, error.to_string()))? {
+            Hex::Data { offset, value } => pieces.push((upper | u32::from(offset), value)),
+            Hex::ExtendedLinearAddress(address) => upper = u32::from(address) << 16,
+            Hex::ExtendedSegmentAddress(segment) => upper = u32::from(segment) << 4,
+            Hex::EndOfFile => break,
+            Hex::StartSegmentAddress { .. } | Hex::StartLinearAddress(_) => (),
+        }
+    }
+    let first = pieces.iter().map(|(address, _)| *address).min().unwrap_or(0);
+    let end = pieces.iter().map(|(address, bytes)| u64::from(*address) + bytes.len() as u64).max().unwrap_or(0);
+    let length = end.saturating_sub(first.into());
+    if length > 8192 {
+        return Err((1, format!("it spans {length} bytes: the pages of a record are 8192 at most")));
+    }
+    let mut bytes = vec![0xFF; (length as usize).next_multiple_of(2048)];
+    // Pages of 4096 bytes, of which the second begins there, are told by the length.
+    for (address, piece) in pieces {
+        let at = (address - first) as usize;
+        if let Some(place) = bytes.get_mut(at..at + piece.len()) {
+            place.copy_from_slice(&piece);
+        }
+    }
+    Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::provision::{EXAMPLE, Site};
+
+    fn record() -> Record {
+        let site = Site::parse("site.toml".as_ref(), EXAMPLE).expect("the example is right");
+        site.nodes[0].record.clone()
+    }
+
+    #[test]
+    fn a_file_has_the_record_in_both_pages() {
+        for (board, size) in [(Board::Dwm1001, 4096), (Board::Evk1000, 2048), (Board::Esp32C6, 4096)] {
+            let bytes = binary(board, &record());
+            assert_eq!(bytes.len(), 2 * size, "{board:?}");
+            assert_eq!(decode(&bytes[..size]), Ok((record(), 1)));
+            assert_eq!(decode(&bytes[size..]), Ok((record(), 1)));
+            assert_eq!(Image::new(&bytes).unwrap().check(), Ok(Held { record: record(), sequence: 1 }));
+        }
+    }
+
+    #[test]
+    fn intel_hex_says_where_it_belongs() {
+        let text = intel_hex(Board::Evk1000, &record()).unwrap();
+        let lines: Vec<_> = text.lines().collect();
+        // Upper half of the address 0x0803: 02 bytes, offset 0000, type 04; sum 2 + 4 + 8 + 3 = 0x11, checksum 0xEF.
+        assert_eq!(lines[0], ":020000040803EF");
+        // Sixteen bytes at 0xF000, which begin with "BLZR".
+        assert!(lines[1].starts_with(":10F00000424C5A52"), "{}", lines[1]);
+        assert_eq!(lines.last(), Some(&":00000001FF"));
+        assert!(text.lines().any(|line| line.starts_with(":10F80000424C5A52")));
+        for board in Board::ALL {
+            let image = Image::new(intel_hex(board, &record()).unwrap().as_bytes()).unwrap();
+            assert_eq!(image.check().map(|held| held.record), Ok(record()), "{board:?}");
+        }
+    }
+
+    #[test]
+    fn hex_files_that_are_none_are_refused_without_panic() {
+        let text = intel_hex(Board::Dwm1001, &record()).unwrap();
+        let flipped = text.replacen("424C", "424D", 1);
+        assert_eq!(Image::new(flipped.as_bytes()).map_err(|(line, _)| line), Err(2), "its checksum is wrong");
+        let wide = ":020000040000FA\n:0100000000FF\n:020000040800F2\n:0100000000FF\n:00000001FF\n";
+        assert_eq!(Image::new(wide.as_bytes()).map_err(|(line, _)| line), Err(1));
+        assert!(Image::new(b":").is_err());
+    }
+
+    #[test]
+    fn a_single_page_is_enough() {
+        for size in [2048, 4096] {
+            let bytes = &binary(Board::Dwm1001, &record())[..size];
+            assert_eq!(Image::new(bytes).unwrap().check().map(|held| held.sequence), Ok(1), "{size} bytes");
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_file_is_said() {
+        let said = |bytes: &[u8]| Image::new(bytes).unwrap().check().expect_err("it is wrong");
+        let good = binary(Board::Dwm1001, &record());
+        assert_eq!(said(&good[..5000]), "the file is cut short: 5000 bytes are no whole pages");
+        assert_eq!(said(&good[..40]), "the record is damaged or cut short: its checksum is wrong");
+        assert_eq!(said(&good[..8]), "the record is cut short");
+        assert_eq!(said(&[]), "there is no record: the flash is erased");
+        assert_eq!(said(&[0xFF; 8192]), "there is no record: the flash is erased");
+        assert_eq!(said(b"#!/bin/sh\n"), "this is no node record: it does not begin as one");
+        let mut flipped = good.clone();
+        flipped[4096 + 30] ^= 1;
+        let expected =
+            "page 2 of 2: the record is damaged or cut short: its checksum is wrong; the other page is whole";
+        assert_eq!(said(&flipped), expected);
+        assert_eq!(Image::new(&flipped).unwrap().read().map(|held| held.record), Ok(record()));
+    }
+}

@@ -1,0 +1,99 @@
+//! `[network]`: what all nodes of a site have in common.
+
+use std::collections::HashMap;
+
+use node_record::{Mode, Network, Phy, Turnaround};
+
+use super::document::{Section, nearest};
+use crate::Wrong;
+
+/// The keys of `[network]`.
+const KEYS: [&str; 11] = [
+    "pan",
+    "mode",
+    "channel",
+    "prf_mhz",
+    "rate_kbps",
+    "preamble_symbols",
+    "preamble_code",
+    "answer_us",
+    "listen_again_us",
+    "transmit_us",
+    "beacon_key",
+];
+
+/// How nodes range, as the file says it.
+pub(super) const MODES: [(&str, Mode); 3] = [
+    ("native", Mode::Native),
+    ("decaranging", Mode::DecaRanging { fast: false }),
+    ("decaranging-fast", Mode::DecaRanging { fast: true }),
+];
+
+/// What stands in the place of a key that is not shown.
+pub(super) const HIDDEN: &str = "hidden";
+
+/// The lines that fields of a record come from, by the record's names.
+pub(super) type Lines = HashMap<String, u64>;
+
+/// A site's network.
+#[derive(Clone, Debug)]
+pub(super) struct Shared {
+    pub(super) network: Network,
+    pub(super) beacon_key: Option<[u8; 16]>,
+    pub(super) lines: Lines,
+}
+
+impl Shared {
+    pub(super) fn read(section: &Section<'_>) -> Result<Self, Wrong> {
+        section.with_keys(&KEYS, |_| None)?;
+        let mut lines = Lines::new();
+        let mut number = |key: &'static str, field: &str, default: u16, most: u16| {
+            let given = section.optional(key);
+            lines.insert(field.to_owned(), given.map_or(section.line, |given| given.line));
+            let Some(given) = given else { return Ok(default) };
+            let value = given.integer::<u16>("a whole number, 0 to 65535")?;
+            if value > most { Err(given.refuse(&format!("{most} at most"))) } else { Ok(value) }
+        };
+        let byte = u16::from(u8::MAX);
+        let phy = Phy {
+            channel: number("channel", "network.phy.channel", 5, byte)? as u8,
+            prf_mhz: number("prf_mhz", "network.phy.prf_mhz", 64, byte)? as u8,
+            rate_kbps: number("rate_kbps", "network.phy.rate_kbps", 6810, u16::MAX)?,
+            preamble: number("preamble_symbols", "network.phy.preamble", 128, u16::MAX)?,
+            code: match section.optional("preamble_code") {
+                Some(_) => Some(number("preamble_code", "network.phy.code", 0, byte)? as u8),
+                None => None,
+            },
+        };
+        // A DWM1001's, which `ranging::native::Turnaround` measured.
+        let turnaround = Turnaround {
+            answer_us: number("answer_us", "network.turnaround.answer_us", 250, u16::MAX)?,
+            listen_again_us: number("listen_again_us", "network.turnaround.listen_again_us", 40, u16::MAX)?,
+            transmit_us: number("transmit_us", "network.turnaround.transmit_us", 150, u16::MAX)?,
+        };
+        section.required("pan")?;
+        let pan = number("pan", "network.pan", 0, u16::MAX)?;
+        let network = Network { pan, mode: mode(section)?, phy, turnaround };
+        let beacon_key = beacon_key(section)?;
+        Ok(Self { network, beacon_key, lines })
+    }
+}
+
+fn mode(section: &Section<'_>) -> Result<Mode, Wrong> {
+    let Some(given) = section.optional("mode") else { return Ok(Mode::Native) };
+    let names = MODES.map(|(name, _)| name);
+    let must = format!("\"{}\"", names.join("\", \""));
+    let said = given.text(&must)?;
+    MODES.into_iter().find(|(name, _)| *name == said).map(|(_, mode)| mode).ok_or_else(|| match nearest(said, &names) {
+        Some(near) => given.refuse(&format!("{must}; {near} is near it")),
+        None => given.refuse(&must),
+    })
+}
+
+fn beacon_key(section: &Section<'_>) -> Result<Option<[u8; 16]>, Wrong> {
+    let Some(given) = section.optional("beacon_key") else { return Ok(None) };
+    if given.text("32 hexadecimal digits in quotation marks")? == HIDDEN {
+        return Err(given.wrong("beacon_key is hidden: put the key there, or show the record with --show-keys"));
+    }
+    given.bytes().map(Some)
+}

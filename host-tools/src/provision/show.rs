@@ -1,0 +1,194 @@
+//! A record as the file that it could be made from: show, edit, provision.
+
+use std::fmt::{Display, Write};
+
+use node_record::{Advertiser, Anchor, Beacon, Board, Record, Role, Tag, VERSION};
+
+use super::image::Held;
+use super::network::{HIDDEN, MODES};
+
+/// What is shown of a record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Keys {
+    /// Keys are replaced by a word that is refused as one.
+    Hidden,
+    /// Keys as they are.
+    Shown,
+}
+
+/// The record as TOML that [`Site::parse`](super::Site::parse) reads; with its board, where that is known.
+pub fn toml(held: &Held, board: Option<Board>, keys: Keys) -> String {
+    let record = &held.record;
+    let mut text =
+        Text(format!("# The record of a node: version {VERSION}, sequence {}\n\n[network]\n", held.sequence));
+    text.network(record, keys);
+    text.node(record, board);
+    for anchor in &record.anchors {
+        text.anchor(anchor);
+    }
+    for beacon in &record.beacons {
+        text.beacon(beacon);
+    }
+    text.0
+}
+
+/// The same as one JSON document.
+///
+/// # Errors
+/// None that a record can cause.
+pub fn json(held: &Held, board: Option<Board>, keys: Keys) -> Result<serde_json::Value, toml::de::Error> {
+    toml::from_str(&toml(held, board, keys))
+}
+
+/// Who the node is, in a few words.
+pub fn summary(held: &Held) -> String {
+    let record = &held.record;
+    let address = match (record.identity.address, record.identity.eui) {
+        (Some(address), _) => format!(" 0x{address:04X}"),
+        (None, Some(eui)) => format!(" {eui:016X}"),
+        (None, None) => String::new(),
+    };
+    let what = match &record.role {
+        Role::Tag(_) => format!("tag{address} of network 0x{:04X}", record.network.pan),
+        Role::Anchor { position_m: Some([x, y, z]) } => {
+            format!("anchor{address} of network 0x{:04X} at ({x}, {y}, {z}) m", record.network.pan)
+        }
+        Role::Anchor { position_m: None } => {
+            format!("anchor{address} of network 0x{:04X}, its place not surveyed", record.network.pan)
+        }
+        Role::Advertiser(beacon) => format!("beacon, major {}, minor {}", beacon.major, beacon.minor),
+    };
+    format!("{what}; version {VERSION}, sequence {}", held.sequence)
+}
+
+/// TOML that grows.
+struct Text(String);
+
+impl Text {
+    fn line(&mut self, key: &str, value: impl Display) {
+        // Writing to a string does not fail.
+        let _ = writeln!(self.0, "{key} = {value}");
+    }
+
+    fn line_if(&mut self, key: &str, value: Option<impl Display>) {
+        if let Some(value) = value {
+            self.line(key, value);
+        }
+    }
+
+    fn text(&mut self, key: &str, value: impl Display) {
+        self.line(key, format_args!("\"{value}\""));
+    }
+
+    fn place(&mut self, position_m: [f32; 3]) {
+        self.line("position_m", format_args!("{position_m:?}"));
+    }
+
+    fn network(&mut self, record: &Record, keys: Keys) {
+        let network = &record.network;
+        self.line("pan", format_args!("0x{:04X}", network.pan));
+        if let Some((mode, _)) = MODES.into_iter().find(|(_, mode)| *mode == network.mode) {
+            self.text("mode", mode);
+        }
+        self.line("channel", network.phy.channel);
+        self.line("prf_mhz", network.phy.prf_mhz);
+        self.line("rate_kbps", network.phy.rate_kbps);
+        self.line("preamble_symbols", network.phy.preamble);
+        self.line_if("preamble_code", network.phy.code);
+        self.line("answer_us", network.turnaround.answer_us);
+        self.line("listen_again_us", network.turnaround.listen_again_us);
+        self.line("transmit_us", network.turnaround.transmit_us);
+        match (record.beacon_key, keys) {
+            (Some(key), Keys::Shown) => self.text("beacon_key", hex(&key)),
+            (Some(_), Keys::Hidden) => self.text("beacon_key", HIDDEN),
+            (None, _) => (),
+        }
+    }
+
+    fn node(&mut self, record: &Record, board: Option<Board>) {
+        self.0.push_str("\n[[node]]\n");
+        let (role, identity) = (role(&record.role), &record.identity);
+        match identity.address {
+            Some(address) => self.text("name", format_args!("{role}-{address:04X}")),
+            None => self.text("name", role),
+        }
+        if let Some(board) = board {
+            self.text("board", board.name());
+        }
+        self.text("role", role);
+        if let Some(eui) = identity.eui {
+            self.text("eui", format_args!("{eui:016X}"));
+        }
+        self.line_if("address", identity.address.map(|address| format!("0x{address:04X}")));
+        self.line_if("antenna_delay_ticks", record.calibration.antenna_delay);
+        self.line_if("crystal_trim", record.calibration.crystal_trim);
+        self.line_if("uwb_tx_power", record.calibration.tx_power.map(|register| format!("0x{register:08X}")));
+        if let Some(pins) = record.pins {
+            let pins = pins.named().map(|(name, pin, _)| format!("{} = {pin}", name.trim_start_matches("pins.")));
+            self.line("pins", format_args!("{{ {} }}", pins.join(", ")));
+        }
+        match &record.role {
+            Role::Tag(tag) => self.tag(tag),
+            Role::Anchor { position_m: Some(position_m) } => self.place(*position_m),
+            Role::Anchor { position_m: None } => (),
+            Role::Advertiser(beacon) => self.advertiser(beacon),
+        }
+    }
+
+    fn tag(&mut self, tag: &Tag) {
+        // A float keeps its point, so that it stays one.
+        self.line_if("height_m", tag.height_m.map(|height| format!("{height:?}")));
+        let hertz = |hundredths: u32| format!("{:?}", f64::from(hundredths) / 100.0);
+        self.line_if("rate_hz", tag.rate_chz.map(hertz));
+        self.line_if("still_rate_hz", tag.still_rate_chz.map(hertz));
+        self.line("sleep", tag.sleep);
+        self.line("anchors_per_round", tag.anchors_per_round);
+        self.line("tell_distances", tag.tell_distances);
+        self.line("report_ranges", tag.report_ranges);
+        if let Some(scan) = tag.scan {
+            self.line("scan_interval_ms", scan.interval_ms);
+            self.line("scan_window_ms", scan.window_ms);
+        }
+    }
+
+    fn advertiser(&mut self, beacon: &Advertiser) {
+        let uuid = hex(&beacon.uuid);
+        let parts = [0..8, 8..12, 12..16, 16..20, 20..32].map(|part| uuid.get(part).unwrap_or_default());
+        self.text("uuid", parts.join("-"));
+        self.line("major", beacon.major);
+        self.line("minor", beacon.minor);
+        self.line("measured_power_dbm", beacon.measured_power_dbm);
+        self.line("interval_ms", beacon.interval_ms);
+        self.line("tx_power_dbm", beacon.tx_power_dbm);
+        let channels: Vec<u8> = (0..3).filter(|bit| beacon.channels >> bit & 1 == 1).map(|bit| 37 + bit).collect();
+        self.line("channels", format_args!("{channels:?}"));
+        self.line("rotate_s", beacon.rotate_s);
+    }
+
+    fn anchor(&mut self, anchor: &Anchor) {
+        self.0.push_str("\n[[anchor]]\n");
+        self.line("address", format_args!("0x{:04X}", anchor.address));
+        self.place(anchor.position_m);
+    }
+
+    fn beacon(&mut self, beacon: &Beacon) {
+        self.0.push_str("\n[[beacon]]\n");
+        self.line("major", beacon.major);
+        self.line("minor", beacon.minor);
+        self.place(beacon.position_m);
+        self.line_if("rssi_1m_dbm", beacon.rssi_1m_dbm.map(|rssi| format!("{rssi:?}")));
+        self.line_if("path_loss_exponent", beacon.path_loss_exponent.map(|exponent| format!("{exponent:?}")));
+    }
+}
+
+fn role(role: &Role) -> &'static str {
+    match role {
+        Role::Tag(_) => "tag",
+        Role::Anchor { position_m: _ } => "anchor",
+        Role::Advertiser(_) => "beacon",
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}

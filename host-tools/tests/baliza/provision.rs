@@ -1,0 +1,435 @@
+//! `baliza provision`: from a file that people write to a record, and back.
+
+use std::fs;
+
+use crate::support::{Folder, Run, root};
+
+/// The record of the golden bytes in node-record's tests: an anchor at (1, 2.5, −0.5) m.
+const ANCHOR: &str = r#"
+[network]
+pan = 0xDECA
+
+[[node]]
+name = "a"
+board = "evk1000"
+role = "anchor"
+eui = "01-23-45-67-89-ab-cd-ef"
+address = 0x0101
+antenna_delay_ticks = 16_436
+position_m = [1, 2.5, -0.5]
+"#;
+
+/// With every key that there is.
+const EVERYTHING: &str = r#"
+[network]
+pan = 0xBA11
+mode = "decaranging-fast"
+channel = 2
+prf_mhz = 16
+rate_kbps = 850
+preamble_symbols = 256
+preamble_code = 4
+answer_us = 600
+listen_again_us = 90
+transmit_us = 300
+beacon_key = "000102030405060708090a0b0c0d0e0f"
+
+[[node]]
+name = "anchor"
+board = "esp32c3"
+role = "anchor"
+eui = "0011223344556677"
+address = 0x0101
+antenna_delay_ticks = 16450
+crystal_trim = 14
+uwb_tx_power = 0x1F1F1F1F
+pins = { sck = 6, mosi = 7, miso = 2, cs = 10, irq = 3, reset = 4 }
+position_m = [0.1, 2.0, 3.3]
+
+[[node]]
+name = "tag"
+board = "dwm1001"
+role = "tag"
+address = 0x0201
+height_m = 1.2
+rate_hz = 9.99
+still_rate_hz = 0.13
+sleep = true
+anchors_per_round = 3
+tell_distances = true
+report_ranges = false
+scan_interval_ms = 100
+scan_window_ms = 30
+
+[[node]]
+name = "beacon"
+board = "esp32c6"
+role = "beacon"
+uuid = "c2a8ad55-8a2f-4bb4-9c52-6b3cd7a0e511"
+major = 513
+minor = 65535
+measured_power_dbm = -65
+interval_ms = 250
+tx_power_dbm = -12
+channels = [37, 39]
+rotate_s = 900
+position_m = [3.0, 2.0, 2.4]
+
+[[anchor]]
+address = 0x0102
+position_m = [0.1, -0.7, 1e3]
+
+[[beacon]]
+major = 1
+minor = 2
+position_m = [0.0, 0.0, 2.0]
+rssi_1m_dbm = -62.5
+path_loss_exponent = 2.3
+"#;
+
+fn from_hex(text: &str) -> Vec<u8> {
+    text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).expect("hexadecimal")).collect()
+}
+
+fn provisioned(text: &str) -> Folder {
+    let folder = Folder::with(&[("site.toml", text)]);
+    folder.run("provision --config site.toml --all --out records").ok();
+    folder
+}
+
+/// Asserts that a run was refused with one line that begins so.
+fn refused(run: &Run, begins: &str) {
+    assert_eq!(run.code, Some(2), "{run:?}");
+    assert!(run.stderr.starts_with(begins), "{}, not {begins}", run.stderr);
+    assert_eq!(run.stderr.lines().count(), 1, "{}", run.stderr);
+}
+
+#[test]
+fn a_record_has_the_bytes_that_another_program_wrote() {
+    let folder = provisioned(ANCHOR);
+    // See node-record's tests: a Python program wrote the body, and the header by its length 0x35, sequence 1, and zlib's CRC-32.
+    let body = "01 ef 9b af cd f8 ac d1 91 01  01 81 02   \
+                01 01 00 00 80 3f 00 00 20 40 00 00 00 bf \
+                ca bd 03 00 05 40 9a 35 80 01 00  fa 01 28 96 01 \
+                01 b4 80 01 00 00  00 00 00 00";
+    let page = from_hex(&format!("42 4c 5a 52 01 00 35 00 01 00 00 00 ad 7b bb 6b {body}"));
+    let file = folder.read("records/a.bin");
+    assert_eq!(file.len(), 4096, "two pages of 2048 bytes");
+    for half in file.chunks(2048) {
+        assert_eq!(&half[..page.len()], page);
+        assert!(half[page.len()..].iter().all(|byte| *byte == 0xFF));
+    }
+}
+
+#[test]
+fn the_example_provisions_without_a_word() {
+    let folder = Folder::with(&[]);
+    let example = folder.run("provision --example").ok();
+    folder.run("provision --example --out same.toml").ok();
+    assert_eq!(folder.read("same.toml"), example.stdout.as_bytes());
+    folder.run("provision --config same.toml --all --out records").ok();
+    let nodes = ["anchor-1", "anchor-2", "anchor-3", "anchor-4", "beacon-1", "tag-1"];
+    for name in nodes {
+        let check = folder.run(&format!("provision --check records/{name}.bin")).ok();
+        assert!(check.stdout.starts_with(&format!("records/{name}.bin: good: ")), "{}", check.stdout);
+    }
+    assert_eq!(fs::read_dir(folder.path("records")).expect("a folder").count(), nodes.len());
+    let anchor = folder.run("provision --check records/anchor-2.bin").ok();
+    let expected =
+        "records/anchor-2.bin: good: anchor 0x0102 of network 0xBA11 at (6, 0, 2.4) m; version 1, sequence 1\n";
+    assert_eq!(anchor.stdout, expected);
+}
+
+#[test]
+fn the_documentation_s_examples_provision() {
+    let page = fs::read_to_string(root().join("docs/provisioning.md")).expect("docs/provisioning.md");
+    let examples: Vec<_> = page.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next()).collect();
+    assert_eq!(examples.len(), 4);
+    for example in examples {
+        let folder = Folder::with(&[("site.toml", example)]);
+        let board = if example.contains("board") { "" } else { " --board esp32c6" };
+        folder.run(&format!("provision --config site.toml --all --out records{board}")).ok();
+    }
+}
+
+#[test]
+fn show_and_provision_are_a_circle() {
+    for (text, nodes) in [(EVERYTHING, vec!["anchor", "tag", "beacon"]), (ANCHOR, vec!["a"])] {
+        let folder = provisioned(text);
+        for node in nodes {
+            let shown = folder.run(&format!("provision --show records/{node}.bin --show-keys")).ok();
+            folder.write("shown.toml", shown.stdout.as_bytes());
+            let board = folder.run("provision --config shown.toml --out again.bin");
+            refused(&board, "--board: say what ");
+            let board = if text == ANCHOR { "evk1000" } else { ["dwm1001", "esp32c6"][usize::from(node != "tag")] };
+            folder.run(&format!("provision --config shown.toml --board {board} --out again.bin")).ok();
+            assert!(folder.read("again.bin") == folder.read(&format!("records/{node}.bin")), "{}", shown.stdout);
+            // And what is shown of it is the same again.
+            let again = folder.run("provision --show again.bin --show-keys").ok();
+            assert_eq!(again.stdout, shown.stdout);
+        }
+    }
+}
+
+#[test]
+fn everything_that_is_said_is_in_the_record() {
+    let folder = provisioned(EVERYTHING);
+    let tag = folder.run("provision --show records/tag.bin --show-keys --json --board dwm1001").ok().json();
+    let expected = serde_json::json!({
+        "network": {
+            "pan": 0xBA11, "mode": "decaranging-fast", "channel": 2, "prf_mhz": 16, "rate_kbps": 850,
+            "preamble_symbols": 256, "preamble_code": 4, "answer_us": 600, "listen_again_us": 90, "transmit_us": 300,
+            "beacon_key": "000102030405060708090a0b0c0d0e0f",
+        },
+        "node": [{
+            "name": "tag-0201", "board": "dwm1001", "role": "tag", "address": 0x0201, "height_m": 1.2, "rate_hz": 9.99,
+            "still_rate_hz": 0.13, "sleep": true, "anchors_per_round": 3, "tell_distances": true, "report_ranges": false,
+            "scan_interval_ms": 100, "scan_window_ms": 30,
+        }],
+        // Listed first, then the nodes that tags cannot learn of otherwise.
+        "anchor": [
+            { "address": 0x0102, "position_m": [0.1, -0.7, 1000.0] },
+            { "address": 0x0101, "position_m": [0.1, 2.0, 3.3] },
+        ],
+        "beacon": [
+            { "major": 1, "minor": 2, "position_m": [0.0, 0.0, 2.0], "rssi_1m_dbm": -62.5, "path_loss_exponent": 2.3 },
+            { "major": 513, "minor": 65535, "position_m": [3.0, 2.0, 2.4] },
+        ],
+    });
+    assert_eq!(tag, expected);
+
+    let anchor = folder.run("provision --show records/anchor.bin --json").ok().json();
+    let expected = serde_json::json!([{
+        "name": "anchor-0101", "role": "anchor", "eui": "0011223344556677", "address": 0x0101, "antenna_delay_ticks": 16450,
+        "crystal_trim": 14, "uwb_tx_power": 0x1F1F_1F1F, "position_m": [0.1, 2.0, 3.3],
+        "pins": { "sck": 6, "mosi": 7, "miso": 2, "cs": 10, "irq": 3, "reset": 4 },
+    }]);
+    assert_eq!(anchor["node"], expected);
+    assert_eq!(anchor["network"]["beacon_key"], serde_json::Value::Null, "an anchor has no use for it");
+    assert_eq!(anchor["beacon"], serde_json::Value::Null);
+}
+
+#[test]
+fn native_anchors_tell_their_places_themselves() {
+    let text = EVERYTHING.replace("decaranging-fast", "native");
+    let tag = provisioned(&text).run("provision --show records/tag.bin --json").ok().json();
+    assert_eq!(tag["anchor"], serde_json::json!([{ "address": 0x0102, "position_m": [0.1, -0.7, 1000.0] }]));
+}
+
+#[test]
+fn keys_are_hidden_and_a_hidden_key_is_none() {
+    let folder = provisioned(EVERYTHING);
+    let shown = folder.run("provision --show records/beacon.bin").ok();
+    assert!(shown.stdout.contains("beacon_key = \"hidden\""), "{}", shown.stdout);
+    assert!(!shown.stdout.contains("000102"), "{}", shown.stdout);
+    folder.write("shown.toml", shown.stdout.as_bytes());
+    let run = folder.run("provision --config shown.toml --board esp32c6 --out again.bin");
+    refused(&run, "shown.toml:14: beacon_key is hidden: ");
+    let open = folder.run("provision --show records/beacon.bin --show-keys").ok();
+    assert!(open.stdout.contains("beacon_key = \"000102030405060708090a0b0c0d0e0f\""), "{}", open.stdout);
+}
+
+#[test]
+fn what_is_wrong_is_said_with_its_line() {
+    let cases = [
+        ("pan = 0xDECA", "pan = 0x1DECA", "site.toml:3: pan is 0x1DECA: it must be a whole number, 0 to 65535"),
+        ("pan = 0xDECA", "pan = 0xFFFF", "site.toml:3: pan is 0xFFFF: it must be less than"),
+        ("pan = 0xDECA", "", "site.toml:2: pan is missing"),
+        ("pan = 0xDECA", "pan = 1\nchanel = 5", "site.toml:4: unknown key chanel; channel is near it"),
+        ("pan = 0xDECA", "pan = 1\nzzz = 5", "site.toml:4: unknown key zzz; there are pan, mode, "),
+        ("pan = 0xDECA", "pan = 1\nmode = \"nativ\"", "site.toml:4: mode is \"nativ\": it must be \"native\", "),
+        ("pan = 0xDECA", "pan = 1\nrate_kbps = 110", "site.toml:2: preamble_symbols is 128: it must be 1024 or more"),
+        ("pan = 0xDECA", "pan = 1\nprf_mhz = 32", "site.toml:4: prf_mhz is 32: it must be 16 or 64"),
+        ("pan = 0xDECA", "pan = 1\ntransmit_us = 300", "site.toml:4: transmit_us is 300: it must be answer_us at most"),
+        ("pan = 0xDECA", "pan = 1\npan = 2", "site.toml:4: duplicate key"),
+        ("pan = 0xDECA", "pan = ", "site.toml:3: "),
+        ("[network]", "[netwrok]", "site.toml:2: unknown key netwrok; network is near it"),
+        ("[[node]]", "[[nodes]]", "site.toml:5: unknown key nodes; node is near it"),
+        ("\"evk1000\"", "\"evb1000\"", "site.toml:7: board is \"evb1000\": it must be one of dwm1001, "),
+        ("\"anchor\"", "\"anker\"", "site.toml:8: role is \"anker\": it must be "),
+        ("role = \"anchor\"", "", "site.toml:5: role is missing"),
+        ("-cd-ef", "-cd", "site.toml:9: eui is \"01-23-45-67-89-ab-cd\": it must be 16 hexadecimal digits"),
+        ("0x0101", "0xFFFF", "site.toml:10: address is 0xFFFF: it must be less than 0xFFFE"),
+        ("0x0101", "-1", "site.toml:10: address is -1: it must be a short address"),
+        ("0x0101", "true", "site.toml:10: address is true: it must be a short address"),
+        ("16_436", "1.5", "site.toml:11: antenna_delay_ticks is 1.5: it must be a whole number"),
+        ("[1, 2.5, -0.5]", "[1, 2.5]", "site.toml:12: position_m is a list of 2: it must be three numbers"),
+        ("[1, 2.5, -0.5]", "[1, 2.5, nan]", "site.toml:12: position_m is NaN: it must be finite"),
+        ("[1, 2.5, -0.5]", "[1, 2.5, 9e3]", "site.toml:12: position_m is 9000: it must be finite and within 8388 m"),
+        ("[1, 2.5, -0.5]", "[1, 2.5, 0]\nrate_hz = 1", "site.toml:13: rate_hz is a key of a node whose role is tag"),
+        ("[1, 2.5, -0.5]", "[1, 2.5, 0]\npins = { sck = 1 }", "site.toml:13: mosi is missing"),
+        ("[1, 2.5, -0.5]", "[1, 2.5, 0]\npins = 3", "site.toml:13: pins is 3: it must be a table"),
+        ("name = \"a\"", "name = \"../a\"", "site.toml:6: name is \"../a\": it must be letters"),
+    ];
+    for (right, wrong, said) in cases {
+        let folder = Folder::with(&[("site.toml", &ANCHOR.replacen(right, wrong, 1))]);
+        let run = folder.run("provision --config site.toml --all --out records");
+        refused(&run, said);
+        assert_eq!(folder.names(), ["site.toml"], "{said}");
+    }
+}
+
+#[test]
+fn tags_and_beacons_are_refused_with_their_lines() {
+    let cases = [
+        ("rate_hz = 9.99", "rate_hz = 0.1", ":33: rate_hz is 0.1: it must be 0.13 to 1000"),
+        ("rate_hz = 9.99", "rate_hz = \"often\"", ":33: rate_hz is \"often\": it must be a number"),
+        ("still_rate_hz = 0.13", "still_rate_hz = 20", ":34: still_rate_hz is 20: it must be rate_hz at most"),
+        ("anchors_per_round = 3", "anchors_per_round = 9", ":36: anchors_per_round is 9: it must be 1 to 8"),
+        ("sleep = true", "sleep = 1", ":35: sleep is 1: it must be true or false"),
+        ("scan_window_ms = 30", "scan_window_ms = 101", ":40: scan_window_ms is 101: it must be 3 to the interval"),
+        ("scan_interval_ms = 100\n", "", ":27: scan_window_ms without scan_interval_ms"),
+        ("channels = [37, 39]", "channels = [36]", ":52: channels has 36: it must be a list of 37, 38, 39"),
+        ("channels = [37, 39]", "channels = []", ":52: channels is 0: it must be one of 37, 38, 39 at least"),
+        ("tx_power_dbm = -12", "tx_power_dbm = 30", ":51: tx_power_dbm is 30: it must be -40 to 20"),
+        ("beacon_key = ", "# ", ":42: beacon_key is absent: it must be there where"),
+        ("0x0102", "0xFFFE", ":56: address is 0xFFFE: it must be less than 0xFFFE"),
+        ("2.3", "0", ":60: path_loss_exponent is 0: it must be 0.5 to 10"),
+        ("address = 0x0201", "address = 0x0101", ":27: the address 0x0101 is the same as anchor's in line 15"),
+        ("name = \"tag\"", "name = \"anchor\"", ":27: the name anchor is the same as anchor's in line 15"),
+        ("name = \"tag\"\n", "", ":27: name is missing"),
+        ("board = \"dwm1001\"", "board = \"evk1000\"", ":39: scan_interval_ms is 100: it must be absent: this board"),
+        (
+            "board = \"esp32c3\"",
+            "board = \"dwm1001\"",
+            ":24: sck is 6: it must be absent: this board's DW1000 is wired",
+        ),
+        ("cs = 10", "cs = 18", ":24: cs is 18: it must be a free pin of the chip's"),
+        ("cs = 10", "cs = 7", ":24: cs is 7: it must be a pin that no other signal has"),
+    ];
+    for (right, wrong, said) in cases {
+        let folder = Folder::with(&[("site.toml", &EVERYTHING.replacen(right, wrong, 1))]);
+        let run = folder.run("provision --config site.toml --all --out records");
+        refused(&run, &format!("site.toml{said}"));
+        assert_eq!(folder.names(), ["site.toml"], "{said}");
+    }
+}
+
+#[test]
+fn a_tag_is_told_of_24_beacons_at_most() {
+    let beacons: String =
+        (0..25).map(|n| format!("[[beacon]]\nmajor = 9\nminor = {n}\nposition_m = [0, 0, 0]\n")).collect();
+    let folder = Folder::with(&[("site.toml", &format!("{EVERYTHING}{beacons}"))]);
+    // One is there, and each of these has four lines: the one with minor 23 is the 25th.
+    let lines = EVERYTHING.lines().count();
+    let run = folder.run("provision --config site.toml --all --out records");
+    refused(&run, &format!("site.toml:{}: a tag can be told of 24 beacons, this is one more", lines + 1 + 23 * 4));
+}
+
+#[test]
+fn one_of_several_nodes_is_named() {
+    let folder = Folder::with(&[("site.toml", EVERYTHING)]);
+    refused(
+        &folder.run("provision --config site.toml --out x"),
+        "--node: the file has 3 nodes, name one of anchor, tag, ",
+    );
+    refused(
+        &folder.run("provision --config site.toml --node tags --out x"),
+        "--node: there is no node tags; there is tag",
+    );
+    refused(&folder.run("provision --config site.toml --node tag"), "--config: say where the record goes");
+    refused(&folder.run("provision --config site.toml --all"), "--all: say which folder");
+    refused(&folder.run("provision --config site.toml --node tag --board esp32 --out x"), "--board: the file says ");
+    refused(
+        &folder.run("provision --config site.toml --node tag --out nowhere/x"),
+        "--out: the folder nowhere does not",
+    );
+    refused(&folder.run("provision --config missing.toml --out x"), "missing.toml: ");
+    refused(&folder.run("provision"), "the following required arguments were not provided");
+    folder.run("provision --config site.toml --node tag --out tag.bin --json").ok();
+    assert_eq!(folder.names(), ["site.toml", "tag.bin"]);
+    let made = folder.run("provision --config site.toml --all --out records --json").ok().json();
+    let expected =
+        serde_json::json!({ "node": "tag", "board": "dwm1001", "file": "records/tag.bin", "address": 0x7E000 });
+    assert_eq!(made[1], expected);
+}
+
+#[test]
+fn intel_hex_is_the_same_record_with_its_address() {
+    let folder = Folder::with(&[("site.toml", ANCHOR)]);
+    folder.run("provision --config site.toml --format hex --out a.hex").ok();
+    folder.run("provision --config site.toml --format bin --out a.bin").ok();
+    let text = String::from_utf8(folder.read("a.hex")).expect("text");
+    assert!(text.starts_with(":020000040803EF\n:10F00000424C5A52"), "{text}");
+    let show = |file: &str| folder.run(&format!("provision --show {file}")).ok().stdout;
+    assert_eq!(show("a.hex"), show("a.bin"));
+    folder.run("provision --check a.hex").ok();
+    folder.write("bad.hex", text.replacen("424C", "424D", 1).as_bytes());
+    refused(&folder.run("provision --check bad.hex"), "bad.hex:2: ");
+    refused(&folder.run("provision --show bad.hex"), "bad.hex:2: ");
+}
+
+/// Sets the checksum of the record at the beginning, by the definition of CRC-32.
+fn seal(page: &mut [u8]) {
+    let length = usize::from(u16::from_le_bytes([page[6], page[7]]));
+    let covered = page[..12].iter().chain(&page[16..16 + length]);
+    let crc = covered.fold(u32::MAX, |crc, byte| {
+        (0..8).fold(crc ^ u32::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xEDB8_8320 } else { crc >> 1 })
+    });
+    page[12..16].copy_from_slice(&(!crc).to_le_bytes());
+}
+
+#[test]
+fn files_that_are_not_good_are_told_apart() {
+    let folder = provisioned(ANCHOR);
+    let good = folder.read("records/a.bin");
+    let check = |bytes: &[u8], said: &str| {
+        folder.write("x.bin", bytes);
+        let run = folder.run("provision --check x.bin");
+        refused(&run, &format!("x.bin: {said}"));
+        assert_eq!(run.stdout, "");
+        let json = folder.run("provision --check x.bin --json");
+        assert_eq!((json.code, &json.json()["good"]), (Some(2), &serde_json::json!(false)));
+    };
+    let mut old = good.clone();
+    for page in old.chunks_mut(2048) {
+        page[4] = 0;
+        seal(page);
+    }
+    check(&old, "the record is of version 0, this program reads version 1");
+    check(&good[..3000], "the file is cut short: 3000 bytes are no whole pages");
+    check(&good[..50], "the record is damaged or cut short: its checksum is wrong");
+    check(&[], "there is no record: the flash is erased");
+    check(&[0xFF; 8192], "there is no record: the flash is erased");
+    check(b"not a record", "this is no node record: it does not begin as one");
+    for bit in (0..69 * 8).step_by(37) {
+        let mut flipped = good.clone();
+        flipped[bit / 8] ^= 1 << (bit % 8);
+        check(
+            &flipped,
+            "page 1 of 2: the record is damaged or cut short: its checksum is wrong; the other page is whole",
+        );
+        // A node would go on with the other page, and so does --show.
+        folder.run("provision --show x.bin").ok();
+    }
+    let mut both = good.clone();
+    both[20] ^= 1;
+    both[2048 + 20] ^= 1;
+    check(&both, "the record is damaged or cut short: its checksum is wrong");
+    refused(&folder.run("provision --show x.bin"), "x.bin: the record is damaged");
+    refused(&folder.run("provision --check missing.bin"), "missing.bin: ");
+    let run = folder.run("provision --check records/a.bin --json").ok().json();
+    assert_eq!((&run["good"], &run["sequence"]), (&serde_json::json!(true), &serde_json::json!(1)));
+}
+
+#[test]
+fn a_good_record_may_be_for_another_board() {
+    let folder = provisioned(EVERYTHING);
+    folder.run("provision --check records/tag.bin --board dwm1001").ok();
+    let run = folder.run("provision --check records/tag.bin --board evk1000");
+    refused(&run, "records/tag.bin: a good record, but not for evk1000: tag.scan.interval_ms is 100: ");
+}
+
+#[test]
+fn probes_and_chips_that_are_not_there_are_said() {
+    let folder = Folder::with(&[("site.toml", ANCHOR)]);
+    let run = folder.run("provision --config site.toml --write --chip STM32F105XX");
+    refused(&run, "--chip: probe-rs knows no chip STM32F105XX; near it are STM32F105");
+    // Whatever is plugged in here, it is not this.
+    let run = folder.run("provision --config site.toml --write --probe ffff:ffff:nobody");
+    assert!(run.code == Some(1) || run.code == Some(2), "{run:?}");
+    let said = ["baliza: no debug probe found: plug in", "--probe: no probe ffff:ffff:nobody; found: "];
+    assert!(said.iter().any(|said| run.stderr.starts_with(said)), "{}", run.stderr);
+    refused(&folder.run("provision --read --board esp32c3"), "--read: a probe does not read an ESP's flash: ");
+    refused(&folder.run("provision --read"), "the following required arguments were not provided: --board");
+}
