@@ -1,18 +1,22 @@
 //! `baliza monitor`: what a node says, as it says it.
 
 use std::io::{BufWriter, ErrorKind, IsTerminal, Stdout, Write};
-use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Context, Result};
+use clap::ValueEnum;
 use host_tools::Wrong;
+use host_tools::decode::{Stream, Timeline};
 use host_tools::monitor::{
-    Files, Image, Limits, Lines, Listener, Pace, Patience, Piped, Port, Probed, Reload, Said, Serial, Session, Source,
-    listen, summary,
+    Channel, Event, Files, Image, Limits, Lines, Listener, Pace, Patience, Piped, Port, Probed, Reload, Said, Serial,
+    Session, Source, json, listen, summary,
 };
 use host_tools::probe::ProbeArguments;
+use host_tools::recorder::Recorder;
 use indicatif::{ProgressBar, ProgressDrawTarget};
+
+use super::stream::{self, STOP, TableName, catch_ctrl_c, stream_of};
 
 /// Show what a node says: its log and its telemetry, in the order of its clock
 ///
@@ -39,12 +43,21 @@ pub struct Arguments {
     /// Read standard input
     #[arg(long, group = "source", conflicts_with_all = BY_PROBE)]
     stdin: bool,
-    /// Read a file: telemetry, or a serial port's mixture
+    /// Read a file: telemetry, or a serial port's mixture; or a folder that record made
     #[arg(long, value_name = "FILE", group = "source", conflicts_with_all = BY_PROBE)]
     file: Option<PathBuf>,
     /// The log's stream beside --file, where it has a file of its own
     #[arg(long, value_name = "FILE", requires_all = ["file", "elf"])]
     defmt_file: Option<PathBuf>,
+    /// How it is written
+    #[arg(long, value_name = "FORMAT", default_value = "text")]
+    format: Format,
+    /// Which messages are the rows (--format csv) [default: positions]
+    #[arg(long, value_name = "TABLE")]
+    table: Option<TableName>,
+    /// Record as well, as `baliza record` does, into this folder
+    #[arg(long, value_name = "FOLDER")]
+    record: Option<PathBuf>,
     /// Show where in the sources each line of the log is said
     #[arg(long)]
     places: bool,
@@ -63,37 +76,86 @@ const EXAMPLES: &str = "Examples:
   baliza monitor --serial /dev/ttyACM0 --elf target/riscv32imc-unknown-none-elf/firmware/tag-esp32c3
   baliza monitor --file telemetry.bin --defmt-file log.bin --elf target/thumbv7em-none-eabihf/firmware/tag-simulated";
 
-static STOP: AtomicBool = AtomicBool::new(false);
+/// `--format`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// A line for a person, in colours on a terminal
+    Text,
+    /// One object of JSON a line: messages as decode writes them, and lines of the log
+    Jsonl,
+    /// The rows of one table
+    Csv,
+}
 
 pub fn run(arguments: &Arguments) -> Result<()> {
+    if arguments.table.is_some() && arguments.format != Format::Csv {
+        return Err(Wrong::flag("--table", "only with --format csv").into());
+    }
     let image = arguments.elf.as_deref().map(Image::read).transpose()?;
-    let marks = image.as_ref().map(|image| image.marks.clone());
-    let (mut source, patience): (Box<dyn Source>, _) = if let Some(name) = &arguments.serial {
-        let port = Port { name: name.clone(), baud: arguments.baud };
-        (Box::new(Serial::new(port, name.clone(), Pace::default())), Patience::LIVE)
-    } else if let Some(file) = &arguments.file {
-        let log = arguments.defmt_file.as_deref();
-        (Box::new(Files::open(file, log)?), if log.is_some() { Patience::FILES } else { Patience::MIXTURE })
-    } else if arguments.stdin {
-        (Box::new(Piped::new(std::io::stdin())), Patience::LIVE)
-    } else {
-        let probe = arguments.probe.clone();
-        (Box::new(Probed::new(probe, marks, arguments.reset, Pace::default())), Patience::LIVE)
-    };
-    ctrlc::set_handler(|| {
-        // Who asks twice does not want to wait.
-        if STOP.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-    })
-    .context("cannot watch for Ctrl-C")?;
+    let (source, patience) = source(arguments, image.as_ref())?;
+    let mut source = Tee { source, recording: None };
+    if let Some(folder) = &arguments.record {
+        source.recording = Some((Recorder::create(folder, &[])?, Stream::default()));
+    }
+    catch_ctrl_c()?;
     let limits = Limits { time: arguments.seconds, fixes: arguments.fixes };
-    let mut session = Session::new(image, reload(arguments.elf.as_ref()), patience);
+    let mut session = Session::new(image, reload(arguments.elf.as_deref()), patience);
     let mut screen = Screen::new(arguments, patience.host.is_some());
     let begun = Instant::now();
-    let heard = listen(source.as_mut(), &mut session, &mut screen, limits, &STOP);
-    screen.close(&summary(&session.counts(), begun.elapsed()), heard.is_ok())?;
-    heard.map(drop)
+    let heard = screen.begin().and_then(|()| listen(&mut source, &mut session, &mut screen, limits, &STOP).map(drop));
+    screen.end()?;
+    if let (Some((recorder, _)), Some(folder)) = (source.recording, &arguments.record) {
+        recorder.finish().with_context(|| format!("cannot write the recording into {}", folder.display()))?;
+    }
+    // A failure is one line, and follows.
+    if heard.is_ok() {
+        super::tell(&format!("{}\n", summary(&session.counts(), begun.elapsed())));
+    }
+    heard
+}
+
+fn source(arguments: &Arguments, image: Option<&Image>) -> Result<(Box<dyn Source>, Patience)> {
+    if let Some(name) = &arguments.serial {
+        let port = Port { name: name.clone(), baud: arguments.baud };
+        return Ok((Box::new(Serial::new(port, name.clone(), Pace::default())), Patience::LIVE));
+    }
+    if let Some(file) = &arguments.file {
+        let log = arguments.defmt_file.as_deref();
+        let patience = if log.is_some() { Patience::FILES } else { Patience::MIXTURE };
+        return Ok((Box::new(Files::open(&stream_of(file), log)?), patience));
+    }
+    if arguments.stdin {
+        return Ok((Box::new(Piped::new(std::io::stdin())), Patience::LIVE));
+    }
+    let (probe, marks) = (arguments.probe.clone(), image.map(|image| image.marks.clone()));
+    Ok((Box::new(Probed::new(probe, marks, arguments.reset, Pace::default())), Patience::LIVE))
+}
+
+/// A source whose telemetry is recorded as well, if asked for.
+struct Tee {
+    source: Box<dyn Source>,
+    recording: Option<(Recorder, Stream)>,
+}
+
+impl Source for Tee {
+    fn next(&mut self, patience: Duration) -> Result<Option<Event>> {
+        let event = self.source.next(patience)?;
+        if let Some((recorder, stream)) = &mut self.recording {
+            match &event {
+                Some(Event::Bytes(Channel::Telemetry, bytes)) => {
+                    recorder.bytes(bytes).context("cannot write telemetry.bin")?;
+                    for byte in bytes {
+                        if let Some((stamp, message)) = stream.feed(*byte) {
+                            recorder.message(stamp, &message).context("cannot write the recording")?;
+                        }
+                    }
+                }
+                Some(Event::Lost(_)) => stream.interrupted(),
+                _ => {}
+            }
+        }
+        Ok(event)
+    }
 }
 
 fn seconds(text: &str) -> Result<Duration, String> {
@@ -102,12 +164,11 @@ fn seconds(text: &str) -> Result<Duration, String> {
 }
 
 /// Reads the ELF file again, where it has changed since the last time.
-fn reload(file: Option<&PathBuf>) -> Reload {
-    let changed = |file: &PathBuf| -> Option<SystemTime> { std::fs::metadata(file).ok()?.modified().ok() };
-    let file = file.cloned();
-    let mut read = file.as_ref().and_then(changed);
-    Box::new(move |image| -> Option<Result<Image, Wrong>> {
-        let now = file.as_ref().and_then(changed);
+fn reload(file: Option<&Path>) -> Reload {
+    let changed = |file: &Path| -> Option<SystemTime> { std::fs::metadata(file).ok()?.modified().ok() };
+    let mut read = file.and_then(changed);
+    Box::new(move |image| {
+        let now = changed(&image.file);
         if now == read {
             return None;
         }
@@ -116,61 +177,91 @@ fn reload(file: Option<&PathBuf>) -> Reload {
     })
 }
 
+/// How what the node says is written.
+enum Writing {
+    Text(Lines),
+    Json,
+    Csv(stream::Lines, Timeline),
+}
+
 /// Standard output for what the node says, standard error for everything else.
 struct Screen {
-    lines: Lines,
+    writing: Writing,
     out: BufWriter<Stdout>,
     /// Hidden unless standard error is a terminal.
     bar: ProgressBar,
-    /// Of the last second or more: positions counted, and when.
+    /// Positions counted, when, and how many a second there were before.
     rate: (u64, Duration, f64),
 }
 
 impl Screen {
     fn new(arguments: &Arguments, live: bool) -> Self {
-        let colour =
-            std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
+        let writing = match arguments.format {
+            Format::Text => {
+                let plain = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+                Writing::Text(Lines::new(std::io::stdout().is_terminal() && !plain, arguments.places))
+            }
+            Format::Jsonl => Writing::Json,
+            Format::Csv => Writing::Csv(stream::Lines::csv(arguments.table), Timeline::default()),
+        };
         let bar = if live {
             ProgressBar::new_spinner()
         } else {
             ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden())
         };
-        Self {
-            lines: Lines::new(colour, arguments.places),
-            out: BufWriter::new(std::io::stdout()),
-            bar,
-            rate: (0, Duration::ZERO, 0.0),
+        Self { writing, out: BufWriter::new(std::io::stdout()), bar, rate: (0, Duration::ZERO, 0.0) }
+    }
+
+    fn begin(&mut self) -> Result<()> {
+        match &self.writing {
+            Writing::Csv(lines, _) => read_on(self.out.write_all(&lines.header()?)).map(drop),
+            Writing::Text(_) | Writing::Json => Ok(()),
         }
     }
 
-    /// Whether someone reads on: a reader that went away (`| head`) has what it wanted.
-    fn read_on(written: std::io::Result<()>) -> Result<bool> {
-        match written {
-            Ok(()) => Ok(true),
-            Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
-            Err(error) => Err(error).context("cannot write to standard output"),
-        }
-    }
-
-    fn close(mut self, summary: &str, well: bool) -> Result<()> {
+    fn end(&mut self) -> Result<()> {
         self.bar.finish_and_clear();
-        let flushed = Self::read_on(self.out.flush());
-        // A failure is one line, and follows.
-        if well {
-            super::tell(&format!("{summary}\n"));
+        read_on(self.out.flush()).map(drop)
+    }
+
+    /// What is written for what is said; empty where it is of no concern.
+    fn text(&mut self, said: &Said) -> Result<Vec<u8>> {
+        match &mut self.writing {
+            Writing::Text(lines) => Ok(lines.line(said).unwrap_or_default().into_bytes()),
+            Writing::Json => {
+                let mut line = json(said).context("cannot write JSON")?;
+                line.push(b'\n');
+                Ok(line)
+            }
+            Writing::Csv(lines, timeline) => {
+                let mut row = Vec::new();
+                if let Said::Message(message) = said {
+                    lines.append(&mut row, timeline.place(message), message)?;
+                }
+                Ok(row)
+            }
         }
-        flushed.map(drop)
+    }
+}
+
+/// Whether someone reads on: a reader that went away (`| head`) has what it wanted.
+fn read_on(written: std::io::Result<()>) -> Result<bool> {
+    match written {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
+        Err(error) => Err(error).context("cannot write to standard output"),
     }
 }
 
 impl Listener for Screen {
     fn said(&mut self, said: &Said) -> Result<bool> {
-        let Some(line) = self.lines.line(said) else { return Ok(true) };
+        let text = self.text(said)?;
         let (bar, out) = (&self.bar, &mut self.out);
-        if bar.is_hidden() {
-            return Self::read_on(out.write_all(line.as_bytes()));
+        if bar.is_hidden() || text.is_empty() {
+            return read_on(out.write_all(&text));
         }
-        Self::read_on(bar.suspend(|| out.write_all(line.as_bytes()).and_then(|()| out.flush())))
+        // A line and the bar may share the terminal.
+        read_on(bar.suspend(|| out.write_all(&text).and_then(|()| out.flush())))
     }
 
     fn note(&mut self, note: &str) {
@@ -193,6 +284,6 @@ impl Listener for Screen {
             counts.lost_frames() + counts.node_dropped
         ));
         self.bar.tick();
-        Self::read_on(self.out.flush())
+        read_on(self.out.flush())
     }
 }

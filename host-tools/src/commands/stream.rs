@@ -83,7 +83,7 @@ enum Format {
 
 /// `--table`.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum TableName {
+pub enum TableName {
     /// Positions and rounds without one, as solve writes them
     Positions,
     /// Ranges, as solve reads them
@@ -104,14 +104,21 @@ impl Writing {
         match (self.format, self.table) {
             (Format::Jsonl, Some(_)) => Err(Wrong::flag("--table", "only with --format csv")),
             (Format::Jsonl, None) => Ok(Lines::Json),
-            (Format::Csv, None | Some(TableName::Positions)) => Ok(Lines::Csv(Table::Positions)),
-            (Format::Csv, Some(TableName::Ranges)) => Ok(Lines::Csv(Table::Ranges)),
-            (Format::Csv, Some(TableName::Rssi)) => Ok(Lines::Csv(Table::Rssi)),
+            (Format::Csv, table) => Ok(Lines::csv(table)),
         }
     }
 }
 
 impl Lines {
+    /// The rows of a table, of positions where none is named.
+    pub fn csv(table: Option<TableName>) -> Self {
+        Self::Csv(match table {
+            None | Some(TableName::Positions) => Table::Positions,
+            Some(TableName::Ranges) => Table::Ranges,
+            Some(TableName::Rssi) => Table::Rssi,
+        })
+    }
+
     /// What stands before all messages.
     pub fn header(&self) -> Result<Vec<u8>> {
         match self {

@@ -113,8 +113,11 @@ mod tests {
         Image::parse(Path::new("image"), &elf(Some(BUILD))).expect("an image")
     }
 
-    /// What a stream of whole frames says; `None` for each that is malformed.
-    fn lines(bytes: &[u8]) -> Vec<Option<(Option<u64>, Option<Level>, String)>> {
+    /// Time, level and text; `None`: malformed.
+    type Line = Option<(Option<u64>, Option<Level>, String)>;
+
+    /// What a stream of whole frames says.
+    fn lines(bytes: &[u8]) -> Vec<Line> {
         let image = image();
         let frames = Frames::default().feed(bytes);
         let line = |frame: Vec<u8>| read(&image, &frame).map(|LogLine { t_us, level, text, .. }| (t_us, level, text));

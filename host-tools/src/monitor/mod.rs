@@ -7,6 +7,7 @@
 mod demux;
 mod formats;
 mod image;
+mod json;
 mod listen;
 mod log;
 mod merge;
@@ -21,6 +22,7 @@ mod words;
 
 pub use demux::Demux;
 pub use image::{Build, Image, Marks, Place};
+pub use json::json;
 pub use listen::{Limits, Listener, listen};
 pub use log::LogLine;
 pub use merge::{Merger, Patience};
@@ -35,3 +37,5 @@ pub use words::{label, words};
 
 #[cfg(test)]
 mod testing;
+#[cfg(test)]
+mod testing_chip;

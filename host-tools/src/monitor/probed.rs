@@ -196,7 +196,7 @@ mod tests {
     use super::super::image::Marks;
     use super::super::rtt::Memory;
     use super::super::source::{Channel, Event, Pace, Source};
-    use super::super::testing::Ram;
+    use super::super::testing_chip::Ram;
     use super::{Attach, Probed};
 
     const PACE: Pace = Pace {

@@ -225,7 +225,7 @@ fn word(bytes: &[u8], at: usize) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::super::source::Channel;
-    use super::super::testing::Ram;
+    use super::super::testing_chip::Ram;
     use super::{Memory, Polled, find};
 
     fn bytes(polled: Polled) -> Vec<(Channel, Vec<u8>)> {

@@ -174,9 +174,11 @@ mod tests {
     };
 
     /// A cable: each opening, and what its reads give. `None`: it is not there.
-    struct Cable(VecDeque<Option<Vec<Result<Vec<u8>, ErrorKind>>>>);
+    struct Cable(VecDeque<Option<Vec<Given>>>);
 
-    struct Opened(VecDeque<Result<Vec<u8>, ErrorKind>>);
+    type Given = Result<Vec<u8>, ErrorKind>;
+
+    struct Opened(VecDeque<Given>);
 
     impl Open for Cable {
         fn open(&mut self) -> Result<Box<dyn Read>> {
