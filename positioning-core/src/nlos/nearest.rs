@@ -59,7 +59,8 @@ struct Neighbour {
 
 impl Classifier for Nearest<'_> {
     fn name(&self) -> &'static str {
-        "nearest"
+        // Fewer vote where prototypes stand for many receptions each.
+        if usize::from(self.neighbours) == MAX_NEIGHBOURS { "nearest" } else { "nearest-reduced" }
     }
 
     fn for_each_feature(&self, visit: &mut dyn FnMut(Feature)) {

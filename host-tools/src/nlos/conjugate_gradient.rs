@@ -1,0 +1,152 @@
+//! Scaled conjugate gradients (M. Møller, Neural Networks 6, 1993), which Barral et al. train their perceptrons with (table 3):
+//! no step length to choose, no line search.
+
+/// When to stop, and Møller's two constants (table 3 of Barral et al.).
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// Most epochs.
+    pub epochs: usize,
+    /// The gradient's length below which the minimum is reached.
+    pub gradient: f64,
+    /// After so many epochs without a better validation it ends.
+    pub validation_checks: usize,
+    /// How far the second derivative is felt for.
+    pub sigma: f64,
+    /// The first damping.
+    pub lambda: f64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { epochs: 1000, gradient: 1e-6, validation_checks: 6, sigma: 5e-5, lambda: 5e-7 }
+    }
+}
+
+/// Minimises a function from `start` on. `objective` returns the value and writes the gradient; `validate` is asked after every
+/// epoch that went downhill for the error elsewhere: the point with the least is returned.
+pub fn minimise(
+    start: Vec<f64>,
+    limits: Limits,
+    mut objective: impl FnMut(&[f64], &mut [f64]) -> f64,
+    mut validate: impl FnMut(&[f64]) -> f64,
+) -> Vec<f64> {
+    let size = start.len();
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let along = |w: &[f64], p: &[f64], step: f64| w.iter().zip(p).map(|(w, p)| w + step * p).collect::<Vec<_>>();
+
+    let mut w = start;
+    let mut gradient = vec![0.0; size];
+    let mut value = objective(&w, &mut gradient);
+    let mut residual: Vec<f64> = gradient.iter().map(|g| -g).collect();
+    let mut direction = residual.clone();
+    let (mut lambda, mut lambda_bar) = (limits.lambda, 0.0);
+    let mut success = true;
+    let mut curvature = 0.0;
+    let (mut best, mut least, mut checks) = (w.clone(), validate(&w), 0);
+    let mut restart = 0;
+    for _ in 0..limits.epochs {
+        let length = dot(&direction, &direction);
+        if length.sqrt() < limits.gradient || !length.is_finite() {
+            break;
+        }
+        if success {
+            // The second derivative along the direction, felt for.
+            let sigma = limits.sigma / length.sqrt();
+            let mut there = vec![0.0; size];
+            objective(&along(&w, &direction, sigma), &mut there);
+            curvature = there.iter().zip(&gradient).zip(&direction).map(|((t, g), p)| (t - g) * p).sum::<f64>() / sigma;
+        }
+        curvature += (lambda - lambda_bar) * length;
+        if curvature <= 0.0 {
+            // Made positive.
+            lambda_bar = 2.0 * (lambda - curvature / length);
+            curvature = -curvature + lambda * length;
+            lambda = lambda_bar;
+        }
+        let mu = dot(&direction, &residual);
+        let step = mu / curvature;
+        let next = along(&w, &direction, step);
+        let mut next_gradient = vec![0.0; size];
+        let next_value = objective(&next, &mut next_gradient);
+        // How well a parabola foretold the decrease.
+        let comparison = 2.0 * curvature * (value - next_value) / (mu * mu);
+        success = comparison >= 0.0;
+        if success {
+            let next_residual: Vec<f64> = next_gradient.iter().map(|g| -g).collect();
+            (lambda_bar, restart) = (0.0, restart + 1);
+            direction = if restart % size == 0 {
+                next_residual.clone()
+            } else {
+                let beta = (dot(&next_residual, &next_residual) - dot(&next_residual, &residual)) / mu;
+                along(&next_residual, &direction, beta)
+            };
+            (w, value, gradient, residual) = (next, next_value, next_gradient, next_residual);
+            if comparison >= 0.75 {
+                lambda /= 4.0;
+            }
+            let error = validate(&w);
+            if error < least {
+                (best, least, checks) = (w.clone(), error, 0);
+            } else {
+                checks += 1;
+                if checks >= limits.validation_checks {
+                    break;
+                }
+            }
+        } else {
+            lambda_bar = lambda;
+        }
+        if comparison < 0.25 {
+            lambda += curvature * (1.0 - comparison) / length;
+        }
+        if !lambda.is_finite() || lambda > 1e30 {
+            break;
+        }
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_parabola_is_minimised_in_as_many_steps_as_dimensions() {
+        // ½Σ i(x − i)²: minimum at x = (1, 2, 3).
+        let objective = |x: &[f64], g: &mut [f64]| {
+            x.iter().zip(g).zip([1.0, 2.0, 3.0]).fold(0.0, |sum, ((x, g), i)| {
+                *g = i * (x - i);
+                sum + i * (x - i).powi(2) / 2.0
+            })
+        };
+        let value = |x: &[f64]| objective(x, &mut [0.0; 3]);
+        let found = minimise(vec![0.0; 3], Limits { epochs: 12, ..Limits::default() }, objective, value);
+        assert!(found.iter().zip([1.0, 2.0, 3.0]).all(|(x, i)| (x - i).abs() < 1e-3), "{found:?}");
+    }
+
+    #[test]
+    fn the_valley_of_rosenbrock_is_followed_to_its_end() {
+        // (1 − x)² + 100(y − x²)²: minimum at (1, 1).
+        let objective = |p: &[f64], g: &mut [f64]| {
+            let (x, y) = (p[0], p[1]);
+            g[0] = -2.0 * (1.0 - x) - 400.0 * x * (y - x * x);
+            g[1] = 200.0 * (y - x * x);
+            (1.0 - x).powi(2) + 100.0 * (y - x * x).powi(2)
+        };
+        let value = |p: &[f64]| objective(p, &mut [0.0; 2]);
+        let found = minimise(vec![-1.2, 1.0], Limits::default(), objective, value);
+        assert!(found.iter().all(|x| (x - 1.0).abs() < 1e-3), "{found:?}");
+    }
+
+    #[test]
+    fn the_best_validation_is_what_is_returned() {
+        // Downhill towards 10, but the validation is best at 4: it ends near there.
+        let objective = |x: &[f64], g: &mut [f64]| {
+            // A quartic, so that it takes many steps.
+            g[0] = 4.0 * (x[0] - 10.0).powi(3);
+            (x[0] - 10.0).powi(4)
+        };
+        let found = minimise(vec![0.0], Limits::default(), objective, |x| (x[0] - 4.0).abs());
+        assert!((found[0] - 4.0).abs() < 2.5, "{found:?}");
+    }
+}

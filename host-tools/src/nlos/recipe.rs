@@ -1,0 +1,262 @@
+//! Which classifiers are trained, on which features, and how.
+//!
+//! Learnt ones get the skewness near the maximum and the difference of powers: neither depends on how far or how strong a signal
+//! is, so that what is learnt in one flat means something in the next. One pair gets what Barral et al. took, range and received power,
+//! to show the difference.
+
+use positioning_core::nlos::{
+    Feature, Features, Input, Inputs, Kind, Logistic, MAX_NEIGHBOURS, Model, Nearest, Neuron, Perceptron, Platt,
+    PowerDifference, Quantised, Skewness,
+};
+use smartcore::cluster::kmeans::{KMeans, KMeansParameters};
+use smartcore::linalg::basic::matrix::DenseMatrix;
+use smartcore::linear::logistic_regression::{LogisticRegression, LogisticRegressionParameters};
+
+use super::backpropagation::{Example, Goal, Network};
+use super::folds::{balanced, deal, weights};
+use super::samples::Sample;
+
+/// Receptions of either class that a learnt classifier is fitted to.
+const MOST: usize = 600;
+/// Prototypes of either class on a node, and how many neighbours of them vote.
+const PROTOTYPES: usize = 32;
+const PROTOTYPE_NEIGHBOURS: u8 = 5;
+/// Hidden layers of table 2 of Barral et al.
+const LAYERS: [u8; 3] = [46, 14, 24];
+/// Hidden neurons of the perceptron in bytes.
+const SMALL_LAYER: [u8; 1] = [6];
+/// How strongly weights of the logistic regression are held down: ½·α·|w|² beside a sum over some 1,200 receptions.
+const LOGISTIC_ALPHA: f64 = 1.0;
+
+/// How a classifier is made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// Two normal densities.
+    Skewness,
+    /// The chip maker's rule; only its calibration is learnt.
+    PowerDifference,
+    /// Logistic regression.
+    Logistic,
+    /// k-nearest neighbours with k = 47.
+    Nearest,
+    /// The same with few prototypes.
+    NearestReduced,
+    /// The large perceptron.
+    Perceptron,
+    /// The perceptron in bytes.
+    Quantised,
+}
+
+impl Method {
+    /// The name that the model will have.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Skewness => "skewness",
+            Self::PowerDifference => "power-difference",
+            Self::Logistic => "logistic",
+            Self::Nearest => "nearest",
+            Self::NearestReduced => "nearest-reduced",
+            Self::Perceptron => "perceptron",
+            Self::Quantised => "quantised",
+        }
+    }
+}
+
+/// A classifier to train.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Recipe {
+    /// How.
+    pub method: Method,
+    /// On what.
+    pub features: &'static [Feature],
+}
+
+const SHAPE: &[Feature] = &[Feature::SkewnessNear, Feature::PowerDifference];
+const LEVEL: &[Feature] = &[Feature::RangeMean, Feature::PowerMean];
+
+/// All that are trained, where their features are known.
+pub const RECIPES: [Recipe; 12] = [
+    Recipe { method: Method::Skewness, features: &[Feature::SkewnessNear] },
+    Recipe { method: Method::Skewness, features: &[Feature::Skewness] },
+    Recipe { method: Method::PowerDifference, features: &[Feature::PowerDifference] },
+    Recipe { method: Method::Logistic, features: SHAPE },
+    Recipe { method: Method::Nearest, features: SHAPE },
+    Recipe { method: Method::NearestReduced, features: SHAPE },
+    Recipe { method: Method::Perceptron, features: SHAPE },
+    Recipe { method: Method::Quantised, features: SHAPE },
+    Recipe { method: Method::Logistic, features: &[Feature::PowerDifference, Feature::FirstPathToNoise] },
+    Recipe { method: Method::Nearest, features: LEVEL },
+    Recipe { method: Method::Perceptron, features: LEVEL },
+    Recipe { method: Method::Logistic, features: &[Feature::SkewnessNear, Feature::PowerMean] },
+];
+
+impl Recipe {
+    /// Whether all its features are known of a reception.
+    pub fn knows(&self, features: &Features) -> bool {
+        self.features.iter().all(|&feature| features.get(feature).is_some())
+    }
+
+    /// Trains on the labelled receptions that know its features. Returns the bytes of the model with the calibration that
+    /// `calibrate` makes of it; `None` where there are not both classes to learn from.
+    pub fn train(&self, samples: &[&Sample], calibration: Platt, seed: u64) -> Option<Vec<u8>> {
+        let known: Vec<&Sample> =
+            samples.iter().copied().filter(|s| s.blocked.is_some() && self.knows(&s.features)).collect();
+        let classes = [false, true].map(|class| known.iter().any(|sample| sample.blocked == Some(class)));
+        if classes != [true; 2] {
+            return None;
+        }
+        let chosen = balanced(&known, MOST);
+        let inputs = || inputs(self.features, &chosen);
+        let (prototypes, weights);
+        let kind = match self.method {
+            Method::Skewness => Kind::Skewness(skewness(self.features.first().copied()?, &chosen)),
+            Method::PowerDifference => Kind::PowerDifference(PowerDifference::default()),
+            Method::Logistic => Kind::Logistic(logistic(inputs(), &chosen)?),
+            Method::Nearest => {
+                let inputs = inputs();
+                prototypes = [false, true].map(|class| coordinates(&points(&inputs, &chosen, class)));
+                let [los, nlos] = &prototypes;
+                let neighbours = chosen.len().min(MAX_NEIGHBOURS) as u8;
+                Kind::Nearest(Nearest { inputs, neighbours, los, nlos })
+            }
+            Method::NearestReduced => {
+                let inputs = inputs();
+                prototypes = [false, true].map(|class| coordinates(&centres(points(&inputs, &chosen, class), seed)));
+                let [los, nlos] = &prototypes;
+                let all = (los.len() + nlos.len()) / (2 * inputs.len().max(1));
+                let neighbours = all.min(usize::from(PROTOTYPE_NEIGHBOURS)) as u8;
+                Kind::Nearest(Nearest { inputs, neighbours, los, nlos })
+            }
+            Method::Perceptron => {
+                let inputs = inputs();
+                let trained = perceptron(&inputs, &LAYERS, &known, seed);
+                weights = trained.iter().flat_map(|&w| (w as f32).to_le_bytes()).collect::<Vec<u8>>();
+                let hidden = LAYERS.into_iter().collect();
+                Kind::Perceptron(Perceptron { inputs, hidden, outputs: 2, weights: &weights })
+            }
+            Method::Quantised => Kind::Quantised(quantised(inputs(), &known, seed)?),
+        };
+        encode(&Model { kind, calibration })
+    }
+}
+
+/// The bytes of a model.
+fn encode(model: &Model<'_>) -> Option<Vec<u8>> {
+    // 1,200 prototypes of eight inputs are 19 kB, the large perceptron 6 kB.
+    let mut buffer = vec![0; 64 * 1024];
+    let length = model.encode(&mut buffer).ok()?.len();
+    buffer.truncate(length);
+    Some(buffer)
+}
+
+/// Means and deviations of the features, both classes weighing as much.
+fn inputs(features: &[Feature], samples: &[&Sample]) -> Inputs {
+    let input = |&feature: &Feature| {
+        let (mean, deviation) = moments(feature, samples);
+        Input { feature, mean: mean as f32, deviation: deviation as f32 }
+    };
+    Inputs(features.iter().map(input).collect())
+}
+
+/// Weighted mean and deviation of a feature; a deviation of nothing is one.
+fn moments(feature: Feature, samples: &[&Sample]) -> (f64, f64) {
+    let values = samples.iter().map(|sample| f64::from(sample.features.get(feature).unwrap_or(0.0)));
+    let weights = weights(samples);
+    let mean: f64 = values.clone().zip(&weights).map(|(value, weight)| value * weight).sum();
+    let variance: f64 = values.zip(&weights).map(|(value, weight)| (value - mean).powi(2) * weight).sum();
+    (mean, if variance > 1e-12 { variance.sqrt() } else { 1.0 })
+}
+
+fn skewness(feature: Feature, samples: &[&Sample]) -> Skewness {
+    let [(los_mean, los), (nlos_mean, nlos)] = [false, true].map(|class| {
+        let of: Vec<&Sample> = samples.iter().copied().filter(|sample| sample.blocked == Some(class)).collect();
+        moments(feature, &of)
+    });
+    let deviation = ((los * los + nlos * nlos) / 2.0).sqrt();
+    Skewness { feature, los_mean: los_mean as f32, nlos_mean: nlos_mean as f32, deviation: deviation as f32 }
+}
+
+/// The inputs of every reception of a class.
+fn points(inputs: &Inputs, samples: &[&Sample], class: bool) -> Vec<Vec<f64>> {
+    let of = samples.iter().filter(|sample| sample.blocked == Some(class));
+    of.filter_map(|sample| point(inputs, sample)).collect()
+}
+
+fn point(inputs: &Inputs, sample: &Sample) -> Option<Vec<f64>> {
+    Some(inputs.of(&sample.features)?.iter().map(|&input| f64::from(input)).collect())
+}
+
+fn coordinates(points: &[Vec<f64>]) -> Vec<u8> {
+    points.iter().flatten().flat_map(|&input| Nearest::coordinate(input as f32)).collect()
+}
+
+/// The centres of clusters of the points; the points themselves where they are few.
+fn centres(points: Vec<Vec<f64>>, seed: u64) -> Vec<Vec<f64>> {
+    if points.len() <= PROTOTYPES {
+        return points;
+    }
+    let parameters = KMeansParameters { k: PROTOTYPES, max_iter: 100, seed: Some(seed) };
+    let cluster = || {
+        let matrix = DenseMatrix::from_2d_vec(&points).ok()?;
+        let clusters: KMeans<f64, i32, DenseMatrix<f64>, Vec<i32>> = KMeans::fit(&matrix, parameters).ok()?;
+        clusters.predict(&matrix).ok()
+    };
+    let Some(members) = cluster() else { return points };
+    (0..PROTOTYPES as i32)
+        .filter_map(|cluster| {
+            let own: Vec<&Vec<f64>> =
+                points.iter().zip(&members).filter(|(_, member)| **member == cluster).map(|(point, _)| point).collect();
+            let mean = |i: usize| own.iter().map(|point| point[i]).sum::<f64>() / own.len() as f64;
+            own.first().map(|point| (0..point.len()).map(mean).collect())
+        })
+        .collect()
+}
+
+fn logistic(inputs: Inputs, samples: &[&Sample]) -> Option<Logistic> {
+    let examples = examples(&inputs, samples);
+    let rows: Vec<Vec<f64>> = examples.iter().map(|(point, _)| point.clone()).collect();
+    let labels: Vec<i32> = examples.iter().map(|(_, target)| i32::from(*target > 0.5)).collect();
+    let matrix = DenseMatrix::from_2d_vec(&rows).ok()?;
+    let parameters = LogisticRegressionParameters::default().with_alpha(LOGISTIC_ALPHA);
+    let fitted = LogisticRegression::fit(&matrix, &labels, parameters).ok()?;
+    use smartcore::linalg::basic::arrays::Array;
+    let weights = (0..inputs.len()).map(|i| *fitted.coefficients().get((0, i)) as f32).collect();
+    Some(Logistic { weights, intercept: *fitted.intercept().get((0, 0)) as f32, inputs })
+}
+
+fn examples(inputs: &Inputs, samples: &[&Sample]) -> Vec<Example> {
+    let example = |sample: &&Sample| {
+        let target = f64::from(u8::from(sample.blocked == Some(true)));
+        Some((point(inputs, sample)?, target))
+    };
+    samples.iter().filter_map(example).collect()
+}
+
+/// Trained on most placements, stopped early by the others.
+fn perceptron(inputs: &Inputs, hidden: &[u8], known: &[&Sample], seed: u64) -> Vec<f64> {
+    let placements = known.iter().map(|sample| sample.placement + 1).max().unwrap_or(0);
+    let folds = deal(known, placements, 4, seed);
+    let (validation, training): (Vec<&Sample>, Vec<&Sample>) =
+        known.iter().copied().partition(|sample| folds[sample.placement] == 0);
+    let [training, validation] = [training, validation].map(|part| examples(inputs, &balanced(&part, MOST)));
+    // Where all lies in one placement there is nothing else to stop by.
+    let (training, validation) =
+        if training.is_empty() { (validation.clone(), validation) } else { (training, validation) };
+    Network::new(inputs.len(), hidden, Goal::Classify).train(&training, &validation, seed)
+}
+
+fn quantised(inputs: Inputs, known: &[&Sample], seed: u64) -> Option<Quantised> {
+    let weights = perceptron(&inputs, &SMALL_LAYER, known, seed);
+    let [width] = SMALL_LAYER.map(usize::from);
+    let (hidden, outputs) = weights.split_at_checked(width * (inputs.len() + 1))?;
+    let single = |row: &[f64]| -> Vec<f32> { row.iter().map(|&weight| weight as f32).collect() };
+    let hidden = hidden
+        .chunks_exact(inputs.len() + 1)
+        .map(|row| Neuron::round(row[0] as f32, &single(&row[1..])))
+        .collect::<Option<_>>()?;
+    // Softmax over two is a sigmoid of their difference: one output does.
+    let (direct, blocked) = outputs.split_at_checked(width + 1)?;
+    let difference: Vec<f64> = blocked.iter().zip(direct).map(|(blocked, direct)| blocked - direct).collect();
+    let output = Neuron::round(*difference.first()? as f32, &single(&difference[1..]))?;
+    Some(Quantised { inputs, hidden, output })
+}

@@ -1,0 +1,184 @@
+//! Labelled receptions out of files: `cir.csv` with impulse responses, `ranges.csv` with the receiver's diagnostics.
+//!
+//! A placement is where receptions resemble each other because nothing moved: a `file` of `cir.csv`, an anchor of
+//! `ranges.csv`. Whoever scores a classifier on placements that it has seen scores its memory.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use positioning_core::nlos::{
+    BEFORE, Feature, Features, MovingMean, Shape, WINDOW, first_path_to_noise_db, power_difference_db,
+};
+
+use crate::{Column, Row, Table, Wrong};
+
+/// One reception.
+#[derive(Clone, Debug)]
+pub struct Sample {
+    /// Place in [`Samples::placements`].
+    pub placement: usize,
+    /// Whether the direct path is blocked, where that is known.
+    pub blocked: Option<bool>,
+    /// What was measured.
+    pub features: Features,
+    /// Measured less true range, metres, where that is known.
+    pub error_m: Option<f64>,
+}
+
+/// Receptions, and the names of their placements.
+#[derive(Clone, Debug, Default)]
+pub struct Samples {
+    /// In the order of the files.
+    pub all: Vec<Sample>,
+    /// Where they were received.
+    pub placements: Vec<String>,
+}
+
+/// The moving means of one link.
+#[derive(Default)]
+struct Link {
+    range_m: MovingMean,
+    power_dbm: MovingMean,
+}
+
+/// The columns that both kinds of file may have.
+struct Diagnostics {
+    range: Column,
+    power: Column,
+    first_path_power: Column,
+    amplitudes: [Column; 3],
+    cir_power: Column,
+    noise: Column,
+}
+
+impl Samples {
+    /// Adds the receptions of a `cir.csv`; `placement` names the column that tells placements apart.
+    ///
+    /// # Errors
+    /// The first line that is wrong.
+    pub fn read_cir(&mut self, file: &Path, placement: &'static str) -> Result<(), Wrong> {
+        let mut table = Table::open(file)?;
+        let label = table.column("label")?;
+        let place = if placement == DEFAULT_PLACEMENT { table.optional(placement) } else { table.column(placement)? };
+        let first_path = table.column("fp_idx")?;
+        let columns = WINDOW_COLUMNS.iter().map(|name| table.column(name)).collect::<Result<Vec<_>, _>>()?;
+        let diagnostics = Diagnostics {
+            range: table.optional("range_m"),
+            power: table.optional("rsl_dbm"),
+            first_path_power: table.optional("fsl_dbm"),
+            amplitudes: ["fp_amp1", "fp_amp2", "fp_amp3"].map(|name| table.optional(name)),
+            cir_power: table.optional("cir_pwr"),
+            noise: table.optional("noise_std_est"),
+        };
+        let truth = table.optional("gt_m");
+        let mut links: HashMap<usize, Link> = HashMap::new();
+        let before = self.all.len();
+        while let Some(row) = table.next_row()? {
+            let blocked = match row.text(label) {
+                "" => None,
+                "los" => Some(false),
+                _ => Some(true),
+            };
+            let placement = self.placement(file, row.text(place));
+            let link = links.entry(placement).or_default();
+            let mut features = diagnostics.features(&row, link)?;
+            let mut window = [0; WINDOW];
+            for (sample, &column) in window.iter_mut().zip(&columns) {
+                // A magnitude that no accumulator has is the nearest that it has.
+                *sample = row.some_number(column)?.round() as u16;
+            }
+            let at = row.some_number(first_path)?;
+            if at < 0.0 {
+                return Err(row.wrong(first_path, "is negative"));
+            }
+            if let Some(shape) = Shape::of(&window, BEFORE as f32 + at.fract() as f32) {
+                features.set_shape(&shape);
+            }
+            let error_m = row.number(diagnostics.range)?.zip(row.number(truth)?).map(|(range, truth)| range - truth);
+            self.all.push(Sample { placement, blocked, features, error_m });
+        }
+        if self.all.len() == before { Err(Wrong::line(file, 1, "no receptions below the header")) } else { Ok(()) }
+    }
+
+    /// Adds the receptions of a `ranges.csv`, an anchor a placement. `true_range_m` gives the true range of an epoch to an anchor,
+    /// where it is known.
+    ///
+    /// # Errors
+    /// The first line that is wrong.
+    pub fn read_ranges(
+        &mut self,
+        file: &Path,
+        placement: &'static str,
+        true_range_m: impl Fn(&str, &str) -> Option<f64>,
+    ) -> Result<(), Wrong> {
+        let mut table = Table::open(file)?;
+        let anchor = table.column("anchor")?;
+        let place = if placement == DEFAULT_PLACEMENT { anchor } else { table.column(placement)? };
+        let (sight, epoch) = (table.optional("los"), table.optional("epoch"));
+        let diagnostics = Diagnostics {
+            range: table.column("range_m")?,
+            power: table.optional("rx_power_dbm"),
+            first_path_power: table.optional("fp_power_dbm"),
+            amplitudes: ["fp_amp1", "fp_amp2", "fp_amp3"].map(|name| table.optional(name)),
+            cir_power: table.optional("cir_pwr"),
+            noise: table.optional("std_noise"),
+        };
+        let mut links: HashMap<String, Link> = HashMap::new();
+        let before = self.all.len();
+        while let Some(row) = table.next_row()? {
+            let blocked = row.truth_value(sight)?.map(|direct| !direct);
+            let link = links.entry(row.some_text(anchor)?.to_owned()).or_default();
+            let features = diagnostics.features(&row, link)?;
+            let placement = self.placement(file, row.text(place));
+            let truth = true_range_m(row.text(epoch), row.text(anchor));
+            let error_m = row.number(diagnostics.range)?.zip(truth).map(|(range, truth)| range - truth);
+            self.all.push(Sample { placement, blocked, features, error_m });
+        }
+        if self.all.len() == before { Err(Wrong::line(file, 1, "no ranges below the header")) } else { Ok(()) }
+    }
+
+    /// The place of a placement's name, which is new in each file.
+    fn placement(&mut self, file: &Path, name: &str) -> usize {
+        let name = format!("{}:{name}", file.display());
+        // From the end: rows of one placement stand together.
+        match self.placements.iter().rposition(|known| *known == name) {
+            Some(place) => place,
+            None => {
+                self.placements.push(name);
+                self.placements.len() - 1
+            }
+        }
+    }
+}
+
+impl Diagnostics {
+    fn features(&self, row: &Row<'_>, link: &mut Link) -> Result<Features, Wrong> {
+        let mut features = Features::default();
+        let mut amplitudes = [f32::NAN; 3];
+        for (amplitude, column) in amplitudes.iter_mut().zip(self.amplitudes) {
+            *amplitude = row.number(column)?.map_or(f32::NAN, |number| number as f32);
+        }
+        let known = |column| -> Result<f32, Wrong> { Ok(row.number(column)?.map_or(f32::NAN, |number| number as f32)) };
+        let (power, first_path_power) = (known(self.power)?, known(self.first_path_power)?);
+        let difference = power_difference_db(known(self.cir_power)?, amplitudes);
+        features.set(Feature::PowerDifference, difference.unwrap_or(power - first_path_power));
+        features.set_known(Feature::FirstPathToNoise, first_path_to_noise_db(amplitudes, known(self.noise)?));
+        // A mean is that of this reception: without it there is none.
+        let range = known(self.range)?;
+        let means = [(Feature::RangeMean, range, &mut link.range_m), (Feature::PowerMean, power, &mut link.power_dbm)];
+        for (feature, value, mean) in means {
+            let mean = mean.push(value);
+            features.set_known(feature, mean.filter(|_| value.is_finite()));
+        }
+        Ok(features)
+    }
+}
+
+/// The column of `cir.csv` that tells placements apart, where it has one.
+pub const DEFAULT_PLACEMENT: &str = "file";
+
+/// `c-16` to `c135`.
+static WINDOW_COLUMNS: std::sync::LazyLock<Vec<&'static str>> = std::sync::LazyLock::new(|| {
+    let name = |at: usize| &*format!("c{}", at as i64 - BEFORE as i64).leak();
+    (0..WINDOW).map(name).collect()
+});
