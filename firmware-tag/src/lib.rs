@@ -1,5 +1,5 @@
 //! The tag, whole, in two tasks: [`ranging`] owns the radio and the machine of the exchange, [`engine`] makes positions. A board
-//! spawns them at two priorities; [`run`] joins them where there is one.
+//! spawns them at two priorities; [`run`] and [`run_as_told`] join them where there is one.
 //!
 //! Radio → machine → a round of ranges → [`Handover`] → [`Memory`] → [`Locator`] → an [`Epoch`]: a position with its covariance,
 //! or the reason why there is none. Ranging never waits for the engine: where that is late, the oldest round goes, and is counted.
@@ -20,14 +20,15 @@ extern crate std;
 
 use core::convert::Infallible;
 
-use embassy_futures::join::join;
+use embassy_futures::join::{join, join3};
 use embassy_futures::select::{Either, select};
 use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
 use embedded_hal_async::delay::DelayNs;
+use firmware_common::{Reporter, Settings, TagMachine, build};
 use ranging::RadioInstant;
 use ranging::exchange::{Action, Event, Guidance, Link, Machine, Report};
 use ranging::node::{self, Listener, Restart};
-use telemetry::Sighting;
+use telemetry::{Board, Hello, Role, Sighting};
 
 use handover::{Quiet, Round};
 
@@ -104,6 +105,25 @@ pub async fn run<R: Restart, D: DelayNs + Clone>(
     let handover = Handover::<NoopRawMutex>::new();
     let ranging = ranging(radio, delay.clone(), machine, &handover, &sink);
     join(ranging, engine(&handover, delay, locator, pace, &sink)).await.0
+}
+
+/// Runs a tag as its record says, in one task, and tells the outside by its reporter: first who it is, and then for ever.
+pub async fn run_as_told<R: Restart, D: DelayNs + Clone, M: RawMutex, const BYTES: usize>(
+    radio: R,
+    delay: D,
+    (settings, tag): (&Settings, &node_record::Tag),
+    anchors: &[AnchorPlace],
+    (handover, reporter): (&Handover<M>, &Reporter<M, BYTES>),
+    board: Board,
+) -> Infallible {
+    let (eui, address, build) = (settings.eui, settings.address, *build::BUILD);
+    let hello = Hello { t_us: reporter.now_us(), eui, address, role: Role::Tag, board, build };
+    reporter.journal.greet(hello);
+    let sink = Told::new(reporter, tag.report_ranges);
+    let machine = TagMachine::new(settings, tag);
+    let ranging = ranging(radio, delay.clone(), machine, handover, &sink);
+    let engine = engine(handover, delay.clone(), Locator::of(tag, anchors), Pace::of(tag), &sink);
+    join3(ranging, engine, reporter.keep_telling(hello, delay)).await.0
 }
 
 /// The task that owns the radio.

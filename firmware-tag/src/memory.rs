@@ -14,6 +14,7 @@ const PACE_M_PER_S: f32 = 1.5;
 /// The last range to each anchor.
 #[derive(Clone, Debug, Default)]
 pub struct Memory {
+    /// In the order of rounds, the youngest last.
     last: Vec<(Range, RadioInstant), MAX_ANCHORS>,
 }
 
@@ -28,9 +29,8 @@ impl Memory {
             !fresh && age(*taken) > RadioDuration::ZERO && age(*taken) <= OLDEST
         });
         if !ranges.is_empty() {
-            self.last.sort_unstable_by_key(|(_, taken)| age(*taken));
             let missing = usize::from(round.asked).saturating_sub(ranges.len());
-            for (range, taken) in self.last.iter().take(missing) {
+            for (range, taken) in self.last.iter().rev().take(missing) {
                 let gone_m = PACE_M_PER_S * 1.0e-6 * age(*taken).as_micros() as f32;
                 let deviation_m = Real::sqrt(range.deviation_m * range.deviation_m + gone_m * gone_m);
                 // Full only where more were asked than a position takes.
@@ -39,7 +39,7 @@ impl Memory {
         }
         for range in round.ranges {
             if self.last.is_full() {
-                self.last.pop();
+                self.last.remove(0);
             }
             let _ = self.last.push((*range, round.poll));
         }

@@ -249,14 +249,17 @@ impl Coordination {
         let kept = |&(place, member): &(usize, &Member)| {
             !expired(place, member) && !self.requests.iter().any(|request| request.tag == member.tag)
         };
-        let mut list: Members = members.iter().enumerate().filter(kept).map(|(_, member)| *member).collect();
+        let staying = members.iter().enumerate().filter(kept).map(|(_, member)| *member);
         let mut unheard = [0; MAX_MEMBERS];
-        for request in self.requests.iter().filter(|request| request.share != Share::Release) {
+        let joining = self.requests.iter().filter(|request| request.share != Share::Release).copied();
+        // In the order of their addresses; a library's sort takes five kilobytes.
+        let mut list = Members::new();
+        for member in staying.chain(joining) {
+            let place = list.iter().position(|other| other.tag > member.tag).unwrap_or(list.len());
             // A full network takes nobody.
-            let _ = list.push(*request);
+            let _ = list.insert(place, member);
         }
         self.requests.clear();
-        list.sort_unstable_by_key(|member| member.tag);
         if list == *members {
             return;
         }

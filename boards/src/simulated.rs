@@ -1,0 +1,67 @@
+//! A board without hardware, in QEMU: Cortex-M4F (mps2-an386) or RISC-V without FPU (virt). Its radio is the small air's; its
+//! flash is memory; its debug probe is itself: what RTT holds goes to two files of the host by semihosting.
+
+mod critical;
+mod flash;
+mod probe;
+
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use firmware_common::Journal;
+use node_record::{Fault, Record};
+use rtt_target::{ChannelMode, UpChannel, rtt_init, set_defmt_channel};
+use small_air::uptime_us;
+
+use flash::Flash;
+use probe::Probe;
+
+// Microseconds of virtual time, as in telemetry.
+defmt::timestamp!("{=u64:us}", uptime_us());
+
+/// Where the record is: as on a DWM1001, but for the addresses.
+const PAGES: [u32; 2] = [0, flash::PAGE_BYTES as u32];
+
+/// The board, once a program.
+pub struct Board {
+    /// What its flash holds.
+    pub record: Result<Record, Fault>,
+    probe: Probe,
+    telemetry: UpChannel,
+}
+
+impl Board {
+    /// Takes the board, after somebody has written this record into its flash; none where the host takes no files.
+    pub fn take(provisioned: &Record) -> Option<Self> {
+        let channels = rtt_init! {
+            up: {
+                0: { size: 1024, mode: ChannelMode::NoBlockSkip, name: "defmt" }
+                1: { size: 1024, mode: ChannelMode::NoBlockSkip, name: "telemetry" }
+            }
+        };
+        set_defmt_channel(channels.up.0);
+        let mut flash = Flash::erased();
+        // What cannot be stored is missed when it is loaded.
+        let _ = node_record::store(&mut flash, PAGES, provisioned);
+        let record = node_record::load(&mut flash, PAGES);
+        Probe::attach().map(|probe| Self { record, probe, telemetry: channels.up.1 })
+    }
+
+    /// Puts telemetry into its channel, and what both channels hold into the host's files; false where the host does not take it.
+    pub fn take_out<M: RawMutex, const BYTES: usize>(&mut self, journal: &Journal<M, BYTES>) -> bool {
+        let mut taken = true;
+        let mut full = true;
+        while taken && full {
+            full = false;
+            journal.drain(|frame| {
+                full = self.telemetry.write(frame) != frame.len();
+                !full
+            });
+            taken = self.probe.drain();
+        }
+        taken
+    }
+}
+
+/// Ends the program, and QEMU with it.
+pub fn exit(success: bool) -> ! {
+    semihosting::process::exit(if success { 0 } else { 1 })
+}

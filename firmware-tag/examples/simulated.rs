@@ -1,0 +1,40 @@
+//! The tag's app in the small air's room, on a desktop: what the image for QEMU does, and writes the same telemetry.
+//!
+//! `cargo run -p firmware-tag --example simulated -- FILE`
+
+use std::error::Error;
+use std::pin::pin;
+
+use embassy_futures::join::join;
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use firmware_common::{Reporter, Settings};
+use firmware_tag::{Handover, places, run_as_told};
+use node_record::Role;
+use small_air::{room, uptime_us};
+use telemetry::{Board, Reset, ResetCause};
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [file] = arguments.as_slice() else { return Err("usage: simulated FILE".into()) };
+
+    let record = room::record();
+    let settings = Settings::of(&record, room::TAG_EUI).map_err(|invalid| invalid.to_string())?;
+    let Role::Tag(tag) = settings.role else { return Err("the room's record is a tag's".into()) };
+    let anchors = places(&record);
+    let (handover, reporter) = (Handover::new(), Reporter::<NoopRawMutex, 4096>::new(uptime_us));
+    reporter.journal.reset(Reset { t_us: uptime_us(), cause: ResetCause::PowerOn, crash: None });
+    let world = room::world(&settings.network);
+    let radio = room::tag(&world).ok_or("the world is full")?;
+    let app = run_as_told(radio, world.delay(), (&settings, &tag), &anchors, (&handover, &reporter), Board::Simulated);
+
+    let mut telemetry = Vec::new();
+    let everything = pin!(join(app, room::anchors(&world, settings.network)));
+    world.run(room::LIFE_US, everything, || {
+        reporter.journal.drain(|frame| {
+            telemetry.extend_from_slice(frame);
+            true
+        });
+    });
+    std::fs::write(file, telemetry)?;
+    Ok(())
+}

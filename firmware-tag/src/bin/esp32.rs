@@ -1,0 +1,8 @@
+//! The tag on an ESP32.
+#![no_std]
+#![no_main]
+
+#[path = "esp/tag.rs"]
+mod tag;
+
+boards::esp_entry!(tag::main);

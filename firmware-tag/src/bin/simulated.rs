@@ -1,0 +1,52 @@
+//! The tag on a board without hardware: some seconds in the small air's room, told through RTT.
+#![no_std]
+#![no_main]
+// The entry macros make a public function without documentation.
+#![allow(missing_docs)]
+
+use core::pin::pin;
+
+use boards::simulated::{Board, exit};
+use embassy_futures::join::join;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use firmware_common::{Reporter, Settings, settings};
+use firmware_tag::{Handover, places, run_as_told};
+use node_record::{Fault, Record, Role};
+use small_air::{room, uptime_us};
+use telemetry::{Condition, Reset, ResetCause};
+
+static REPORTER: Reporter<CriticalSectionRawMutex, 4096> = Reporter::new(uptime_us);
+static HANDOVER: Handover<CriticalSectionRawMutex> = Handover::new();
+
+#[cfg_attr(target_arch = "arm", cortex_m_rt::entry)]
+#[cfg_attr(target_arch = "riscv32", riscv_rt::entry)]
+fn main() -> ! {
+    let Some(mut board) = Board::take(&room::record()) else { exit(false) };
+    REPORTER.journal.reset(Reset { t_us: uptime_us(), cause: ResetCause::PowerOn, crash: None });
+    let lived = match &board.record.clone() {
+        Ok(record) => live(&mut board, record),
+        Err(fault) => Err(Condition::NoRecord(settings::told(fault))),
+    };
+    if let Err(condition) = lived {
+        REPORTER.journal.state(uptime_us(), condition);
+    }
+    let told = board.take_out(&REPORTER.journal);
+    exit(lived.is_ok() && told && REPORTER.all_alive(true).is_ok())
+}
+
+/// The tag's life by its record; an error where that says something else.
+fn live(board: &mut Board, record: &Record) -> Result<(), Condition> {
+    let settings = Settings::of(record, room::TAG_EUI);
+    let settings = settings.map_err(|invalid| Condition::NoRecord(settings::told(&Fault::Invalid(invalid))))?;
+    let Role::Tag(tag) = settings.role else { return Err(Condition::WrongRecord) };
+    let anchors = places(record);
+    let world = room::world(&settings.network);
+    let radio = room::tag(&world).ok_or(Condition::RadioFailed(1))?;
+    let told = (&HANDOVER, &REPORTER);
+    let app = run_as_told(radio, world.delay(), (&settings, &tag), &anchors, told, telemetry::Board::Simulated);
+    let everything = pin!(join(app, room::anchors(&world, settings.network)));
+    world.run(room::LIFE_US, everything, || {
+        board.take_out(&REPORTER.journal);
+    });
+    Ok(())
+}

@@ -1,0 +1,166 @@
+//! A node's radio and its waits.
+
+use core::convert::Infallible;
+use core::future::poll_fn;
+use core::task::Poll;
+
+use embedded_hal_async::delay::DelayNs;
+use ranging::node::Restart;
+use ranging::radio::MAX_FRAME;
+use ranging::{Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
+
+use crate::air::{Node, STARTING_US};
+use crate::clock::{Crystal, span, ticks};
+use crate::world::World;
+
+/// Transmitting antenna delay of every radio, ticks: that of DWM1000-like boards.
+pub const ANTENNA_DELAY: RadioDuration = RadioDuration::from_ticks(16_436);
+/// From a command until the receiver hears.
+const RECEIVER_ON_US: u64 = 5;
+/// A node is woken by a slow clock of 32 768 Hz: half a period late.
+const WOKEN_LATE_US: u64 = 15;
+
+/// The radio of a node in a [`World`].
+pub struct AirRadio<'w> {
+    world: &'w World,
+    node: usize,
+}
+
+impl<'w> AirRadio<'w> {
+    pub(crate) fn new(world: &'w World, node: usize) -> Self {
+        Self { world, node }
+    }
+
+    fn with<T>(&self, act: impl FnOnce(&mut Node) -> T) -> Option<T> {
+        self.world.air.borrow_mut().nodes.get_mut(self.node).map(act)
+    }
+
+    fn crystal(&self) -> Crystal {
+        self.with(|node| node.crystal).unwrap_or(Crystal { start: 0, fast_ppb: 0 })
+    }
+
+    fn global(&self, instant: RadioInstant) -> u64 {
+        self.crystal().global(instant, self.world.now())
+    }
+
+    fn switch_off(&self) {
+        self.with(Node::switch_off);
+    }
+}
+
+impl Radio for AirRadio<'_> {
+    type Error = Infallible;
+
+    async fn now(&mut self) -> Result<RadioInstant, Infallible> {
+        Ok(self.crystal().local(self.world.now()))
+    }
+
+    fn departure(&self, at: RadioInstant) -> RadioInstant {
+        at.snapped().plus(ANTENNA_DELAY)
+    }
+
+    async fn transmit(
+        &mut self,
+        frame: &[u8],
+        start: Start,
+        listen: bool,
+    ) -> Result<RadioInstant, TransmitError<Infallible>> {
+        if frame.len() > MAX_FRAME {
+            return Err(TransmitError::TooLong);
+        }
+        self.switch_off();
+        let soonest = self.world.now() + ticks(STARTING_US) + span(self.world.air.borrow().phy.time_to_rmarker());
+        let departure = match start {
+            Start::Now => self.crystal().local(soonest),
+            Start::At(at) => self.departure(at),
+        };
+        let rmarker = self.global(departure);
+        // One tick is lost between both clocks.
+        if rmarker + 1 < soonest {
+            return Err(TransmitError::Late);
+        }
+        let end = self.world.air.borrow_mut().send(self.node, rmarker, frame);
+        self.world.wait_until(end).await;
+        if listen {
+            let on = end + ticks(RECEIVER_ON_US);
+            self.with(|node| (node.listening, node.stays_on) = (Some(on), true));
+        }
+        Ok(departure)
+    }
+
+    async fn receive<'b>(
+        &mut self,
+        buffer: &'b mut [u8; MAX_FRAME],
+        start: Start,
+        window: RadioDuration,
+        keep_listening: bool,
+    ) -> Result<RxFrame<'b>, ReceiveError<Infallible>> {
+        let on = match start {
+            Start::Now => self.world.now(),
+            Start::At(at) => self.global(at),
+        };
+        if on < self.world.now() {
+            return Err(ReceiveError::Late);
+        }
+        self.with(|node| {
+            node.listening.get_or_insert(on + ticks(RECEIVER_ON_US));
+            node.stays_on = keep_listening;
+        });
+        let until = on + span(window);
+        let arrival = poll_fn(|_| {
+            let ready = self.with(|node| node.heard.front().map(|arrival| arrival.ready)).flatten();
+            if ready.is_some_and(|ready| self.world.reached(ready)) {
+                return Poll::Ready(self.with(|node| node.heard.pop_front()).flatten());
+            }
+            // A frame that is being read is waited for.
+            if ready.is_none() && self.world.reached(until) { Poll::Ready(None) } else { Poll::Pending }
+        })
+        .await;
+        if !keep_listening || arrival.is_none() {
+            self.switch_off();
+        }
+        let Some(arrival) = arrival else { return Err(ReceiveError::Timeout) };
+        let Some(received) = arrival.frame else { return Err(ReceiveError::Corrupt) };
+        let Some(bytes) = buffer.get_mut(..received.bytes.len()) else { return Err(ReceiveError::Corrupt) };
+        bytes.copy_from_slice(&received.bytes);
+        Ok(RxFrame { bytes, rx_time: received.rx_time, diagnostics: received.diagnostics })
+    }
+
+    async fn idle(&mut self) -> Result<(), Infallible> {
+        self.switch_off();
+        Ok(())
+    }
+}
+
+impl Restart for AirRadio<'_> {
+    async fn restart(&mut self) -> Result<(), Infallible> {
+        self.switch_off();
+        Ok(())
+    }
+}
+
+/// Waits of a node in a [`World`].
+#[derive(Clone)]
+pub struct AirDelay<'w>(&'w World);
+
+impl<'w> AirDelay<'w> {
+    pub(crate) fn new(world: &'w World) -> Self {
+        Self(world)
+    }
+}
+
+impl DelayNs for AirDelay<'_> {
+    async fn delay_ns(&mut self, ns: u32) {
+        self.delay_us(ns.div_ceil(1000)).await;
+    }
+
+    async fn delay_us(&mut self, us: u32) {
+        let end = self.0.now() + ticks(u64::from(us) + WOKEN_LATE_US);
+        self.0.wait_until(end).await;
+    }
+
+    async fn delay_ms(&mut self, ms: u32) {
+        let end = self.0.now() + ticks(1000 * u64::from(ms) + WOKEN_LATE_US);
+        self.0.wait_until(end).await;
+    }
+}

@@ -1,0 +1,153 @@
+//! A room to try a tag in: six anchors on the walls, a tag that walks round in it, and the tag's record.
+
+use core::convert::Infallible;
+
+use embassy_futures::join::join_array;
+use embedded_hal_async::delay::DelayNs;
+use heapless::Vec;
+use node_record::{Calibration, Identity, Mode, Network, Phy, Record, Role, Tag, Turnaround};
+use ranging::RadioInstant;
+use ranging::exchange::{Guidance, Report};
+use ranging::native::{self, Anchor, AnchorConfig};
+use ranging::node::{self, Listener};
+
+use crate::radio::ANTENNA_DELAY;
+use crate::{AirDelay, AirRadio, Crystal, Place, World};
+
+/// How many anchors there are.
+pub const ANCHORS: usize = 6;
+/// Receptions lost of a thousand.
+pub const LOSS_PER_MILLE: u32 = 20;
+/// How long a tag is tried in it, microseconds: a second until it has joined, then some ninety rounds.
+pub const LIFE_US: u64 = 5_500_000;
+/// The seed of everything random.
+pub const SEED: u64 = 20_260_101;
+/// The tag's EUI-64; the last two bytes are its address.
+pub const TAG_EUI: u64 = 0xDECA_0000_0000_0100;
+/// From here the tag walks round, millimetres …
+const CORNER_MM: [i32; 3] = [1_500, 1_500, 1_200];
+/// … a rectangle of these sides …
+const SIDES_MM: [u64; 2] = [5_000, 3_000];
+/// … at this pace, millimetres a second.
+const PACE_MM_S: u64 = 800;
+/// Alternately low and high, millimetres.
+const PLACES_MM: [[i32; 3]; ANCHORS] =
+    [[0, 0, 2_600], [4_000, 0, 400], [8_000, 0, 2_500], [8_000, 6_000, 500], [4_000, 6_000, 2_700], [0, 6_000, 600]];
+/// Parts in a billion that their clocks are fast.
+const FAST_PPB: [i32; ANCHORS] = [3_000, -17_500, 12_250, -6_125, 19_000, -1_500];
+/// The tag's clock: fast, and about to wrap.
+const TAG_CRYSTAL: Crystal = Crystal { start: (1 << 40) - 40_000_000_000, fast_ppb: 8_750 };
+
+/// Where the tag is after so many microseconds, millimetres.
+pub fn walk(t_us: u64) -> [i32; 3] {
+    let [width, depth] = SIDES_MM;
+    let gone = t_us * PACE_MM_S / 1_000_000 % (2 * (width + depth));
+    let (x, y) = if gone < width {
+        (gone, 0)
+    } else if gone < width + depth {
+        (width, gone - width)
+    } else if gone < 2 * width + depth {
+        (2 * width + depth - gone, depth)
+    } else {
+        (0, 2 * (width + depth) - gone)
+    };
+    [CORNER_MM[0] + x as i32, CORNER_MM[1] + y as i32, CORNER_MM[2]]
+}
+
+/// What the tag is told.
+pub fn record() -> Record {
+    Record {
+        identity: Identity::default(),
+        role: Role::Tag(Tag {
+            height_m: None,
+            rate_chz: Some(2_000),
+            still_rate_chz: None,
+            sleep: false,
+            anchors_per_round: ANCHORS as u8,
+            tell_distances: false,
+            scan: None,
+            report_ranges: true,
+        }),
+        network: Network {
+            pan: 0xBA12,
+            mode: Mode::Native,
+            phy: Phy { channel: 5, prf_mhz: 64, rate_kbps: 6810, preamble: 128, code: None },
+            turnaround: Turnaround { answer_us: 250, listen_again_us: 40, transmit_us: 150 },
+        },
+        calibration: Calibration::default(),
+        pins: None,
+        anchors: Vec::new(),
+        beacons: Vec::new(),
+        beacon_key: None,
+    }
+}
+
+/// The world of the room, empty yet, for nodes of this network.
+pub fn world(network: &native::Network) -> World {
+    World::new(network.phy, SEED, LOSS_PER_MILLE)
+}
+
+/// The tag's radio; none where the world is full.
+pub fn tag(world: &World) -> Option<AirRadio<'_>> {
+    world.add(Place::Walk(walk), TAG_CRYSTAL)
+}
+
+/// Runs the anchors, whose places are told on the air.
+pub async fn anchors(world: &World, network: native::Network) -> [Infallible; ANCHORS] {
+    let anchors = core::array::from_fn(|i| {
+        let position_m = PLACES_MM[i].map(|mm| mm as f32 / 1000.0);
+        let config =
+            AnchorConfig { address: i as u16 + 1, network, antenna_delay: ANTENNA_DELAY, position_m: Some(position_m) };
+        // Counts far from each other.
+        let crystal = Crystal { start: (i as u64 + 1) << 37, fast_ppb: FAST_PPB[i] };
+        anchor(world, Place::Fixed(PLACES_MM[i]), crystal, config)
+    });
+    join_array(anchors).await
+}
+
+async fn anchor(world: &World, place: Place, crystal: Crystal, config: AnchorConfig) -> Infallible {
+    let mut delay: AirDelay<'_> = world.delay();
+    let Some(mut radio) = world.add(place, crystal) else {
+        // A world without room for it has one anchor less.
+        loop {
+            delay.delay_ms(1000).await;
+        }
+    };
+    node::run(&mut radio, &mut delay, &mut Anchor::new(config), &mut Silent).await
+}
+
+/// Tells nobody.
+struct Silent;
+
+impl Listener for Silent {
+    async fn report(&mut self, _: Report<'_>, _: RadioInstant) -> Guidance {
+        Guidance::default()
+    }
+
+    async fn radio_failed(&mut self, _: &impl core::fmt::Debug, _: u32) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_record_is_one_that_a_node_follows() {
+        assert_eq!(record().validate(), Ok(()));
+    }
+
+    #[test]
+    fn the_walk_goes_round_at_its_pace() {
+        assert_eq!(walk(0), [1_500, 1_500, 1_200]);
+        // 0.8 m after a second; 5 m after 6.25 s; round after 16 m, 20 s.
+        assert_eq!(walk(1_000_000), [2_300, 1_500, 1_200]);
+        assert_eq!(walk(6_250_000), [6_500, 1_500, 1_200]);
+        assert_eq!(walk(10_000_000), [6_500, 4_500, 1_200]);
+        assert_eq!(walk(20_000_000), walk(0));
+        for t_us in (0..20_000_000).step_by(10_000) {
+            let (a, b) = (walk(t_us), walk(t_us + 10_000));
+            let step: u32 = a.iter().zip(b).map(|(a, b)| a.abs_diff(b)).sum();
+            assert_eq!(step, 8, "at {t_us}");
+        }
+    }
+}
