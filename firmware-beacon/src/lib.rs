@@ -34,14 +34,14 @@ pub trait Listener {
     /// This is advertised from now on.
     fn advertising(&mut self, advertisement: &Advertisement);
 
-    /// The controller failed, for the `failures`-th time in a row; it is tried again.
+    /// The controller failed, for the `failures`-th time in a row; it is tried again. No sign of life comes until it works.
     fn failed(&mut self, error: &impl core::fmt::Debug, failures: u32);
 
-    /// The app is well: called at least every [`HEARTBEAT_MS`] while the controller answers.
+    /// The app is well.
     fn alive(&mut self);
 }
 
-/// The longest time from one sign of life to the next, milliseconds, without what the controller takes.
+/// The longest time from one sign of life to the next while the controller works, milliseconds, without what its commands take.
 pub const HEARTBEAT_MS: u32 = 1000;
 
 /// The first pause after a failure, and what it grows to, milliseconds.
@@ -72,7 +72,6 @@ pub async fn run(
                 listener.failed(&error, failures);
                 let pause = SHORTEST_PAUSE_MS.checked_shl(failures - 1).unwrap_or(LONGEST_PAUSE_MS);
                 delay.delay_ms(pause.clamp(SHORTEST_PAUSE_MS, LONGEST_PAUSE_MS)).await;
-                listener.alive();
             }
         }
     }

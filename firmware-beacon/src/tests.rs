@@ -191,6 +191,8 @@ fn a_failing_controller_is_tried_again_ever_more_slowly() {
     assert_eq!(failures, (1..=7).map(Seen::Failed).collect::<Vec<_>>());
     let waits: Vec<_> =
         seen.iter().filter_map(|seen| if let Seen::Waited(ms) = seen { Some(*ms) } else { None }).take(7).collect();
+    let first_start = seen.iter().position(|seen| matches!(seen, Seen::Started(_))).expect("a start");
+    assert!(!seen[..first_start].contains(&Seen::Alive), "no sign of life before it works");
     assert_eq!(waits, vec![50, 100, 200, 400, 800, 1000, 1000]);
     assert_eq!(starts(&seen).len(), 1);
 }

@@ -52,26 +52,25 @@ pub fn restart() -> ! {
     esp_hal::system::software_reset()
 }
 
-/// Makes a function the program: `esp_entry!(main)` with `fn main(_: embassy_executor::Spawner)`, which spawns the tasks of the
-/// main thread.
+/// Makes a task the program: `esp_entry!(main)` with a task `main` that takes the main thread's `Spawner`.
 #[macro_export]
 macro_rules! esp_entry {
     ($main:path) => {
         #[cfg(target_arch = "riscv32")]
         #[unsafe(export_name = "main")]
         fn __entry(_: usize, _: usize, _: usize) -> ! {
-            $crate::esp::start($main)
+            $crate::esp::start(|spawner| spawner.spawn($main(spawner).unwrap()))
         }
         #[cfg(target_arch = "xtensa")]
         #[unsafe(export_name = "main")]
         fn __entry() -> ! {
-            $crate::esp::start($main)
+            $crate::esp::start(|spawner| spawner.spawn($main(spawner).unwrap()))
         }
     };
 }
 
 /// Runs the main thread's executor; see [`esp_entry`](crate::esp_entry).
-pub fn start(main: fn(Spawner)) -> ! {
+pub fn start(main: impl FnOnce(Spawner)) -> ! {
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
     EXECUTOR.init(Executor::new()).run(main)
 }

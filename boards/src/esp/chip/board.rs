@@ -8,13 +8,13 @@ use esp_hal::rng::Rng;
 use esp_hal::timer::timg::TimerGroup;
 use esp_storage::FlashStorage;
 use node_record::{Invalid, Pages, Pins, Record};
-use telemetry::{Crash, ResetCause};
 
 use super::log::{self, TelemetryChannel};
 use super::spi::{Bus, Interrupt, Port, Reset};
 use super::watchdog::{self, Watchdog};
 use super::{crash, this};
 use crate::esp::{pins, reset_cause};
+use crate::node::Start;
 
 // What the second-stage bootloader and espflash look for.
 esp_bootloader_esp_idf::esp_app_desc!();
@@ -28,16 +28,10 @@ pub struct Board {
     pub uwb: UwbPort,
     /// Runs already.
     pub watchdog: Watchdog,
-    /// From flash.
-    pub record: Result<Record, node_record::Fault>,
-    /// The chip's own EUI-64, from its factory address.
-    pub eui: u64,
+    /// What the node is told.
+    pub start: Start,
     /// The chip's factory address, the highest byte first.
     pub address: [u8; 6],
-    /// Why the node started.
-    pub reset: ResetCause,
-    /// What the life before left.
-    pub crash: Option<Crash>,
     /// Telemetry's way out.
     pub telemetry: TelemetryChannel,
     /// The chip's radio.
@@ -94,14 +88,17 @@ impl Board {
         let port = Port::new(p.SPI2);
         #[cfg(feature = "esp32")]
         let port = Port::new(p.SPI3);
+        let start = Start {
+            record: node_record::load(&mut FlashStorage::new(p.FLASH), Pages::ESP.offsets),
+            eui: eui_of(address),
+            reset: reset_cause::of(esp_hal::system::reset_reason().map_or(0, |reason| reason as u32)),
+            crash: crash::take(),
+        };
         Self {
             uwb: UwbPort(port),
             watchdog: Watchdog::start(p.RTC_TIMER),
-            record: node_record::load(&mut FlashStorage::new(p.FLASH), Pages::ESP.offsets),
-            eui: eui_of(address),
+            start,
             address,
-            reset: reset_cause::of(esp_hal::system::reset_reason().map_or(0, |reason| reason as u32)),
-            crash: crash::take(),
             telemetry,
             #[cfg(feature = "ble")]
             bluetooth: super::bluetooth::Parts(p.BT),

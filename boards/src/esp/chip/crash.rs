@@ -6,6 +6,7 @@
 
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
+use core::sync::atomic::{AtomicBool, Ordering};
 
 use firmware_common::crash::{self, Remains};
 use telemetry::Crash;
@@ -13,6 +14,9 @@ use telemetry::Crash;
 /// Zeroed when power comes, by the start-up code.
 #[unsafe(link_section = ".rtc_fast.persistent")]
 static mut REMAINS: MaybeUninit<Remains> = MaybeUninit::uninit();
+
+/// In this life a crash has been left.
+static LEFT: AtomicBool = AtomicBool::new(false);
 
 /// Leaves a crash for the next start, and resets the chip.
 pub fn end(crash: Crash) -> ! {
@@ -22,9 +26,17 @@ pub fn end(crash: Crash) -> ! {
 
 /// Leaves a crash for the next start; the watchdog does the rest.
 pub fn leave(crash: Crash) {
+    LEFT.store(true, Ordering::Relaxed);
     // SAFETY: called by the supervisor, by the watchdog's interrupt above all tasks, and by those who never return; the worst of
     // an interruption is a checksum that fails.
     crash::leave(unsafe { &mut *(&raw mut REMAINS) }, crash);
+}
+
+/// Leaves a crash where nobody has left one: what came first is the cause.
+pub(super) fn leave_if_first(crash: Crash) {
+    if !LEFT.load(Ordering::Relaxed) {
+        leave(crash);
+    }
 }
 
 /// Takes what the life before left.

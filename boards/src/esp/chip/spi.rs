@@ -57,6 +57,15 @@ pub struct Bus {
 }
 
 impl Bus {
+    /// Not inlined: the driver has some forty transactions.
+    #[inline(never)]
+    fn transact(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Error> {
+        self.select.set_low();
+        let result = operations.iter_mut().try_for_each(|operation| self.operate(operation));
+        self.select.set_high();
+        result
+    }
+
     fn operate(&mut self, operation: &mut Operation<'_, u8>) -> Result<(), Error> {
         match operation {
             Operation::Read(words) => self.spi.read(words),
@@ -77,14 +86,12 @@ impl ErrorType for Bus {
 
 impl SpiDevice for Bus {
     async fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Error> {
-        self.select.set_low();
-        let result = operations.iter_mut().try_for_each(|operation| self.operate(operation));
-        self.select.set_high();
-        result
+        self.transact(operations)
     }
 }
 
 impl ClockedSpi for Bus {
+    #[inline(never)]
     fn set_clock(&mut self, clock: SpiClock) -> Result<(), Error> {
         let config = match clock {
             SpiClock::Slow => &self.slow,

@@ -41,7 +41,8 @@ impl Watchdog {
 
 #[handler(priority = Priority::max())]
 fn ran_out() {
-    crash::leave(Crash { reason: CrashReason::Stalled, program_counter: interrupted_at(), line: 0, file: 0 });
+    // The supervisor may have left which task stands still.
+    crash::leave_if_first(Crash { reason: CrashReason::Stalled, program_counter: interrupted_at(), line: 0, file: 0 });
     // The reset comes by itself, and tells that it was the watchdog's.
     loop {
         core::hint::spin_loop();

@@ -1,76 +1,63 @@
 //! A beacon's advertiser: not connectable, not scannable, legacy advertising, which all receivers understand.
 
-use bt_hci_esp::cmd::le::{LeSetAdvEnable, LeSetRandomAddr};
-use bt_hci_esp::param::{AdvChannelMap, BdAddr};
-use embassy_executor::Spawner;
-use embassy_time::{Duration, Timer};
+use core::convert::Infallible;
+
+use bt_hci_esp::cmd::le::{LeSetAdvData, LeSetAdvEnable, LeSetAdvParams, LeSetRandomAddr};
+use bt_hci_esp::param::{AddrKind, AdvChannelMap, AdvFilterPolicy, AdvKind, BdAddr, Duration};
 use esp_radio::ble::Config;
 #[cfg(not(feature = "esp32"))]
 use esp_radio::ble::TxPower;
-use trouble_host_esp::prelude::{self, AdvertisementParameters, DefaultPacketPool, Peripheral};
 
-use super::{Controller, Error, Host, Parts, StartError};
+use super::{Controller, Error, Parts, StartError};
+
+/// The longest advertising data.
+const MOST_BYTES: usize = 31;
 
 /// An advertiser, its controller running.
-pub struct Advertiser {
-    host: &'static Host,
-    peripheral: Peripheral<'static, Controller, DefaultPacketPool>,
-    /// What is on the air; dropped, it stops.
-    session: Option<prelude::Advertiser<'static, Controller, DefaultPacketPool>>,
-}
+pub struct Advertiser(Controller);
 
 impl Advertiser {
-    /// Starts the controller, with the power level next below `tx_power_dbm` or the lowest; once a program. `spawner` is the main
-    /// thread's, `address` the first that is used.
-    pub fn start(parts: Parts, tx_power_dbm: i8, address: [u8; 6], spawner: Spawner) -> Result<Self, StartError> {
-        let host = super::start(parts, config(tx_power_dbm), address)?;
-        if let Ok(task) = serve(host) {
-            spawner.spawn(task);
-        }
-        Ok(Self { host, peripheral: host.peripheral(), session: None })
+    /// Starts the controller, with the power level next below `tx_power_dbm` or the lowest; once a program.
+    pub fn start(parts: Parts, tx_power_dbm: i8) -> Result<Self, StartError> {
+        Controller::start(parts, config(tx_power_dbm)).map(Self)
     }
 
-    /// Advertises `data` under the random `address`, in place of what was advertised before. `channels` are 37, 38, 39 as bits
-    /// 0, 1, 2. The controller adds up to 10 ms to each interval, at random.
-    pub async fn advertise(
-        &mut self,
-        data: &[u8],
-        address: [u8; 6],
-        interval_ms: u16,
-        channels: u8,
-    ) -> Result<(), Error> {
-        self.stop().await?;
-        self.host.command(LeSetRandomAddr::new(BdAddr::new(address))).await?;
+    /// Carries commands, for ever; without it none ends.
+    pub async fn serve(&self) -> Infallible {
+        // Nobody is listened to.
+        self.0.listen(|_| ()).await
+    }
+
+    /// Advertises the first 31 bytes of `data` under the random `address`, after [`stop`](Self::stop). `channels` are 37, 38, 39 as
+    /// bits 0, 1, 2. The controller adds up to 10 ms to each interval, at random.
+    pub async fn advertise(&self, data: &[u8], address: [u8; 6], interval_ms: u16, channels: u8) -> Result<(), Error> {
+        let mut bytes = [0; MOST_BYTES];
+        let mut length = 0;
+        for (place, byte) in bytes.iter_mut().zip(data) {
+            *place = *byte;
+            length += 1;
+        }
         let interval = Duration::from_millis(interval_ms.into());
-        let parameters = AdvertisementParameters {
-            interval_min: interval,
-            interval_max: interval,
-            channel_map: Some(channel_map(channels)),
-            ..Default::default()
-        };
-        let advertisement = prelude::Advertisement::NonconnectableNonscannableUndirected { adv_data: data };
-        self.session = Some(self.peripheral.advertise(&parameters, advertisement).await?);
-        Ok(())
+        let parameters = LeSetAdvParams::new(
+            interval,
+            interval,
+            AdvKind::AdvNonconnInd,
+            AddrKind::RANDOM,
+            // Of whom it is directed to: nobody.
+            AddrKind::PUBLIC,
+            BdAddr::default(),
+            channel_map(channels),
+            AdvFilterPolicy::default(),
+        );
+        self.0.command(LeSetRandomAddr::new(BdAddr::new(address))).await?;
+        self.0.command(parameters).await?;
+        self.0.command(LeSetAdvData::new(length, bytes)).await?;
+        self.0.command(LeSetAdvEnable::new(true)).await
     }
 
     /// Advertises nothing from now on.
-    pub async fn stop(&mut self) -> Result<(), Error> {
-        if self.session.take().is_some() {
-            // The host stops it as well, but not before this returns: the address cannot be changed until then.
-            self.host.command(LeSetAdvEnable::new(false)).await?;
-        }
-        Ok(())
-    }
-}
-
-#[embassy_executor::task]
-async fn serve(host: &'static Host) -> ! {
-    let mut runner = host.runner();
-    loop {
-        if let Err(error) = runner.run().await {
-            defmt::warn!("Bluetooth host: {}", error);
-        }
-        Timer::after_millis(100).await;
+    pub async fn stop(&self) -> Result<(), Error> {
+        self.0.command(LeSetAdvEnable::new(false)).await
     }
 }
 

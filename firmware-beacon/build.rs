@@ -1,0 +1,22 @@
+//! The linker's scripts, which differ from one family of boards to the next.
+
+use std::env;
+
+fn main() {
+    println!("cargo::rerun-if-changed=build.rs");
+    if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
+        return;
+    }
+    let enabled = |board: &str| env::var_os(format!("CARGO_FEATURE_{}", board.to_uppercase())).is_some();
+    let arguments: &[&str] = if ["dwm1001", "evk1000"].iter().any(|board| enabled(board)) {
+        // `--nmagic`: sections are not spread over pages of an operating system.
+        &["--nmagic", "-Tlink.x", "-Tdefmt.x"]
+    } else if ["esp32c3", "esp32c6", "esp32"].iter().any(|board| enabled(board)) {
+        &["-Tlinkall.x", "-Tdefmt.x"]
+    } else {
+        &[]
+    };
+    for argument in arguments {
+        println!("cargo::rustc-link-arg-bins={argument}");
+    }
+}

@@ -1,0 +1,94 @@
+//! The beacon on a chip of Espressif: everything in the main thread, but the controller.
+
+use boards::esp::bluetooth::{self, Advertiser, Parts};
+use boards::esp::{self, Board, crash};
+use boards::node::{self, Reporter};
+use embassy_executor::Spawner;
+use embassy_futures::join::join;
+use embassy_time::Delay;
+use firmware_beacon::{Advertise, Advertisement, Listener, Settings, SettingsFault};
+use telemetry::{Condition, RecordFault};
+
+static REPORTER: Reporter = Reporter::new(esp::uptime_us);
+
+/// The app's advertiser.
+struct OnAir<'a>(&'a Advertiser);
+
+impl Advertise for OnAir<'_> {
+    type Error = bluetooth::Error;
+
+    async fn start(&mut self, advertisement: &Advertisement) -> Result<(), Self::Error> {
+        let Advertisement { data, address, interval_ms, channels, tx_power_dbm: _ } = advertisement;
+        self.0.advertise(data, *address, *interval_ms, channels.bits()).await
+    }
+
+    async fn stop(&mut self) -> Result<(), Self::Error> {
+        self.0.stop().await
+    }
+}
+
+/// The app's listener.
+struct Told;
+
+impl Listener for Told {
+    fn advertising(&mut self, advertisement: &Advertisement) {
+        defmt::info!("on the air: {}", advertisement);
+        REPORTER.journal.state(REPORTER.now_us(), Condition::Advertising);
+    }
+
+    fn failed(&mut self, error: &impl core::fmt::Debug, failures: u32) {
+        // No sign of life: where this goes on, the watchdog starts the chip anew.
+        REPORTER.counts.radio_failures.add();
+        REPORTER.journal.state(REPORTER.now_us(), Condition::RadioFailed(failures));
+        let _ = error;
+    }
+
+    fn alive(&mut self) {
+        REPORTER.ranging.beat(REPORTER.now_us());
+    }
+}
+
+#[embassy_executor::task]
+async fn advertise(parts: Parts, settings: Settings) {
+    let advertiser = match Advertiser::start(parts, settings.tx_power_dbm()) {
+        Ok(advertiser) => advertiser,
+        Err(error) => {
+            // The watchdog starts the chip anew.
+            defmt::error!("no Bluetooth: {}", error);
+            return;
+        }
+    };
+    join(advertiser.serve(), firmware_beacon::run(OnAir(&advertiser), Delay, esp::random, &settings, Told)).await;
+}
+
+/// The main thread's first task.
+#[embassy_executor::task]
+pub async fn main(spawner: Spawner) {
+    let Board { mut watchdog, start, address, mut telemetry, bluetooth, .. } = Board::take(spawner);
+    let (hello, followed) = node::introduce(&REPORTER, esp::KIND, telemetry::Role::Beacon, start);
+    let mut works = false;
+    if let Some((record, _)) = followed {
+        let complain = |condition| REPORTER.journal.state(REPORTER.now_us(), condition);
+        match Settings::of(&record, address) {
+            Ok(settings) => {
+                works = true;
+                spawner.spawn(advertise(bluetooth, settings).unwrap());
+            }
+            Err(SettingsFault::OtherRole) => complain(Condition::WrongRecord),
+            Err(fault @ (SettingsFault::Interval(_) | SettingsFault::Channels(_) | SettingsFault::NoKey)) => {
+                defmt::error!("{}", fault);
+                complain(Condition::NoRecord(RecordFault::Invalid));
+            }
+        }
+    }
+    let supervision = node::supervise(
+        &REPORTER,
+        |frame| telemetry.write(frame),
+        |_| (),
+        || watchdog.feed(),
+        // The app shows that it is alive as ranging does elsewhere.
+        |reporter| if works { reporter.all_alive(false) } else { Ok(()) },
+        crash::leave,
+    );
+    join(supervision, REPORTER.keep_telling(hello, Delay)).await;
+}
