@@ -4,7 +4,7 @@ use core::fmt::{self, Display, Formatter};
 
 use positioning_core::NoFix;
 
-use crate::{Board, Condition, Crash, CrashReason, Malformed, Message, Reason, RecordFault, ResetCause, Role};
+use crate::{Board, Condition, CrashReason, Malformed, Message, Reason, RecordFault, ResetCause, Role};
 
 impl Message {
     /// Of which kind it is: `hello`, `fix`, `range`, `sighting`, `state`, `counters`, `reset`.
@@ -109,57 +109,6 @@ impl CrashReason {
             Self::StackOverflow => "stack-overflow",
             Self::Stalled => "stalled",
         }
-    }
-}
-
-impl Display for Condition {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoRecord(fault) => write!(f, "no record: {fault}"),
-            Self::WrongRecord => f.write_str("the record is for another role or board"),
-            Self::Searching => f.write_str("searching"),
-            Self::Paired(peer) => write!(f, "paired with {peer}"),
-            Self::Synchronised(coordinator) => write!(f, "in step with the network of anchor {coordinator}"),
-            Self::Joined(slots) => write!(f, "joined, slots a superframe: {slots}"),
-            Self::Coordinating => f.write_str("coordinating"),
-            Self::Following(coordinator) => write!(f, "following anchor {coordinator}"),
-            Self::RadioFailed(times) => write!(f, "radio failed, times in a row: {times}"),
-            Self::ScannerRestarted(times) => write!(f, "Bluetooth scanner restarted, times: {times}"),
-            Self::Advertising => f.write_str("advertising"),
-        }
-    }
-}
-
-impl Display for RecordFault {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Missing => f.write_str("the flash is erased"),
-            Self::Version(version) => write!(f, "version {version} is not known"),
-            Self::Corrupt => f.write_str("the checksum is wrong"),
-            Self::Invalid => f.write_str("what it says cannot be done"),
-        }
-    }
-}
-
-impl Display for ResetCause {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Other(number) => write!(f, "other ({number:#x})"),
-            Self::PowerOn
-            | Self::BrownOut
-            | Self::Pin
-            | Self::Software
-            | Self::Watchdog
-            | Self::Lockup
-            | Self::Wake => f.write_str(self.as_str()),
-        }
-    }
-}
-
-impl Display for Crash {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        write!(f, "{} at {:#010x}", self.reason.as_str(), self.program_counter)?;
-        if self.line == 0 { Ok(()) } else { write!(f, ", line {} of the file with hash {:08x}", self.line, self.file) }
     }
 }
 

@@ -2,6 +2,7 @@
 
 mod contract;
 mod example;
+mod monitor;
 mod pictures;
 mod provision;
 mod recordings;
