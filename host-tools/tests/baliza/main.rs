@@ -7,6 +7,7 @@ mod pictures;
 mod provision;
 mod recordings;
 mod simulate;
+mod streams;
 mod support;
 mod thesis;
 mod wrong_input;
