@@ -1,7 +1,7 @@
 //! Debug probes: which one, which chip, and a session with it.
 //!
-//! Arguments → [`ProbeArguments::attach`] → a `probe_rs::Session` that reads and writes the chip's memory; or one sentence that says
-//! what to do: plug in, set permissions, name one of several.
+//! Arguments → [`ProbeArguments::attach`] → a `probe_rs::Session` that reads and writes the chip's memory; or one
+//! sentence that says what to do: plug in, set permissions, name one of several.
 
 use std::sync::Once;
 
@@ -29,10 +29,12 @@ pub struct ProbeArguments {
 }
 
 impl ProbeArguments {
-    /// Opens the probe and attaches to the chip, which runs on: `--chip`, else `default_chip`, else what the probe finds out.
+    /// Opens the probe and attaches to the chip, which runs on: `--chip`, else `default_chip`, else what the probe
+    /// finds out.
     ///
     /// # Errors
-    /// [`Wrong`] where the arguments do not choose one probe and a known chip; else what did not work, and what may help.
+    /// [`Wrong`] where the arguments do not choose one probe and a known chip; else what did not work, and what may
+    /// help.
     pub fn attach(&self, default_chip: Option<&str>) -> Result<Session> {
         let registry = registry();
         let target = match (self.chip.as_deref(), default_chip) {
@@ -93,8 +95,8 @@ fn find(registry: &Registry, name: &str) -> Result<probe_rs::Target> {
 fn choose(found: Vec<ProbeListItem>, selector: Option<&DebugProbeSelector>) -> Result<DebugProbeInfo> {
     if found.is_empty() {
         return Err(anyhow!(
-            "no debug probe found: plug in the board (a cable for data, not for charging alone); on Linux `lsusb` shows whether \
-             it is there"
+            "no debug probe found: plug in the board (a cable for data, not for charging alone); on Linux `lsusb` \
+             shows whether it is there"
         ));
     }
     let all = list(&found);
@@ -138,8 +140,8 @@ fn prefer(probe: &mut Probe, core: Option<CoreType>) {
 
 fn not_allowed(name: &str) -> anyhow::Error {
     anyhow!(
-        "no permission to open the probe {name}: on Linux it needs a udev rule, see https://probe.rs/docs/getting-started/probe-setup; \
-         then plug it in again"
+        "no permission to open the probe {name}: on Linux it needs a udev rule, see \
+         https://probe.rs/docs/getting-started/probe-setup; then plug it in again"
     )
 }
 

@@ -97,8 +97,8 @@ impl Board {
         }
     }
 
-    /// Whether a pin of this number can be an input, and an output too where `output`. Left out are those that the flash, the
-    /// USB port and, on the ESP32, the serial port hang on (the chips' datasheets, "Pin Overview").
+    /// Whether a pin of this number can be an input, and an output too where `output`. Left out are those that the
+    /// flash, the USB port and, on the ESP32, the serial port hang on (the chips' datasheets, "Pin Overview").
     pub const fn has_pin(self, pin: u8, output: bool) -> bool {
         match self {
             Self::Dwm1001 | Self::Evk1000 => false,

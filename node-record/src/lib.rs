@@ -1,7 +1,8 @@
 //! What a node is told once: its configuration in flash.
 //!
-//! A [`Record`] is written by the host (`baliza provision`) as postcard with a header and a checksum ([`encode`]), into one of two
-//! flash pages in turn: a power cut during writing leaves the other page's record. A node takes it by [`load`].
+//! A [`Record`] is written by the host (`baliza provision`) as postcard with a header and a checksum ([`encode`]), into
+//! one of two flash pages in turn: a power cut during writing leaves the other page's record. A node takes it by
+//! [`load`].
 #![no_std]
 #![forbid(unsafe_code)]
 

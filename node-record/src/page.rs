@@ -10,8 +10,8 @@
 //! | 12 | 4 | CRC-32 (ISO-HDLC, that of Ethernet) of the twelve bytes before and of the record |
 //! | 16 | … | the record in postcard |
 //!
-//! Numbers are little-endian. The rest of the page is erased, 0xFF. The header stays the same in all versions, so that an
-//! unknown version is known to be one.
+//! Numbers are little-endian. The rest of the page is erased, 0xFF. The header stays the same in all versions, so that
+//! an unknown version is known to be one.
 
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 
@@ -71,7 +71,8 @@ impl Header {
     }
 }
 
-/// The record as the beginning of a page, at most [`MAX_BYTES`] long; the rest of the buffer is 0xFF, as erased flash is.
+/// The record as the beginning of a page, at most [`MAX_BYTES`] long; the rest of the buffer is 0xFF, as erased flash
+/// is.
 pub fn encode<'a>(record: &Record, sequence: u32, page: &'a mut [u8; MAX_BYTES]) -> &'a [u8] {
     page.fill(0xFF);
     let (header, body) = page.split_at_mut(HEADER_BYTES);

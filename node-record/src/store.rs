@@ -1,7 +1,7 @@
 //! Two pages of flash: the newer record counts, and the next one goes into the other page.
 //!
-//! A record is written with its header last. Whenever the power fails meanwhile, the page that was not touched still has the
-//! record before.
+//! A record is written with its header last. Whenever the power fails meanwhile, the page that was not touched still
+//! has the record before.
 
 use embedded_storage::nor_flash::{NorFlash, ReadNorFlash};
 

@@ -252,7 +252,8 @@ impl Identity {
             let meant = eui != 0 && eui != u64::MAX;
             ensure(meant, "identity.eui", Value::Hexadecimal(eui), "neither all zeros nor all ones")?;
             let unclear = self.address.is_none() && eui as u16 >= NO_ADDRESS;
-            let must = "other in its lowest 16 bits, which are the address where none is given: 0xFFFE is nobody, 0xFFFF everybody";
+            let must =
+                "other in its lowest 16 bits, the address where none is given: 0xFFFE is nobody, 0xFFFF everybody";
             ensure(!unclear, "identity.eui", Value::Hexadecimal(eui), must)?;
         }
         self.address.map_or(Ok(()), |given| address(given, "identity.address"))

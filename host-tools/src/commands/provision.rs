@@ -15,8 +15,9 @@ use node_record::{Board, Record};
 
 /// Tell nodes who they are: make their records, write, show and check them
 ///
-/// A record is made from a TOML file, `--config`; --example prints one to begin with. It goes to a file, --out, for espflash,
-/// probe-rs or any other flasher; or over a debug probe into the board, --write. docs/provisioning.md has all keys.
+/// A record is made from a TOML file, `--config`; --example prints one to begin with. It goes to a file, --out, for
+/// espflash, probe-rs or any other flasher; or over a debug probe into the board, --write. docs/provisioning.md has all
+/// keys.
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("what").required(true).args(["config", "show", "read", "check", "example"]))]
 pub struct Arguments {
@@ -215,8 +216,9 @@ fn write(arguments: &Arguments, node: &Node, board: Board, record: &Record) -> R
         node.name
     ));
     if arguments.json {
-        let document = serde_json::json!({ "node": node.name, "board": board.name(), "addresses": addresses, "sequence": sequence });
-        super::print_json(&document)?;
+        super::print_json(&serde_json::json!({
+            "node": node.name, "board": board.name(), "addresses": addresses, "sequence": sequence,
+        }))?;
     }
     Ok(())
 }
@@ -228,7 +230,8 @@ fn read(arguments: &Arguments) -> Result<()> {
     if !transfer::is_readable(board) {
         let [address, _] = board.pages().addresses();
         let what = format!(
-            "a probe does not read an ESP's flash: `espflash read-flash 0x{address:X} 0x2000 record.bin`, then --show record.bin"
+            "a probe does not read an ESP's flash: `espflash read-flash 0x{address:X} 0x2000 record.bin`, then \
+             --show record.bin"
         );
         return Err(Wrong::flag("--read", what).into());
     }

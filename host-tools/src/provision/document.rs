@@ -1,4 +1,5 @@
-//! A TOML file with its lines: tables whose keys are all known, fields of the right kind, or what is wrong in which line.
+//! A TOML file with its lines: tables whose keys are all known, fields of the right kind, or what is wrong in which
+//! line.
 
 use std::path::Path;
 
@@ -44,11 +45,9 @@ pub(super) struct Section<'d> {
 }
 
 impl<'d> Section<'d> {
-    pub(super) fn new(document: Document<'d>, table: &'d Spanned<DeTable<'d>>) -> Self {
-        // The span of a table ends where that of its parent may begin: a table without keys of its own has its header's.
-        let keys = table.get_ref().iter().map(|(key, _)| key.span().start);
-        let at = if table.span().is_empty() { keys.min().unwrap_or(0) } else { table.span().start };
-        Self { document, table: table.get_ref(), line: document.line(at) }
+    /// The outermost table.
+    pub(super) fn root(document: Document<'d>, table: &'d Spanned<DeTable<'d>>) -> Self {
+        Self { document, table: table.get_ref(), line: 1 }
     }
 
     /// The table with no other keys than these; `foreign` says of a key that is known elsewhere why it is wrong here.

@@ -1,7 +1,7 @@
 //! Files with a record: both pages of a board, as they are to be in flash.
 //!
-//! The record is in both pages. So whatever was in flash before does not count any more, and a file that was half written leaves
-//! a whole page.
+//! The record is in both pages. So whatever was in flash before does not count any more, and a file that was half
+//! written leaves a whole page.
 
 use ihex::Record as Hex;
 use node_record::{Board, Fault, HEADER_BYTES, MAX_BYTES, Record, decode, encode, newest};
@@ -41,7 +41,7 @@ pub fn intel_hex(board: Board, record: &Record) -> Result<String, ihex::WriterEr
         }));
     }
     lines.push(Hex::EndOfFile);
-    ihex::create_object_file_representation(&lines).map(|text| text + "\n")
+    ihex::create_object_file_representation(&lines)
 }
 
 /// A file that may hold a record.

@@ -1,7 +1,7 @@
 //! Node records: from a file that people write to the flash of a node, and back.
 //!
-//! `site.toml` → [`Site`], its [`Node`]s with their records → [`image`], a file for any flasher, or [`transfer`], over a debug
-//! probe. A page of flash → the record → [`show`], which prints what [`Site::parse`] reads.
+//! `site.toml` → [`Site`], its [`Node`]s with their records → [`image`], a file for any flasher, or [`transfer`], over
+//! a debug probe. A page of flash → the record → [`show`], which prints what [`Site::parse`] reads.
 
 mod document;
 pub mod image;

@@ -33,12 +33,12 @@ impl Site {
     /// The site that a text describes; `file` is what errors call it.
     ///
     /// # Errors
-    /// The first line that is wrong: it is no TOML, a key is unknown or missing, a value is not what it must be, two nodes
-    /// are the same, or a node could not do as it is told.
+    /// The first line that is wrong: it is no TOML, a key is unknown or missing, a value is not what it must be, two
+    /// nodes are the same, or a node could not do as it is told.
     pub fn parse(file: &Path, text: &str) -> Result<Self, Wrong> {
         let document = Document { file, text };
         let root = document.parse()?;
-        let root = Section::new(document, &root).with_keys(&KEYS, |_| None)?;
+        let root = Section::root(document, &root).with_keys(&KEYS, |_| None)?;
         let shared = match root.tables("network")?.as_slice() {
             [network] => Shared::read(network)?,
             [] => return Err(Wrong::file(file, "[network] is missing")),

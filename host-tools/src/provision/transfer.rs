@@ -1,8 +1,8 @@
 //! A record over a debug probe: into the flash of a board, and out of it.
 //!
-//! Both pages are read, the one that does not count is written, as the node itself would do it; then it is read back and compared, and
-//! the node starts anew. An ESP's flash is not in the chip's memory, so that probes write it without reading it: there the record goes
-//! into both pages, one after the other, and the chip compares it.
+//! Both pages are read, the one that does not count is written, as the node itself would do it; then it is read back
+//! and compared, and the node starts anew. An ESP's flash is not in the chip's memory, so that probes write it without
+//! reading it: there the record goes into both pages, one after the other, and the chip compares it.
 
 use std::time::Duration;
 
@@ -77,7 +77,8 @@ pub const fn is_readable(board: Board) -> bool {
     }
 }
 
-/// Writes a record and restarts the node; answers with the addresses of the pages that were written, and the record's sequence number.
+/// Writes a record and restarts the node; answers with the addresses of the pages that were written, and the record's
+/// sequence number.
 ///
 /// # Errors
 /// The probe's; or the flash does not keep what was written.

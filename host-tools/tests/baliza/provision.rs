@@ -107,7 +107,8 @@ fn refused(run: &Run, begins: &str) {
 #[test]
 fn a_record_has_the_bytes_that_another_program_wrote() {
     let folder = provisioned(ANCHOR);
-    // See node-record's tests: a Python program wrote the body, and the header by its length 0x35, sequence 1, and zlib's CRC-32.
+    // See node-record's tests: a Python program wrote the body, and the header by its length 0x35, sequence 1, and
+    // zlib's CRC-32.
     let body = "01 ef 9b af cd f8 ac d1 91 01  01 81 02   \
                 01 01 00 00 80 3f 00 00 20 40 00 00 00 bf \
                 ca bd 03 00 05 40 9a 35 80 01 00  fa 01 28 96 01 \

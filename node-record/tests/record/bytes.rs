@@ -18,8 +18,8 @@ fn from_hex(text: &str) -> Vec<u8> {
     text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
 }
 
-// The pages below were written by a Python program of its own, which knows postcard only from its specification (varints, options as
-// 00 or 01, variants by number, floats little-endian) and takes the CRC-32 from zlib.
+// The pages below were written by a Python program of its own, which knows postcard only from its specification
+// (varints, options as 00 or 01, variants by number, floats little-endian) and takes the CRC-32 from zlib.
 
 #[test]
 fn an_anchor_s_page_has_these_bytes() {
@@ -64,8 +64,8 @@ fn the_bytes_are_those_of_the_documentation() {
 fn the_longest_record_fits() {
     let record = longest();
     assert_eq!(record.validate(), Ok(()));
-    // Identity 11 + 4; role 1 + 16 + 3 + 3 + 1 + 2 + 1 + 1 + 3; network 3 + 2 + 1 + 1 + 2 + 2 + 2 + 9; calibration 4 + 2 + 6; pins 7;
-    // 24 anchors of 3 + 12, 24 beacons of 3 + 3 + 12 + 5 + 5, a byte for each list's length; the key 17.
+    // Identity 11 + 4; role 1 + 16 + 3 + 3 + 1 + 2 + 1 + 1 + 3; network 3 + 2 + 1 + 1 + 2 + 2 + 2 + 9; calibration 4 +
+    // 2 + 6; pins 7; 24 anchors of 3 + 12, 24 beacons of 3 + 3 + 12 + 5 + 5, a byte for each list's length; the key 17.
     let longest = 15 + 31 + 22 + 12 + 7 + (1 + 24 * 15) + (1 + 24 * 28) + 17;
     assert_eq!(page(&record, 1).len(), HEADER_BYTES + longest);
     assert_eq!(decode(&page(&record, 1)), Ok((record, 1)));
@@ -157,7 +157,8 @@ fn place() -> impl Strategy<Value = [f32; 3]> {
 prop_compose! {
     fn a_tag()(
         height_m in of(-10_f32..100.0), rate in of(100..=100_000_u32), still in of(0.0..1_f64), sleep: bool,
-        anchors_per_round in 1..=8_u8, tell_distances: bool, scan in of((3..=10_240_u16, 0.0..1_f64)), report_ranges: bool,
+        anchors_per_round in 1..=8_u8, tell_distances: bool, scan in of((3..=10_240_u16, 0.0..1_f64)),
+        report_ranges: bool,
     ) -> Role {
         let slower = |share: f64| (f64::from(rate.unwrap_or(100)) * share).max(13.0) as u32;
         let window = |(interval_ms, share): (u16, f64)| {
@@ -241,7 +242,8 @@ proptest! {
 
     #[test]
     fn noise_under_a_right_checksum_is_refused_or_valid(body in vec(any::<u8>(), 0..300)) {
-        let mut bytes = [b"BLZR".as_slice(), &[VERSION, 0], &(body.len() as u16).to_le_bytes(), &[1, 0, 0, 0, 0, 0, 0, 0]].concat();
+        let length = (body.len() as u16).to_le_bytes();
+        let mut bytes = [b"BLZR".as_slice(), &[VERSION, 0], &length, &[1, 0, 0, 0, 0, 0, 0, 0]].concat();
         bytes.extend(&body);
         seal(&mut bytes);
         if let Ok((record, sequence)) = decode(&bytes) {
