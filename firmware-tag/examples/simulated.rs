@@ -16,16 +16,22 @@ use telemetry::{Board, Reset, ResetCause};
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [file] = arguments.as_slice() else { return Err("usage: simulated FILE".into()) };
+    std::fs::write(file, live()?)?;
+    Ok(())
+}
 
+/// The telemetry of the tag's life in the room.
+pub fn live() -> Result<Vec<u8>, Box<dyn Error>> {
     let record = room::record();
     let settings = Settings::of(&record, room::TAG_EUI).map_err(|invalid| invalid.to_string())?;
-    let Role::Tag(tag) = settings.role else { return Err("the room's record is a tag's".into()) };
+    let Role::Tag(tag) = settings.role else { return Err("the room's record is not a tag's".into()) };
     let anchors = places(&record);
     let (handover, reporter) = (Handover::new(), Reporter::<NoopRawMutex, 4096>::new(uptime_us));
-    reporter.journal.reset(Reset { t_us: uptime_us(), cause: ResetCause::PowerOn, crash: None });
     let world = room::world(&settings.network);
     let radio = room::tag(&world).ok_or("the world is full")?;
-    let app = run_as_told(radio, world.delay(), (&settings, &tag), &anchors, (&handover, &reporter), Board::Simulated);
+    reporter.journal.reset(Reset { t_us: uptime_us(), cause: ResetCause::PowerOn, crash: None });
+    let told = (&handover, &reporter);
+    let app = run_as_told(radio, world.delay(), (&settings, &tag), &anchors, told, Board::Simulated);
 
     let mut telemetry = Vec::new();
     let everything = pin!(join(app, room::anchors(&world, settings.network)));
@@ -35,6 +41,5 @@ fn main() -> Result<(), Box<dyn Error>> {
             true
         });
     });
-    std::fs::write(file, telemetry)?;
-    Ok(())
+    Ok(telemetry)
 }

@@ -7,6 +7,7 @@ mod document;
 mod firmware;
 mod onchip;
 mod qemu;
+mod qemu_tag;
 mod simulation;
 mod target;
 mod toolchain;
@@ -15,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
 use anyhow::{Context, Result, bail};
-use clap::{Parser, Subcommand};
+use clap::{Parser, Subcommand, ValueEnum};
 
 use chip::Chip;
 use toolchain::Toolchain;
@@ -50,6 +51,11 @@ enum Chore {
     /// Build the images of all roles, boards and variants into target/firmware, check what boards, bootloaders and probes look for
     /// in them, and compare their sizes with their budgets.
     Firmware(firmware::Arguments),
+    /// Run a node's images in QEMU, and compare what they find with what the same app finds on the desktop.
+    Qemu {
+        /// Which node.
+        node: Node,
+    },
     /// Measure what every positioning method costs on the chip (instructions, stack, code, in QEMU) and how accurate it is, simulate
     /// whole nodes, and remake the tables of docs/performance.md.
     ///
@@ -59,6 +65,12 @@ enum Chore {
         #[arg(long)]
         check: bool,
     },
+}
+
+/// Nodes with images for QEMU.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Node {
+    Tag,
 }
 
 fn main() -> ExitCode {
@@ -76,6 +88,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Ci => ci::run(),
         Chore::NoStd => no_std(),
         Chore::Firmware(arguments) => firmware::run(arguments),
+        Chore::Qemu { node: Node::Tag } => qemu_tag::run(),
         Chore::Bench { check: true } => onchip::check(),
         Chore::Bench { check: false } => {
             let cost = onchip::bench();

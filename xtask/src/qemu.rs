@@ -15,7 +15,13 @@ const PATIENCE: Duration = Duration::from_secs(300);
 
 /// What the image prints until it ends; an error where it fails, or does not end.
 pub fn run(chip: Chip, image: &Path) -> Result<String> {
+    run_in(chip, image, Path::new("."))
+}
+
+/// The same for an image that opens files in this directory.
+pub fn run_in(chip: Chip, image: &Path, directory: &Path) -> Result<String> {
     let mut command = chip.qemu();
+    command.current_dir(directory);
     command.arg("-kernel").arg(image).stdin(Stdio::null()).stdout(Stdio::piped());
     let mut machine = command.spawn().with_context(|| format!("cannot run {}: {}", name(&command), install(chip)))?;
     let mut printed = machine.stdout.take().context("no output")?;

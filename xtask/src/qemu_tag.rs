@@ -1,0 +1,170 @@
+//! `cargo xtask qemu tag`: the tag's images for boards without hardware run in QEMU, on both cores, and find the same positions
+//! as the same app on a desktop.
+//!
+//! What the images put into RTT's channels arrives in files; `baliza monitor` reads log and telemetry from them as from a probe.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::{env, fs};
+
+use anyhow::{Context, Result, ensure};
+use telemetry::{Decoder, Fix, Message};
+
+use crate::chip::Chip;
+use crate::{firmware, qemu, root, succeed, target_directory};
+
+/// Positions of a core and of the desktop are the same within this, metres.
+const SAME_M: f64 = 0.001;
+/// Fewer positions than this, and the tag did not work: it ranges twenty times a second for five seconds.
+const LEAST_FIXES: usize = 90;
+
+/// Runs both images and compares.
+pub fn run() -> Result<()> {
+    let reference = desktop()?;
+    for chip in Chip::ALL {
+        let name = match chip {
+            Chip::CortexM4F => "tag-simulated-arm",
+            Chip::RiscV32 => "tag-simulated-riscv",
+        };
+        let elf = firmware::elf(name)?;
+        let directory = directory().join(name);
+        fs::create_dir_all(&directory).with_context(|| format!("cannot make {}", directory.display()))?;
+        qemu::run_in(chip, &elf, &directory)?;
+        println!("\n{}: log and positions", chip.title());
+        let (log, told) = (directory.join("tag-simulated.defmt"), directory.join("tag-simulated.telemetry"));
+        let lines = show(&elf, &told, &log)?;
+        let fixes = fixes(&messages(&told)?);
+        ensure!(lines == fixes.len(), "the log has {lines} positions, telemetry {}", fixes.len());
+        let agreement = compare(&messages(&told)?, &reference).with_context(|| chip.title())?;
+        println!("{}: {agreement}", chip.title());
+    }
+    Ok(())
+}
+
+/// Where the channels' files are left.
+fn directory() -> PathBuf {
+    target_directory().join("qemu")
+}
+
+/// What the app tells on a desktop.
+fn desktop() -> Result<Vec<Message>> {
+    let file = directory().join("desktop.telemetry");
+    fs::create_dir_all(directory()).with_context(|| format!("cannot make {}", directory().display()))?;
+    println!("running the tag on the desktop");
+    let mut command = cargo();
+    command.args(["run", "--quiet", "--package", "firmware-tag", "--example", "simulated", "--"]);
+    succeed(command.arg(&file))?;
+    messages(&file)
+}
+
+fn cargo() -> Command {
+    let mut command = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command.current_dir(root());
+    command
+}
+
+/// Prints what a person at the probe would read, without the single ranges; how many positions the log had.
+fn show(elf: &Path, telemetry: &Path, log: &Path) -> Result<usize> {
+    let mut command = cargo();
+    command.args(["run", "--quiet", "--package", "host-tools", "--bin", "baliza", "--", "monitor"]);
+    command.arg("--elf").arg(elf).arg("--file").arg(telemetry).arg("--defmt-file").arg(log);
+    let output = command.output().context("cannot run cargo")?;
+    ensure!(output.status.success(), "baliza monitor: {}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).context("baliza monitor prints no text")?;
+    let logged: Vec<&str> = text.lines().filter(|line| line.contains("INFO")).collect();
+    logged.iter().for_each(|line| println!("{line}"));
+    Ok(logged.iter().filter(|line| line.contains("fix x=")).count())
+}
+
+/// All messages of a file; an error where something else is in it.
+fn messages(file: &Path) -> Result<Vec<Message>> {
+    let bytes = fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
+    let mut decoder = Decoder::new();
+    let decoded = bytes.into_iter().filter_map(|byte| decoder.feed(byte));
+    decoded.map(|message| message.with_context(|| format!("{} is torn", file.display()))).collect()
+}
+
+fn fixes(messages: &[Message]) -> Vec<&Fix> {
+    let of = |message: &_| match message {
+        Message::Fix(fix) if fix.position_m().is_some() => Some(fix),
+        _ => None,
+    };
+    messages.iter().filter_map(of).collect()
+}
+
+/// Compares message by message; what to say where they agree.
+fn compare(messages: &[Message], reference: &[Message]) -> Result<String> {
+    ensure!(messages.len() == reference.len(), "{} messages, on the desktop {}", messages.len(), reference.len());
+    let (mut farthest_m, mut equal, mut positions) = (0.0_f64, 0, 0);
+    for (place, (ours, theirs)) in messages.iter().zip(reference).enumerate() {
+        ensure!(
+            ours.kind() == theirs.kind(),
+            "message {place} is a {}, on the desktop a {}",
+            ours.kind(),
+            theirs.kind()
+        );
+        equal += usize::from(ours == theirs);
+        let (Message::Fix(ours), Message::Fix(theirs)) = (ours, theirs) else { continue };
+        ensure!((ours.round, ours.t_us) == (theirs.round, theirs.t_us), "rounds {} and {}", ours.round, theirs.round);
+        match (ours.position_m(), theirs.position_m()) {
+            (Some(a), Some(b)) => {
+                let apart_m = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+                ensure!(apart_m <= SAME_M, "round {}: {apart_m} m from the desktop's position", ours.round);
+                farthest_m = farthest_m.max(apart_m);
+                positions += 1;
+            }
+            (None, None) => ensure!(ours.reason() == theirs.reason(), "round {}: another reason", ours.round),
+            (Some(_), None) | (None, Some(_)) => anyhow::bail!("round {}: one has a position", ours.round),
+        }
+    }
+    ensure!(positions >= LEAST_FIXES, "{positions} positions");
+    let other = messages.len() - equal;
+    Ok(format!(
+        "{positions} positions, at most {:.1} mm from the desktop's; of {} messages {other} differ (the build id)",
+        1000.0 * farthest_m,
+        messages.len()
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use telemetry::{Outcome, Reason};
+
+    fn fix(x: i32) -> Message {
+        let outcome = Outcome::Position {
+            position: [x, 0, 0],
+            deviation: [1; 3],
+            correlation: [0; 3],
+            used: 0b1111,
+            quality: 255,
+        };
+        Message::Fix(Fix { t_us: 0, round: 0, age_us: 0, asked: 4, outcome })
+    }
+
+    #[test]
+    fn a_millimetre_is_the_same_and_more_is_not() {
+        let reference = vec![fix(0); LEAST_FIXES];
+        let mut ours = reference.clone();
+        // In units of 0.1 mm.
+        ours[3] = fix(10);
+        let agreement = compare(&ours, &reference).unwrap();
+        assert!(
+            agreement.starts_with("90 positions, at most 1.0 mm") && agreement.contains(" 1 differ"),
+            "{agreement}"
+        );
+        ours[3] = fix(11);
+        assert!(compare(&ours, &reference).is_err());
+    }
+
+    #[test]
+    fn a_position_more_or_less_is_not_the_same() {
+        let reference = vec![fix(0); LEAST_FIXES + 1];
+        assert!(compare(&reference[1..], &reference).is_err());
+        let mut ours = reference.clone();
+        let Message::Fix(last) = &mut ours[LEAST_FIXES] else { unreachable!("a fix") };
+        last.outcome = Outcome::Reason(Reason::Diverged);
+        assert!(compare(&ours, &reference).is_err());
+        assert!(compare(&reference[..LEAST_FIXES - 1], &reference[..LEAST_FIXES - 1]).is_err());
+    }
+}
