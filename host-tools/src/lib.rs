@@ -8,6 +8,7 @@
 pub mod decode;
 pub mod example;
 pub mod monitor;
+pub mod nlos;
 pub mod output;
 pub mod plot;
 pub mod positions;

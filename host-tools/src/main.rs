@@ -32,6 +32,8 @@ enum Command {
     #[command(subcommand)]
     Bench(Bench),
     Plot(commands::plot::Arguments),
+    #[command(subcommand)]
+    Nlos(commands::nlos::Command),
     Simulate(commands::simulate::Arguments),
     Example(commands::example::Arguments),
     Provision(commands::provision::Arguments),
@@ -54,6 +56,7 @@ fn main() -> ExitCode {
     let done = match arguments.command {
         Command::Solve(arguments) => commands::solve::run(&arguments),
         Command::Bench(Bench::Thesis(arguments)) => commands::thesis::run(&arguments),
+        Command::Nlos(command) => commands::nlos::run(&command),
         Command::Plot(arguments) => commands::plot::run(&arguments),
         Command::Simulate(arguments) => commands::simulate::run(&arguments),
         Command::Example(arguments) => commands::example::run(&arguments),

@@ -13,6 +13,7 @@
 //! solve METHOD DIMS ANCHORS EPOCH INSTRUCTIONS STACK none REASON
 //! root LIBRARY ARGUMENT INSTRUCTIONS ROOT
 //! step VARIANT ROOT_OF INSTRUCTIONS STACK X Y
+//! nlos WHAT INSTRUCTIONS STACK VALUE
 //! done                                                                   nothing is missing
 //! ```
 #![no_std]
@@ -21,4 +22,5 @@
 pub mod cases;
 #[cfg(feature = "image")]
 pub mod instrument;
+pub mod response;
 pub mod step;

@@ -3,6 +3,7 @@
 pub mod decode;
 pub mod example;
 pub mod monitor;
+pub mod nlos;
 pub mod plot;
 pub mod provision;
 pub mod record;

@@ -3,6 +3,7 @@
 mod contract;
 mod example;
 mod monitor;
+mod nlos;
 mod pictures;
 mod provision;
 mod recordings;
