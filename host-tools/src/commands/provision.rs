@@ -39,7 +39,7 @@ pub struct Arguments {
     /// Writes the record over a debug probe, reads it back, compares, and starts the node anew
     #[arg(long, requires = "config", conflicts_with = "out")]
     write: bool,
-    /// The board, where the file does not say it
+    /// The board; it counts more than what the file says
     #[arg(long, value_name = "BOARD", value_parser = boards())]
     board: Option<Board>,
     /// Prints the record of a file as TOML
@@ -194,17 +194,10 @@ fn encoded(format: Format, board: Board, record: &Record) -> Result<Vec<u8>> {
 
 /// The board that a node's record is for.
 fn board_of(arguments: &Arguments, node: &Node) -> Result<Board> {
-    match (arguments.board, node.board) {
-        (Some(asked), Some(said)) if asked != said => {
-            let what = format!("the file says that {} is built on {}, not {}", node.name, said.name(), asked.name());
-            Err(Wrong::flag("--board", what).into())
-        }
-        (Some(board), _) | (None, Some(board)) => Ok(board),
-        (None, None) => {
-            let what = format!("say what {} is built on, here or by `board` in the file", node.name);
-            Err(Wrong::flag("--board", what).into())
-        }
-    }
+    arguments.board.or(node.board).ok_or_else(|| {
+        let what = format!("say what {} is built on, here or by `board` in the file", node.name);
+        Wrong::flag("--board", what).into()
+    })
 }
 
 fn write(arguments: &Arguments, node: &Node, board: Board, record: &Record) -> Result<()> {

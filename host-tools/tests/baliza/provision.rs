@@ -330,7 +330,6 @@ fn one_of_several_nodes_is_named() {
     );
     refused(&folder.run("provision --config site.toml --node tag"), "--config: say where the record goes");
     refused(&folder.run("provision --config site.toml --all"), "--all: say which folder");
-    refused(&folder.run("provision --config site.toml --node tag --board esp32 --out x"), "--board: the file says ");
     refused(
         &folder.run("provision --config site.toml --node tag --out nowhere/x"),
         "--out: the folder nowhere does not",
@@ -343,6 +342,17 @@ fn one_of_several_nodes_is_named() {
     let expected =
         serde_json::json!({ "node": "tag", "board": "dwm1001", "file": "records/tag.bin", "address": 0x7E000 });
     assert_eq!(made[1], expected);
+}
+
+#[test]
+fn the_board_that_is_asked_for_counts_more_than_the_file_s() {
+    let folder = Folder::with(&[("site.toml", EVERYTHING)]);
+    let made = folder.run("provision --config site.toml --node tag --board esp32 --out tag.bin --json").ok().json();
+    assert_eq!((&made[0]["board"], &made[0]["address"]), (&serde_json::json!("esp32"), &serde_json::json!(0x9000)));
+    // And is what the record is judged by: the EVK1000 has no Bluetooth.
+    let run = folder.run("provision --config site.toml --node tag --board evk1000 --out other.bin");
+    refused(&run, "site.toml:39: scan_interval_ms is 100: ");
+    assert_eq!(folder.names(), ["site.toml", "tag.bin"]);
 }
 
 #[test]
