@@ -86,27 +86,36 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     catch_ctrl_c()?;
     let mut recording = Recording { recorder, stream: Stream::default() };
     let until = Deadline { begun: Instant::now(), limit: arguments.seconds };
-    match input {
-        Some(input) => {
-            let progress = input.progress();
-            while !until.over()
-                && let Some(bytes) = input.next()?
-            {
-                recording.take(&bytes)?;
-                if let Some(progress) = &progress {
-                    progress.advance(bytes.len() as u64);
-                }
-            }
-        }
-        None => listen(arguments, &mut recording, &until)?,
-    }
+    let heard = match input {
+        Some(input) => read(&input, &mut recording, &until),
+        None => listen(arguments, &mut recording, &until),
+    };
     let summary = recording.stream.summary();
+    // What came before a failure is worth its files.
+    if summary.bytes == 0 && heard.is_err() {
+        return heard;
+    }
     let written = || format!("cannot write the recording into {}", arguments.out.display());
     let recorded = recording.recorder.finish().with_context(written)?;
     if arguments.json {
-        return super::print_json(&Document { summary: &summary, recorded: &recorded });
+        super::print_json(&Document { summary: &summary, recorded: &recorded })?;
+    } else {
+        super::tell(&told(arguments, &summary, &recorded));
     }
-    super::tell(&told(arguments, &summary, &recorded));
+    heard
+}
+
+/// Takes what a file or a pipe has.
+fn read(input: &Input, recording: &mut Recording, until: &Deadline) -> Result<()> {
+    let progress = input.progress();
+    while !until.over()
+        && let Some(bytes) = input.next()?
+    {
+        recording.take(&bytes)?;
+        if let Some(progress) = &progress {
+            progress.advance(bytes.len() as u64);
+        }
+    }
     Ok(())
 }
 

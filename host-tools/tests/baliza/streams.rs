@@ -324,6 +324,40 @@ fn out_is_a_whole_file_or_what_it_was_before() {
     assert_eq!(folder.read("out.jsonl"), folder.run("decode --file walk.bin").ok().stdout.into_bytes());
 }
 
+/// The stream goes on; the user has enough.
+#[cfg(unix)]
+#[test]
+fn ctrl_c_ends_a_recording_with_its_files() {
+    let folder = folder();
+    let mut command = folder.command("record --stdin --out walk");
+    let mut child = command.stdin(Stdio::piped()).stderr(Stdio::null()).spawn().expect("baliza runs");
+    let mut stdin = child.stdin.take().expect("piped");
+    stdin.write_all(&folder.read("walk.bin")).expect("it reads");
+    std::thread::sleep(Duration::from_millis(500));
+    let id = child.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-INT", &id]).status().expect("kill runs").success());
+    assert!(child.wait().expect("it ends").success());
+    assert_eq!(folder.read("walk/telemetry.bin"), folder.read("walk.bin"));
+    let told = folder.run("decode --file walk.bin --format csv").ok();
+    assert_eq!(folder.read("walk/positions.csv"), told.stdout.as_bytes());
+}
+
+/// A file that opens, and whose reading fails.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_failure_to_read_leaves_no_file() {
+    let folder = Folder::with(&[]);
+    folder.write("out.jsonl", b"before");
+    for command in ["decode --file /proc/self/mem --out out.jsonl", "record --file /proc/self/mem --out walk"] {
+        let run = folder.run(command);
+        let said = "baliza: cannot read /proc/self/mem: ";
+        assert!(run.code == Some(1) && run.stdout.is_empty() && run.stderr.starts_with(said), "{run:?}");
+    }
+    assert_eq!(folder.names(), ["out.jsonl", "walk"]);
+    assert_eq!(folder.read("out.jsonl"), b"before");
+    assert_eq!(std::fs::read_dir(folder.path("walk")).expect("a folder").count(), 0);
+}
+
 #[test]
 fn what_is_recorded_is_solved_to_what_the_tag_found() {
     let folder = folder();
