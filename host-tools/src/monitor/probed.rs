@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use probe_rs::config::MemoryRegion;
-use probe_rs::{MemoryInterface, Session};
+use probe_rs::{MemoryInterface, Session, Target};
 
 use super::image::Marks;
 use super::rtt::{self, Memory, Polled, Rings};
@@ -166,6 +166,11 @@ impl Attach for ProbeArguments {
 /// A chip by probe-rs; its first core, whose memory is the node's.
 struct Chip(Session);
 
+/// Where a chip's RAM is.
+fn ram(target: &Target) -> Vec<Range<u64>> {
+    target.memory_map.iter().filter_map(MemoryRegion::as_ram_region).map(|region| region.range.clone()).collect()
+}
+
 impl Memory for Chip {
     fn read(&mut self, address: u64, bytes: &mut [u8]) -> Result<()> {
         Ok(self.0.core(0)?.read(address, bytes)?)
@@ -176,8 +181,7 @@ impl Memory for Chip {
     }
 
     fn ram(&self) -> Vec<Range<u64>> {
-        let regions = self.0.target().memory_map.iter().filter_map(MemoryRegion::as_ram_region);
-        regions.map(|region| region.range.clone()).collect()
+        ram(self.0.target())
     }
 
     fn reset(&mut self) -> Result<()> {
@@ -327,6 +331,25 @@ mod tests {
         desk.0.borrow_mut().flash.push((0x1000, b"..ab".to_vec()));
         assert_eq!(seen(b"ab"), Some(Event::Flashed { same: true }));
         assert_eq!(seen(b"cd"), Some(Event::Flashed { same: false }));
+    }
+
+    #[test]
+    fn the_rings_of_our_images_lie_in_what_probe_rs_calls_ram() {
+        // Where the linker put _SEGGER_RTT in the images of the tag.
+        let images = [
+            ("nRF52832_xxAA", 0x2000_4B98),
+            ("STM32F105RC", 0x2000_0400),
+            ("esp32c3", 0x3FC8_F240),
+            ("esp32c6", 0x4080_F240),
+            ("esp32", 0x3FFB_0000),
+        ];
+        // Espressif's are made known by the first question.
+        assert!(images.iter().all(|(chip, _)| crate::probe::knows(chip)));
+        let registry = probe_rs::config::Registry::from_builtin_families();
+        for (chip, address) in images {
+            let target = registry.get_target_by_name(chip).expect("a chip");
+            assert!(super::ram(&target).iter().any(|region| region.contains(&address)), "{chip}");
+        }
     }
 
     #[test]

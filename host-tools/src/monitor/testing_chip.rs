@@ -99,7 +99,7 @@ impl Memory for Ram {
     }
 
     fn ram(&self) -> Vec<std::ops::Range<u64>> {
-        Vec::from([Self::BASE..Self::BASE + self.bytes.len() as u64])
+        std::iter::once(Self::BASE..Self::BASE + self.bytes.len() as u64).collect()
     }
 
     fn reset(&mut self) -> anyhow::Result<()> {

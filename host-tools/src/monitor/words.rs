@@ -1,6 +1,7 @@
 //! A telemetry message as one line for a person. The words are those of the node's log, so that a screen that shows both can leave
 //! out what it would show twice.
 
+use super::image::Build;
 use telemetry::{
     Condition, Counters, Crash, CrashReason, Fix, Hello, Message, Range, RecordFault, Reset, ResetCause, Sighting,
     State,
@@ -47,20 +48,7 @@ pub fn says_the_same(text: &str, message: &Message) -> bool {
 
 fn of_hello(hello: &Hello) -> String {
     let Hello { role, address, board, eui, build, .. } = hello;
-    let build: String = build.iter().map(|byte| format!("{byte:02x}")).collect();
-    format!("{} {address:04x} on {}, EUI {eui:016x}, build {build}", role.as_str(), board_name(*board))
-}
-
-fn board_name(board: telemetry::Board) -> &'static str {
-    use telemetry::Board;
-    match board {
-        Board::Dwm1001 => "DWM1001",
-        Board::Evk1000 => "EVK1000",
-        Board::Esp32C3 => "ESP32-C3",
-        Board::Esp32C6 => "ESP32-C6",
-        Board::Esp32 => "ESP32",
-        Board::Simulated => "a simulated board",
-    }
+    format!("{} {address:04x} on {}, EUI {eui:016x}, build {}", role.as_str(), board.as_str(), Build(*build))
 }
 
 fn of_fix(fix: &Fix) -> String {
