@@ -72,7 +72,7 @@ impl<const D: usize> Epoch<D> {
 }
 
 /// The place at a `part` of the way around the room, 0 to 1.
-fn on_perimeter(part: f32) -> [f32; 2] {
+pub(crate) fn on_perimeter(part: f32) -> [f32; 2] {
     let way = part * 2.0 * (WIDTH_M + DEPTH_M);
     if way < WIDTH_M {
         [way, 0.0]

@@ -13,6 +13,7 @@
 //! solve METHOD DIMS ANCHORS EPOCH INSTRUCTIONS STACK none REASON
 //! root LIBRARY ARGUMENT INSTRUCTIONS ROOT
 //! step VARIANT ROOT_OF INSTRUCTIONS STACK X Y
+//! engine WHAT DIMS ANCHORS INSTRUCTIONS STACK X Y Z
 //! nlos WHAT INSTRUCTIONS STACK VALUE
 //! done                                                                   nothing is missing
 //! ```
@@ -24,3 +25,4 @@ pub mod cases;
 pub mod instrument;
 pub mod response;
 pub mod step;
+pub mod walk;

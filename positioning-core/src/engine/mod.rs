@@ -104,9 +104,7 @@ impl<T: Real> Engine<T> {
                 return;
             }
             self.filter.advance(self.now_us, &self.settings);
-            let covariance = self.filter.state.position_covariance();
-            let variance = covariance[0][0] + covariance[1][1] + covariance[2][2];
-            if !(variance <= self.settings.lost.squared()) || !self.filter.state.is_finite() {
+            if !(self.filter.state.spread() <= self.settings.lost.squared()) || !self.filter.state.is_finite() {
                 self.give_up(Start::Lost);
             }
         }

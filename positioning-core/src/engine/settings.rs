@@ -91,9 +91,10 @@ impl<T: Real> Settings<T> {
         }
     }
 
-    /// A tag that solves every round by itself, as its ranges' deviations tell.
+    /// A tag that solves every round by itself. A range is taken to err by its own deviation and by its link's: solvers that
+    /// hear of the radio's noise alone trust single links too much (`robust` on a recording: 0.15 m against 0.09 m).
     pub fn solve(dimensions: Dimensions<T>, method: Method) -> Self {
-        Self { mode: Mode::Solve, method, noise: Noise::white(), blocked: Blocked::Alike, ..Self::track(dimensions) }
+        Self { mode: Mode::Solve, method, ..Self::track(dimensions) }
     }
 
     /// The textbook's filter: white noise, no gates, no supervisor, only what `motion`, `blocked` and `iterations` say.

@@ -63,6 +63,7 @@ impl<T: Real> Filter<T> {
     #[inline(never)]
     pub(crate) fn start(&mut self, now_us: u64, position: [T; 3], covariance: &[[T; 3]; 3], settings: &Settings<T>) {
         self.links.clear();
+        self.state.forget_links();
         self.reference = None;
         self.surprise = Surprise::none();
         self.now_us = now_us;
@@ -78,7 +79,6 @@ impl<T: Real> Filter<T> {
             }
         }
         self.state.reset(COMMON, T::ZERO, settings.noise.common_sigma.squared());
-        self.state.reset(REFERENCE, T::ZERO, T::ZERO);
     }
 
     /// Carries the track forward; times before its own leave it where it is.
@@ -105,7 +105,7 @@ impl<T: Real> Filter<T> {
             let known = (white - own).at_least(T::ZERO).at_most(blocked * settings.noise.blocked_noise_sigma.squared());
             link.shown.learn(&settings.noise, value, predicted + known, s);
         }
-        self.take(&model, innovation, white, passage, Some(Links::<T>::state(place)), settings)
+        self.take(&model, &innovation, white, passage, Some(Links::<T>::state(place)), settings)
     }
 
     /// The place of a link, its error carried to now, and the white variance of a range over it.
@@ -160,7 +160,7 @@ impl<T: Real> Filter<T> {
         if passage == Passage::Open {
             link.shown.learn(&settings.noise, innovation.value, innovation.predicted, s);
         }
-        self.take(&model, innovation, white, passage, Some(Links::<T>::state(place)), settings)
+        self.take(&model, &innovation, white, passage, Some(Links::<T>::state(place)), settings)
     }
 
     /// A range from the strength of a beacon.
@@ -171,7 +171,7 @@ impl<T: Real> Filter<T> {
         let variance = range.relative_deviation.at_least(T::of(LEAST_SIGMA_M)).squared();
         let s = innovation.predicted + variance;
         let passage = self.ble_gate.judge(innovation.value, s, settings.gate, settings.patience);
-        self.take(&model, innovation, variance, passage, None, settings)
+        self.take(&model, &innovation, variance, passage, None, settings)
     }
 
     /// A height and its deviation.
@@ -181,7 +181,7 @@ impl<T: Real> Filter<T> {
         let variance = deviation.at_least(T::of(LEAST_SIGMA_M)).squared();
         let s = innovation.predicted + variance;
         let passage = self.height_gate.judge(innovation.value, s, settings.gate, settings.patience);
-        self.take(&model, innovation, variance, passage, None, settings)
+        self.take(&model, &innovation, variance, passage, None, settings)
     }
 
     /// A position with its covariance.
@@ -193,7 +193,7 @@ impl<T: Real> Filter<T> {
             let s = innovation.predicted + variance;
             let Some(gate) = self.position_gates.get_mut(place) else { continue };
             let passage = gate.judge(innovation.value, s, settings.gate, settings.patience);
-            let taken = self.take(&model, innovation, variance, passage, None, settings);
+            let taken = self.take(&model, &innovation, variance, passage, None, settings);
             if taken != Fate::Taken {
                 fate = taken;
             }
@@ -211,7 +211,7 @@ impl<T: Real> Filter<T> {
     fn take(
         &mut self,
         model: &impl Model<T>,
-        innovation: Innovation<T>,
+        innovation: &Innovation<T>,
         white: T,
         passage: Passage,
         link: Option<usize>,
@@ -235,7 +235,7 @@ impl<T: Real> Filter<T> {
                         .for_each(|axis| self.state.widen(POSITION + axis, T::ONE)),
                 }
                 let again = Innovation::of(&self.state, model);
-                update(&mut self.state, model, again, white, settings.iterations);
+                update(&mut self.state, model, &again, white, settings.iterations);
                 Fate::Readmitted
             }
         }

@@ -70,10 +70,10 @@ impl<T: Real> Noise<T> {
     pub fn indoors() -> Self {
         Self {
             common_sigma: T::of(0.12),
-            link_sigma: T::of(0.09),
+            link_sigma: T::of(0.1),
             blocked_link_sigma: T::of(0.1),
             blocked_noise_sigma: T::of(0.1),
-            noise_to_link: T::ONE,
+            noise_to_link: T::of(2.0),
             learning: T::of(0.05),
             link_seconds: T::of(5.0),
             link_metres: T::of(0.3),

@@ -13,19 +13,35 @@ pub(crate) const POSITION: usize = 0;
 pub(crate) const VELOCITY: usize = 3;
 /// The error common to all ranges, metres: what is left of the tag's antenna delay.
 pub(crate) const COMMON: usize = 6;
-/// The error of one reception of the reference anchor, which all differences to it share, metres.
-pub(crate) const REFERENCE: usize = 7;
 /// Place of the first link's error, metres.
-pub(crate) const LINKS: usize = 8;
+pub(crate) const LINKS: usize = 7;
+/// The error of one reception of the reference anchor, which all differences to it share, metres. Last, so that a track without
+/// differences does not carry it.
+pub(crate) const REFERENCE: usize = LINKS + MAX_ANCHORS;
 /// All states.
-pub(crate) const STATES: usize = LINKS + MAX_ANCHORS;
+pub(crate) const STATES: usize = REFERENCE + 1;
 
-const PACKED: usize = STATES * (STATES + 1) / 2;
+/// Rows are as long as the next multiple of this, so that loops over them have no loose ends; what is beyond the diagonal
+/// means nothing.
+const CHUNK: usize = 4;
+const PACKED: usize = row(STATES);
 
-/// Where row `row` of a packed lower triangle begins.
+/// Where row `row` of the packed lower triangle begins: four rows of one chunk, four of two, and so on.
 const fn row(row: usize) -> usize {
-    row * (row + 1) / 2
+    let whole = row / CHUNK;
+    CHUNK * (whole + 1) * (CHUNK * whole / 2 + row % CHUNK)
 }
+
+/// [`row`] of every row.
+static ROWS: [usize; STATES] = {
+    let mut rows = [0; STATES];
+    let mut r = 0;
+    while r < STATES {
+        rows[r] = row(r);
+        r += 1;
+    }
+    rows
+};
 
 /// Mean and covariance of all states.
 #[derive(Clone, Debug)]
@@ -34,7 +50,7 @@ pub(crate) struct State<T> {
     pub(crate) mean: [T; STATES],
     /// The covariance's lower triangle, row by row: symmetric because there is no other half.
     packed: [T; PACKED],
-    /// States from here on have never been used: their variance is zero.
+    /// States from here on are not in use.
     live: usize,
 }
 
@@ -62,7 +78,9 @@ impl<T: Real> State<T> {
 
     /// The position's covariance, m².
     pub(crate) fn position_covariance(&self) -> [[T; 3]; 3] {
-        core::array::from_fn(|r| core::array::from_fn(|c| self.covariance(POSITION + r, POSITION + c)))
+        let p = |r: usize, c: usize| self.packed[row(POSITION + r) + POSITION + c];
+        let (yx, zx, zy) = (p(1, 0), p(2, 0), p(2, 1));
+        [[p(0, 0), yx, zx], [yx, p(1, 1), zy], [zx, zy, p(2, 2)]]
     }
 
     /// Sets the covariance of two states.
@@ -85,10 +103,20 @@ impl<T: Real> State<T> {
         if state >= STATES {
             return;
         }
-        self.live = self.live.max(state + 1);
+        if state >= self.live {
+            // What lies there is of an earlier track.
+            self.packed[row(self.live)..row(state + 1)].fill(T::ZERO);
+            self.mean[self.live..=state].fill(T::ZERO);
+            self.live = state + 1;
+        }
         self.scale(state, T::ZERO);
         self.mean[state] = mean;
         self.widen(state, variance);
+    }
+
+    /// Forgets all links, and what was common to differences.
+    pub(crate) fn forget_links(&mut self) {
+        self.live = LINKS;
     }
 
     /// Multiplies a state by a factor.
@@ -97,11 +125,8 @@ impl<T: Real> State<T> {
         for element in &mut self.packed[row(state)..=row(state) + state] {
             *element *= factor;
         }
-        let mut place = row(state) + state;
-        self.packed[place] *= factor;
-        for below in state + 1..self.live {
-            place += below;
-            self.packed[place] *= factor;
+        for below in state..self.live {
+            self.packed[ROWS[below] + state] *= factor;
         }
     }
 
@@ -122,8 +147,9 @@ impl<T: Real> State<T> {
         }
         for r in 0..3 {
             for c in 0..=r {
-                let crossed = self.covariance(VELOCITY + r, POSITION + c) + self.covariance(POSITION + r, VELOCITY + c);
-                let moved = dt * (crossed + dt * self.covariance(VELOCITY + r, VELOCITY + c));
+                let crossed =
+                    self.packed[row(VELOCITY + r) + POSITION + c] + self.packed[row(VELOCITY + c) + POSITION + r];
+                let moved = dt * (crossed + dt * self.packed[row(VELOCITY + r) + VELOCITY + c]);
                 self.packed[row(POSITION + r) + POSITION + c] += moved;
             }
         }
@@ -133,12 +159,11 @@ impl<T: Real> State<T> {
                 self.packed[row(VELOCITY + r) + POSITION + c] += moved;
             }
         }
-        let mut start = row(COMMON);
         for below in COMMON..self.live {
-            for axis in 0..3 {
-                self.packed[start + POSITION + axis] += dt * self.packed[start + VELOCITY + axis];
-            }
-            start += below + 1;
+            let [x, y, z, vx, vy, vz, ..] = &mut self.packed[ROWS[below]..] else { break };
+            *x += dt * *vx;
+            *y += dt * *vy;
+            *z += dt * *vz;
         }
         let (third, half) = (T::of(1.0 / 3.0), T::of(0.5));
         for (axis, density) in density.into_iter().enumerate() {
@@ -150,6 +175,19 @@ impl<T: Real> State<T> {
         }
     }
 
+    /// Writes the covariance with a point's distance along `slopes` to `sum`.
+    #[inline(always)]
+    pub(crate) fn along_position(&self, sum: &mut [T; STATES], slopes: &[T; 3]) {
+        let block = self.position_covariance();
+        for axis in 0..3 {
+            sum[POSITION + axis] = slopes[0] * block[axis][0] + slopes[1] * block[axis][1] + slopes[2] * block[axis][2];
+        }
+        for (below, sum) in sum.iter_mut().enumerate().take(self.live).skip(VELOCITY) {
+            let [x, y, z, ..] = &self.packed[ROWS[below]..] else { break };
+            *sum = slopes[0] * *x + slopes[1] * *y + slopes[2] * *z;
+        }
+    }
+
     /// Adds `scale` times the covariance with one state to `sum`.
     #[inline(always)]
     pub(crate) fn add_column(&self, sum: &mut [T; STATES], state: usize, scale: T) {
@@ -157,57 +195,65 @@ impl<T: Real> State<T> {
         for (sum, element) in sum.iter_mut().zip(&self.packed[start..=start + state]) {
             *sum += scale * *element;
         }
-        let mut place = start + state;
         for (below, sum) in sum.iter_mut().enumerate().take(self.live).skip(state + 1) {
-            place += below;
-            *sum += scale * self.packed[place];
+            *sum += scale * self.packed[ROWS[below] + state];
         }
     }
 
-    /// Adds `scale` times the gain to the mean.
-    pub(crate) fn shift(&mut self, gain: &[T; STATES], scale: T) {
-        for (mean, gain) in self.mean.iter_mut().zip(gain).take(self.live) {
-            *mean += scale * *gain;
+    /// Adds `scale` times a vector to the mean.
+    pub(crate) fn shift(&mut self, vector: &[T; STATES], scale: T) {
+        for (mean, element) in self.mean.iter_mut().zip(vector).take(self.live) {
+            *mean += scale * *element;
         }
     }
 
-    /// P − K gᵀ − g Kᵀ + s K Kᵀ, where g = P hᵀ and s = h P hᵀ + r: Joseph's form (I − K h) P (I − K h)ᵀ + r K Kᵀ for one
-    /// measurement, multiplied out. See the module `update` for why.
-    pub(crate) fn absorb(&mut self, gain: &[T; STATES], across: &[T; STATES], s: T) {
-        // What the gain misses by rounding: zero in exact arithmetic.
-        let missed: [T; STATES] = core::array::from_fn(|i| across[i] - s * gain[i]);
-        let mut start = 0;
-        for r in 0..self.live {
-            let (gain_r, across_r) = (gain[r], across[r]);
-            let elements = &mut self.packed[start..=start + r];
-            for ((element, gain_c), missed_c) in elements.iter_mut().zip(gain).zip(&missed) {
-                *element -= gain_r * *missed_c + across_r * *gain_c;
-            }
-            start += r + 1;
-            if !(self.packed[start - 1] >= T::ZERO) {
-                self.repair(r);
-            }
-        }
-    }
-
-    /// A variance that rounding took below zero: the state is known as well as numbers can tell, and nothing more can be
-    /// learnt of it by way of others.
+    /// Takes `share` times a rank-one matrix out of the covariance: P − c g gᵀ, where g is P hᵀ.
     #[inline(never)]
-    fn repair(&mut self, state: usize) {
-        for element in &mut self.packed[row(state)..=row(state) + state] {
-            *element = T::ZERO;
+    pub(crate) fn absorb(&mut self, across: &[T; STATES], share: T) {
+        let (chunks, _) = across.as_chunks::<CHUNK>();
+        let mut rest = self.packed.as_mut_slice();
+        let mut doubtful = false;
+        for (r, across_r) in across.iter().enumerate().take(self.live) {
+            let Some((elements, below)) = rest.split_at_mut_checked(CHUNK * (r / CHUNK + 1)) else { break };
+            rest = below;
+            let scaled = share * *across_r;
+            for (element, across_c) in elements.as_chunks_mut::<CHUNK>().0.iter_mut().zip(chunks) {
+                for k in 0..CHUNK {
+                    element[k] -= scaled * across_c[k];
+                }
+            }
+            doubtful |= elements.get(r).is_none_or(|variance| !(*variance >= T::ZERO));
         }
-        for below in state + 1..self.live {
-            self.packed[row(below) + state] = T::ZERO;
+        if doubtful {
+            self.repair();
         }
     }
 
-    /// Whether mean and variances are finite.
-    pub(crate) fn is_finite(&self) -> bool {
-        let mut sum = T::ZERO;
+    /// Variances that rounding took below zero: such a state is known as well as numbers can tell, and nothing more can be learnt
+    /// of it by way of others.
+    #[inline(never)]
+    fn repair(&mut self) {
         for state in 0..self.live {
-            sum += self.mean[state].abs() + self.packed[row(state) + state];
+            if !(self.packed[row(state) + state] >= T::ZERO) {
+                let mean = self.mean[state];
+                self.scale(state, T::ZERO);
+                // Not by scaling: what is not finite would stay so.
+                self.packed[row(state)..=row(state) + state].fill(T::ZERO);
+                self.mean[state] = mean;
+            }
         }
-        sum.is_finite()
+    }
+
+    /// Whether position and velocity are finite: whatever else is not has reached them.
+    pub(crate) fn is_finite(&self) -> bool {
+        self.mean.iter().take(COMMON).fold(T::ZERO, |sum, mean| sum + mean.abs()).is_finite()
+    }
+
+    /// The sum of the position's variances, m².
+    pub(crate) fn spread(&self) -> T {
+        self.packed[row(POSITION)] + self.packed[row(POSITION + 1) + 1] + self.packed[row(POSITION + 2) + 2]
     }
 }
+
+// Chunks reach over the whole of a vector of states.
+const _: () = assert!(STATES % CHUNK == 0);

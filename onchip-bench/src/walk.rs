@@ -1,0 +1,85 @@
+//! The measurements of the engine's image: a tag that walks through the room of [`cases`](crate::cases), and rounds of ranges to the
+//! anchors on its walls, one in four blocked.
+//!
+//! Made of additions, products and exact square roots only, so that chip and desktop hold the same bits.
+
+use oorandom::Rand32;
+use positioning_core::engine::{Dimensions, Engine, Measurement, Output, Range, Settings};
+use positioning_core::{Real, Side};
+
+/// The numbers of anchors that are measured.
+pub const ANCHORS: [u16; 3] = [4, 8, 16];
+/// Rounds before anything is measured.
+pub const WARM_UP: u32 = 30;
+/// Rounds of which every step is measured.
+pub const ROUNDS: u32 = 8;
+
+/// Between two rounds, microseconds.
+const ROUND_US: u64 = 20_000;
+/// Between two ranges of a round, microseconds.
+const RANGE_US: u64 = 300;
+
+/// What one step was about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// The end of the round that starts the track.
+    Start,
+    /// A range.
+    Range,
+    /// The end of any other round.
+    RoundEnd,
+}
+
+impl Step {
+    /// As the image prints it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Start => "start",
+            Self::Range => "range",
+            Self::RoundEnd => "round-end",
+        }
+    }
+}
+
+/// Walks, in the plane or in space; `step` is called for every measurement, and makes it (or measures the making).
+pub fn walk(
+    anchors: u16,
+    space: bool,
+    mut step: impl FnMut(&mut Engine<f32>, Step, u64, &Measurement<f32>) -> Output<f32>,
+) {
+    let dimensions = if space { Dimensions::Space { side: Side::Unknown } } else { Dimensions::Plane { height: 1.2 } };
+    let mut engine = Engine::new(Settings::track(dimensions));
+    let mut random = Rand32::new(u64::from(anchors));
+    for round in 0..WARM_UP + ROUNDS {
+        let begun = u64::from(round) * ROUND_US;
+        for anchor in 0..anchors {
+            let now = begun + u64::from(anchor) * RANGE_US;
+            // A metre a second along the room.
+            let tag = [2.0 + 1.0e-6 * now as f32, 3.0, 1.2];
+            let range = Measurement::Range(range(anchor, anchors, tag, random.rand_float()));
+            step(&mut engine, Step::Range, now, &range);
+        }
+        let end = begun + u64::from(anchors) * RANGE_US;
+        step(&mut engine, if round == 0 { Step::Start } else { Step::RoundEnd }, end, &Measurement::RoundEnd);
+    }
+}
+
+fn range(anchor: u16, anchors: u16, tag: [f32; 3], random: f32) -> Range<f32> {
+    let part = f32::from(anchor) / f32::from(anchors);
+    let [x, y] = crate::cases::on_perimeter(part);
+    let place = [x, y, if anchor.is_multiple_of(2) { 2.6 } else { 0.4 }];
+    let mut square = 0.0;
+    for axis in 0..3 {
+        square += (tag[axis] - place[axis]).squared();
+    }
+    let blocked = anchor % 4 == 3;
+    let excess = if blocked { 0.6 } else { 0.0 };
+    Range {
+        anchor,
+        place,
+        distance: square.sqrt() + excess + 0.1 * (random - 0.5),
+        deviation: 0.03,
+        blocked: Some(if blocked { 0.8 } else { 0.1 }),
+        excess: None,
+    }
+}
