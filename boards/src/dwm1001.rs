@@ -22,7 +22,7 @@ use embassy_nrf::{bind_interrupts, pac, peripherals, spim};
 use firmware_common::supervision::Lit;
 
 use crate::cortex::{self, crash, log};
-use crate::node::Start;
+use crate::node::{self, Reporter, Start, Tasks};
 use crate::{identity, reset_cause};
 
 pub use crate::cortex::log::TelemetryChannel;
@@ -46,14 +46,10 @@ pub struct Board {
     pub uwb: Uwb,
     /// For the exchange's waits.
     pub delay: Delay,
-    /// The lights.
-    pub leds: Leds,
-    /// Runs already.
-    pub watchdog: Watchdog,
+    /// For the supervisor.
+    pub care: Care,
     /// What the node is told.
     pub start: Start,
-    /// Telemetry's way out.
-    pub telemetry: TelemetryChannel,
     /// Of the executor that ranging runs in, above the thread's.
     pub ranging: SendSpawner,
     /// The radio of the nRF52832.
@@ -99,13 +95,15 @@ impl Board {
         Self {
             uwb,
             delay,
-            leds: Leds {
-                state: Output::new(p.P0_30, Level::High, OutputDrive::Standard),
-                fault: Output::new(p.P0_14, Level::High, OutputDrive::Standard),
+            care: Care {
+                leds: Leds {
+                    state: Output::new(p.P0_30, Level::High, OutputDrive::Standard),
+                    fault: Output::new(p.P0_14, Level::High, OutputDrive::Standard),
+                },
+                watchdog,
+                telemetry,
             },
-            watchdog,
             start: Start { record, eui, reset, crash },
-            telemetry,
             ranging: start_ranging(),
             #[cfg(feature = "ble")]
             bluetooth: bluetooth::Parts {
@@ -169,4 +167,23 @@ impl Leds {
         self.state.set_level((!lit.state).into());
         self.fault.set_level((!lit.fault).into());
     }
+}
+
+/// What the supervisor has of the board.
+pub struct Care {
+    /// The lights.
+    pub leds: Leds,
+    /// Runs already.
+    pub watchdog: Watchdog,
+    /// Telemetry's way out.
+    pub telemetry: TelemetryChannel,
+}
+
+/// The supervisor: see [`node::supervise`].
+#[embassy_executor::task]
+pub async fn supervise(reporter: &'static Reporter, tasks: Tasks, care: Care) {
+    let Care { mut leds, mut watchdog, mut telemetry } = care;
+    let (write, feed) = (|frame: &[u8]| telemetry.write(frame), || watchdog.feed());
+    let alive = |reporter: &Reporter| tasks.alive(reporter);
+    node::supervise(reporter, write, |lit| leds.show(lit), feed, alive, crash::leave).await;
 }

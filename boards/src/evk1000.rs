@@ -20,7 +20,7 @@ use embassy_stm32::{bind_interrupts, pac, peripherals, uid};
 use firmware_common::supervision::Lit;
 
 use crate::cortex::{self, crash, log};
-use crate::node::Start;
+use crate::node::{self, Reporter, Start, Tasks};
 use crate::panel::Switches;
 use crate::{identity, reset_cause};
 
@@ -51,16 +51,12 @@ pub struct Board {
     pub delay: Delay,
     /// As they were at the start.
     pub switches: Switches,
-    /// The lights.
-    pub leds: Leds,
+    /// For the supervisor.
+    pub care: Care,
     /// The display, not started.
     pub lcd: Lcd,
-    /// Runs already.
-    pub watchdog: Watchdog,
     /// What the node is told.
     pub start: Start,
-    /// Telemetry's way out.
-    pub telemetry: TelemetryChannel,
     /// Of the executor that ranging runs in, above the thread's.
     pub ranging: SendSpawner,
 }
@@ -124,16 +120,18 @@ impl Board {
             uwb,
             delay: Delay,
             switches: Switches { anchor, mode: [s1_5, s1_6, s1_7], native },
-            leds: Leds {
-                anchor: Output::new(p.PC6, Level::Low, Speed::Low),
-                tag: Output::new(p.PC7, Level::Low, Speed::Low),
-                state: Output::new(p.PC8, Level::Low, Speed::Low),
-                fault: Output::new(p.PC9, Level::Low, Speed::Low),
+            care: Care {
+                leds: Leds {
+                    anchor: Output::new(p.PC6, Level::Low, Speed::Low),
+                    tag: Output::new(p.PC7, Level::Low, Speed::Low),
+                    state: Output::new(p.PC8, Level::Low, Speed::Low),
+                    fault: Output::new(p.PC9, Level::Low, Speed::Low),
+                },
+                watchdog: Watchdog(watchdog),
+                telemetry,
             },
             lcd,
-            watchdog: Watchdog(watchdog),
             start: Start { record, eui, reset, crash },
-            telemetry,
             ranging: start_ranging(),
         }
     }
@@ -198,4 +196,23 @@ impl Leds {
         self.state.set_level(lit.state.into());
         self.fault.set_level(lit.fault.into());
     }
+}
+
+/// What the supervisor has of the board.
+pub struct Care {
+    /// The lights.
+    pub leds: Leds,
+    /// Runs already.
+    pub watchdog: Watchdog,
+    /// Telemetry's way out.
+    pub telemetry: TelemetryChannel,
+}
+
+/// The supervisor: see [`node::supervise`].
+#[embassy_executor::task]
+pub async fn supervise(reporter: &'static Reporter, tasks: Tasks, care: Care) {
+    let Care { mut leds, mut watchdog, mut telemetry } = care;
+    let (write, feed) = (|frame: &[u8]| telemetry.write(frame), || watchdog.feed());
+    let alive = |reporter: &Reporter| tasks.alive(reporter);
+    node::supervise(reporter, write, |lit| leds.show(lit), feed, alive, crash::leave).await;
 }

@@ -15,7 +15,7 @@ pub type Guard = CriticalSectionRawMutex;
 /// Bytes of telemetry that wait while the channel is full.
 pub const TELEMETRY_BYTES: usize = 2048;
 
-/// A node's reporter, for a `static`.
+/// A node's reporter. Made at the start, in a `StaticCell`: as an initialised `static` it would lie in flash as well.
 pub type Reporter = firmware_common::Reporter<Guard, TELEMETRY_BYTES>;
 
 /// From one look at telemetry, lights and tasks to the next, milliseconds: the channel holds 10 ms of the busiest tag.
@@ -58,6 +58,34 @@ pub fn introduce(
             (hello, None)
         }
     }
+}
+
+/// The tasks of a node that have to show that they are alive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tasks {
+    /// None: the node is quiet.
+    None,
+    /// An anchor's.
+    Ranging,
+    /// A tag's.
+    RangingAndEngine,
+}
+
+impl Tasks {
+    /// Whether they are, or which is not.
+    pub fn alive(self, reporter: &Reporter) -> Result<(), usize> {
+        match self {
+            Self::None => Ok(()),
+            Self::Ranging => reporter.all_alive(false),
+            Self::RangingAndEngine => reporter.all_alive(true),
+        }
+    }
+}
+
+/// Repeats who is speaking, and what was counted.
+#[embassy_executor::task]
+pub async fn keep_telling(reporter: &'static Reporter, hello: Hello) {
+    reporter.keep_telling(hello, embassy_time::Delay).await;
 }
 
 /// The supervisor, for ever: lets telemetry out, shows the lights, and feeds the watchdog while `alive` says that all tasks are. Of

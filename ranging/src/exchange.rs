@@ -148,9 +148,30 @@ pub trait Machine {
     /// wraps after 17.2 s.
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_>;
 
+    /// Whether the radio's clock may be lost in the wait that was asked for last: the radio may sleep, and the next event is
+    /// [`Event::Started`].
+    fn may_sleep(&self) -> bool {
+        false
+    }
+
     /// Takes what the node knows by now. Machines that do not care ignore it.
     fn guide(&mut self, guidance: Guidance) {
         let _ = guidance;
+    }
+}
+
+/// A machine that lives elsewhere: in a `static`, which an async function would copy it from, once a call.
+impl<M: Machine + ?Sized> Machine for &mut M {
+    fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
+        (**self).step(now, event)
+    }
+
+    fn may_sleep(&self) -> bool {
+        (**self).may_sleep()
+    }
+
+    fn guide(&mut self, guidance: Guidance) {
+        (**self).guide(guidance);
     }
 }
 
@@ -190,13 +211,23 @@ pub async fn execute<'b, R: Radio>(
             }
         }
         Action::WaitUntil(instant) => {
-            radio.idle().await?;
-            let micros = instant.since(radio.now().await?).as_micros();
-            // A microsecond begun is waited for, or a machine would be woken before its time again and again.
-            delay.delay_us(u32::try_from(micros).map_or(0, |micros| micros.saturating_add(1))).await;
+            wait_until(radio, delay, instant).await?;
             Event::Woken
         }
         Action::Report(_) => Event::Reported,
     };
     Ok((radio.now().await?, event))
+}
+
+/// [`Action::WaitUntil`].
+pub(crate) async fn wait_until<R: Radio>(
+    radio: &mut R,
+    delay: &mut impl DelayNs,
+    instant: RadioInstant,
+) -> Result<(), R::Error> {
+    radio.idle().await?;
+    let micros = instant.since(radio.now().await?).as_micros();
+    // A microsecond begun is waited for, or a machine would be woken before its time again and again.
+    delay.delay_us(u32::try_from(micros).map_or(0, |micros| micros.saturating_add(1))).await;
+    Ok(())
 }

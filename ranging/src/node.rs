@@ -7,7 +7,7 @@ use core::convert::Infallible;
 
 use embedded_hal_async::delay::DelayNs;
 
-use crate::exchange::{Action, Event, Guidance, Machine, Report, execute};
+use crate::exchange::{Action, Event, Guidance, Machine, Report, execute, wait_until};
 use crate::radio::MAX_FRAME;
 use crate::{Radio, RadioInstant};
 
@@ -21,6 +21,23 @@ const LONGEST_PAUSE_MS: u32 = 250;
 pub trait Restart: Radio {
     /// Resets the chip and configures it; its clock starts anew.
     async fn restart(&mut self) -> Result<(), Self::Error>;
+
+    /// Sleeps for so many microseconds, where the radio can, may, and gains by it; its clock has begun anew then. False: nothing was
+    /// done, and no time has passed.
+    async fn sleep(&mut self, micros: u32) -> Result<bool, Self::Error> {
+        let _ = micros;
+        Ok(false)
+    }
+}
+
+impl<R: Restart> Restart for &mut R {
+    async fn restart(&mut self) -> Result<(), Self::Error> {
+        (**self).restart().await
+    }
+
+    async fn sleep(&mut self, micros: u32) -> Result<bool, Self::Error> {
+        (**self).sleep(micros).await
+    }
 }
 
 /// Who takes what a node finds out. The exchange waits meanwhile: a listener that takes long makes it miss its slots.
@@ -74,15 +91,32 @@ async fn attempt<R: Restart>(
     loop {
         let action = machine.step(now, event);
         listener.observe(now, &event, &action);
-        if let Action::Report(report) = action {
-            now = radio.now().await?;
-            let guidance = listener.report(report, now).await;
-            machine.guide(guidance);
-            event = Event::Reported;
-        } else {
-            (now, event) = execute(radio, delay, &mut buffer, action).await?;
-            // The radio did something, and did it well.
-            *failures = 0;
+        match action {
+            Action::Report(report) => {
+                now = radio.now().await?;
+                let guidance = listener.report(report, now).await;
+                machine.guide(guidance);
+                event = Event::Reported;
+                continue;
+            }
+            Action::WaitUntil(instant) => {
+                let slept = machine.may_sleep() && sleep_until(radio, instant).await?;
+                if !slept {
+                    wait_until(radio, delay, instant).await?;
+                }
+                (now, event) = (radio.now().await?, if slept { Event::Started } else { Event::Woken });
+            }
+            Action::Transmit { .. } | Action::Receive { .. } => {
+                (now, event) = execute(radio, delay, &mut buffer, action).await?;
+            }
         }
+        // The radio did something, and did it well.
+        *failures = 0;
     }
+}
+
+/// Lets the radio sleep until an instant, where it likes to.
+async fn sleep_until<R: Restart>(radio: &mut R, instant: RadioInstant) -> Result<bool, R::Error> {
+    let micros = instant.since(radio.now().await?).as_micros();
+    radio.sleep(u32::try_from(micros).unwrap_or(0)).await
 }

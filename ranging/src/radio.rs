@@ -56,6 +56,42 @@ pub trait Radio {
     async fn idle(&mut self) -> Result<(), Self::Error>;
 }
 
+/// A radio that lives elsewhere: see the machine's counterpart in [`exchange`](crate::exchange).
+impl<R: Radio> Radio for &mut R {
+    type Error = R::Error;
+
+    async fn now(&mut self) -> Result<RadioInstant, Self::Error> {
+        (**self).now().await
+    }
+
+    fn departure(&self, at: RadioInstant) -> RadioInstant {
+        (**self).departure(at)
+    }
+
+    async fn transmit(
+        &mut self,
+        frame: &[u8],
+        start: Start,
+        listen: bool,
+    ) -> Result<RadioInstant, TransmitError<Self::Error>> {
+        (**self).transmit(frame, start, listen).await
+    }
+
+    async fn receive<'b>(
+        &mut self,
+        buffer: &'b mut [u8; MAX_FRAME],
+        start: Start,
+        window: RadioDuration,
+        keep_listening: bool,
+    ) -> Result<RxFrame<'b>, ReceiveError<Self::Error>> {
+        (**self).receive(buffer, start, window, keep_listening).await
+    }
+
+    async fn idle(&mut self) -> Result<(), Self::Error> {
+        (**self).idle().await
+    }
+}
+
 /// A frame from the air.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RxFrame<'b> {

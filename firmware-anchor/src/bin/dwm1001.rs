@@ -2,46 +2,55 @@
 #![no_std]
 #![no_main]
 
-use boards::cortex::crash;
-use boards::dwm1001::{self, Board, Delay, Uwb};
-use boards::node::{self, Reporter};
+use boards::dwm1001::{self, Board, Bus, Delay, Interrupt, Reset};
+use boards::node::{self, Reporter, Tasks};
 use embassy_executor::Spawner;
 use firmware_anchor::Told;
-use firmware_common::{AnchorMachine, Settings};
+use firmware_common::AnchorMachine;
 use node_record::Role;
 use ranging::dw1000::Dw1000;
+use static_cell::StaticCell;
 use telemetry::Condition;
 
-static REPORTER: Reporter = Reporter::new(dwm1001::uptime_us);
+type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
+
+static REPORTER: StaticCell<Reporter> = StaticCell::new();
+static RADIO: StaticCell<Radio> = StaticCell::new();
+static MACHINE: StaticCell<AnchorMachine> = StaticCell::new();
 
 #[embassy_executor::task]
-async fn ranging(uwb: Uwb, delay: Delay, settings: Settings, position_m: Option<[f32; 3]>) {
-    let radio = Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio);
-    let machine = AnchorMachine::new(&settings, position_m);
-    firmware_anchor::run(radio, delay, machine, Told(&REPORTER)).await;
+async fn ranging(
+    radio: &'static mut Radio,
+    delay: Delay,
+    machine: &'static mut AnchorMachine,
+    reporter: &'static Reporter,
+) {
+    firmware_anchor::run(radio, delay, machine, Told(reporter)).await;
 }
 
-#[embassy_executor::main(entry = "boards::cortex::entry")]
-async fn main(_spawner: Spawner) {
-    let Board { uwb, delay, mut leds, mut watchdog, start, mut telemetry, ranging: executor } = Board::take();
-    let (hello, followed) = node::introduce(&REPORTER, dwm1001::KIND, telemetry::Role::Anchor, start);
-    let mut works = false;
+/// Spawns all tasks; without a record to follow, only those that tell so.
+fn start(spawner: Spawner) {
+    let Board { uwb, delay, care, start, ranging: above } = Board::take();
+    let reporter: &_ = REPORTER.init_with(|| Reporter::new(dwm1001::uptime_us));
+    let (hello, followed) = node::introduce(reporter, dwm1001::KIND, telemetry::Role::Anchor, start);
+    let mut tasks = Tasks::None;
     if let Some((_, settings)) = followed {
         match settings.role {
             Role::Anchor { position_m } => {
-                works = true;
-                executor.spawn(ranging(uwb, delay, settings, position_m).unwrap());
+                let radio =
+                    RADIO.init_with(|| Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio));
+                let machine = MACHINE.init_with(|| AnchorMachine::new(&settings, position_m));
+                tasks = Tasks::Ranging;
+                above.spawn(ranging(radio, delay, machine, reporter).unwrap());
             }
-            Role::Tag(_) | Role::Advertiser(_) => REPORTER.journal.state(REPORTER.now_us(), Condition::WrongRecord),
+            Role::Tag(_) | Role::Advertiser(_) => reporter.journal.state(reporter.now_us(), Condition::WrongRecord),
         }
     }
-    let supervision = node::supervise(
-        &REPORTER,
-        |frame| telemetry.write(frame),
-        |lit| leds.show(lit),
-        || watchdog.feed(),
-        |reporter| if works { reporter.all_alive(false) } else { Ok(()) },
-        crash::leave,
-    );
-    embassy_futures::join::join(supervision, REPORTER.keep_telling(hello, embassy_time::Delay)).await;
+    spawner.spawn(dwm1001::supervise(reporter, tasks, care).unwrap());
+    spawner.spawn(node::keep_telling(reporter, hello).unwrap());
+}
+
+#[embassy_executor::main(entry = "boards::cortex::entry")]
+async fn main(spawner: Spawner) {
+    start(spawner);
 }

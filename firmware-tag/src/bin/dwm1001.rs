@@ -2,49 +2,63 @@
 #![no_std]
 #![no_main]
 
-use boards::cortex::crash;
-use boards::dwm1001::{self, Board, Delay, Uwb};
-use boards::node::{self, Guard, Reporter};
+use boards::dwm1001::{self, Board, Bus, Delay, Interrupt, Reset};
+use boards::node::{self, Guard, Reporter, Tasks};
 use embassy_executor::Spawner;
-use embassy_futures::join::join;
-use firmware_common::{Settings, TagMachine};
-use firmware_tag::{Handover, Locator, Pace, Told};
-use node_record::{Record, Role, Tag};
+use firmware_common::TagMachine;
+use firmware_tag::{AnchorPlace, Locator, Pace, Told};
+use node_record::{Role, Tag};
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
 use telemetry::Condition;
 
-static REPORTER: Reporter = Reporter::new(dwm1001::uptime_us);
-static HANDOVER: Handover<Guard> = Handover::new();
+type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
+type Handover = firmware_tag::Handover<Guard>;
 
-#[embassy_executor::task]
-async fn ranging(uwb: Uwb, delay: Delay, settings: Settings, tag: Tag) {
-    let radio = Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio);
-    let machine = TagMachine::new(&settings, &tag);
-    firmware_tag::ranging(radio, delay, machine, &HANDOVER, &Told::new(&REPORTER, tag.report_ranges)).await;
+static REPORTER: StaticCell<Reporter> = StaticCell::new();
+static HANDOVER: StaticCell<Handover> = StaticCell::new();
+static RADIO: StaticCell<Radio> = StaticCell::new();
+static MACHINE: StaticCell<TagMachine> = StaticCell::new();
+#[cfg(feature = "ble")]
+static RECORD: StaticCell<node_record::Record> = StaticCell::new();
+static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
+
+/// What the tag's tasks share.
+#[derive(Clone, Copy)]
+struct Shared {
+    handover: &'static Handover,
+    reporter: &'static Reporter,
+    #[cfg(feature = "ble")]
+    record: &'static node_record::Record,
+    tag: Tag,
+}
+
+impl Shared {
+    fn told(&self) -> Told<'static, Guard, { node::TELEMETRY_BYTES }> {
+        Told::new(self.reporter, self.tag.report_ranges)
+    }
 }
 
 #[embassy_executor::task]
-async fn engine(record: &'static Record, tag: Tag) {
-    let anchors = firmware_tag::places(record);
-    let (locator, pace) = (Locator::of(&tag, &anchors), Pace::of(&tag));
-    let told = Told::new(&REPORTER, tag.report_ranges);
-    let positions = firmware_tag::engine(&HANDOVER, embassy_time::Delay, locator, pace, &told);
-    #[cfg(feature = "ble")]
-    let positions =
-        join(positions, firmware_tag::tell_sightings(&HANDOVER, firmware_tag::KnownBeacons::of(record), &told));
-    positions.await;
+async fn ranging(radio: &'static mut Radio, delay: Delay, machine: &'static mut TagMachine, shared: Shared) {
+    firmware_tag::ranging(radio, delay, machine, shared.handover, &shared.told()).await;
+}
+
+#[embassy_executor::task]
+async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
+    let (locator, pace) = (Locator::of(&shared.tag, anchors), Pace::of(&shared.tag));
+    firmware_tag::engine(shared.handover, embassy_time::Delay, locator, pace, &shared.told()).await;
 }
 
 #[cfg(feature = "ble")]
 mod bluetooth {
     use boards::dwm1001::bluetooth::{Parts, Scanner};
     use embassy_executor::Spawner;
-    use embassy_futures::join::join;
-    use firmware_tag::{Told, scan};
+    use embassy_futures::join::join3;
+    use firmware_tag::{KnownBeacons, scan};
     use node_record::Scan;
 
-    use super::{HANDOVER, REPORTER};
+    use super::Shared;
 
     struct Commanded<'s>(&'s Scanner);
 
@@ -62,8 +76,9 @@ mod bluetooth {
         }
     }
 
+    /// Scans, and tells what it has heard.
     #[embassy_executor::task]
-    pub async fn scan(spawner: Spawner, parts: Parts, wanted: Scan) {
+    pub async fn scan(spawner: Spawner, parts: Parts, wanted: Scan, shared: Shared) {
         let scanner = match Scanner::start(parts, spawner).await {
             Ok(scanner) => scanner,
             Err(error) => {
@@ -71,43 +86,56 @@ mod bluetooth {
                 return;
             }
         };
-        let told = Told::new(&REPORTER, false);
-        let listening = scanner.listen(|heard| scan::hear(&HANDOVER, &told, heard.data, heard.rssi));
-        let scanning = scan::run(&HANDOVER, wanted.into(), Commanded(&scanner), embassy_time::Delay, &told);
-        join(listening, scanning).await;
+        let (handover, told) = (shared.handover, shared.told());
+        let listening = scanner.listen(|heard| scan::hear(handover, &told, heard.data, heard.rssi));
+        let scanning = scan::run(handover, wanted.into(), Commanded(&scanner), embassy_time::Delay, &told);
+        let telling = firmware_tag::tell_sightings(handover, KnownBeacons::of(shared.record), &told);
+        join3(listening, scanning, telling).await;
     }
+}
+
+/// Spawns all tasks; without a record to follow, only those that tell so.
+fn start(spawner: Spawner) {
+    let board = Board::take();
+    let reporter: &_ = REPORTER.init_with(|| Reporter::new(dwm1001::uptime_us));
+    let (hello, followed) = node::introduce(reporter, dwm1001::KIND, telemetry::Role::Tag, board.start);
+    let mut tasks = Tasks::None;
+    if let Some((record, settings)) = followed {
+        match settings.role {
+            Role::Tag(tag) => {
+                let uwb = board.uwb;
+                let radio =
+                    RADIO.init_with(|| Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio));
+                let machine = MACHINE.init_with(|| TagMachine::new(&settings, &tag));
+                let anchors = ANCHORS.init_with(|| firmware_tag::places(&record));
+                #[cfg(feature = "ble")]
+                let record: &_ = RECORD.init(record);
+                let handover: &_ = HANDOVER.init_with(Handover::new);
+                let shared = Shared {
+                    handover,
+                    reporter,
+                    #[cfg(feature = "ble")]
+                    record,
+                    tag,
+                };
+                tasks = Tasks::RangingAndEngine;
+                board.ranging.spawn(ranging(radio, board.delay, machine, shared).unwrap());
+                spawner.spawn(engine(shared, anchors).unwrap());
+                #[cfg(feature = "ble")]
+                if let Some(wanted) = tag.scan {
+                    spawner.spawn(bluetooth::scan(spawner, board.bluetooth, wanted, shared).unwrap());
+                }
+            }
+            Role::Anchor { .. } | Role::Advertiser(_) => {
+                reporter.journal.state(reporter.now_us(), Condition::WrongRecord);
+            }
+        }
+    }
+    spawner.spawn(dwm1001::supervise(reporter, tasks, board.care).unwrap());
+    spawner.spawn(node::keep_telling(reporter, hello).unwrap());
 }
 
 #[embassy_executor::main(entry = "boards::cortex::entry")]
 async fn main(spawner: Spawner) {
-    let board = Board::take();
-    let (mut leds, mut watchdog, mut telemetry) = (board.leds, board.watchdog, board.telemetry);
-    let (hello, followed) = node::introduce(&REPORTER, dwm1001::KIND, telemetry::Role::Tag, board.start);
-    let mut works = false;
-    if let Some((record, settings)) = followed {
-        match settings.role {
-            Role::Tag(tag) => {
-                works = true;
-                static RECORD: StaticCell<Record> = StaticCell::new();
-                board.ranging.spawn(ranging(board.uwb, board.delay, settings, tag).unwrap());
-                spawner.spawn(engine(RECORD.init(record), tag).unwrap());
-                #[cfg(feature = "ble")]
-                if let Some(wanted) = tag.scan {
-                    spawner.spawn(bluetooth::scan(spawner, board.bluetooth, wanted).unwrap());
-                }
-            }
-            Role::Anchor { .. } | Role::Advertiser(_) => {
-                REPORTER.journal.state(REPORTER.now_us(), Condition::WrongRecord);
-            }
-        }
-    }
-    let supervision = node::supervise(
-        &REPORTER,
-        |frame| telemetry.write(frame),
-        |lit| leds.show(lit),
-        || watchdog.feed(),
-        |reporter| if works { reporter.all_alive(true) } else { Ok(()) },
-        crash::leave,
-    );
-    join(supervision, REPORTER.keep_telling(hello, embassy_time::Delay)).await;
+    start(spawner);
 }

@@ -237,6 +237,11 @@ impl Tag {
 }
 
 impl Machine for Tag {
+    fn may_sleep(&self) -> bool {
+        // Between exchanges nothing hangs on the clock: a restart begins with the next poll or blink.
+        self.state == State::Between
+    }
+
     fn guide(&mut self, guidance: Guidance) {
         match guidance.rate {
             Some(Rate::Every(period)) => self.config.period = period,

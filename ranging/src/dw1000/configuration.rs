@@ -83,6 +83,8 @@ pub struct Config {
     pub eui: u64,
     /// Which frames pass.
     pub filter: FrameFilter,
+    /// Whether the chip sleeps in waits that its node's exchange survives without its clock.
+    pub sleeps: bool,
 }
 
 impl Config {
@@ -98,6 +100,7 @@ impl Config {
             short_address: 0xFFFF,
             eui: 0,
             filter: FrameFilter::OFF,
+            sleeps: false,
         }
     }
 

@@ -321,4 +321,8 @@ where
     async fn restart(&mut self) -> Result<(), Self::Error> {
         self.init().await
     }
+
+    async fn sleep(&mut self, micros: u32) -> Result<bool, Self::Error> {
+        self.sleep_for(micros).await
+    }
 }

@@ -40,6 +40,12 @@ pub struct TagConfig {
 const LOST_AFTER: u16 = 5;
 /// Superframes from a request until the list can tell of it: to a relay, from there to the coordinator, and back.
 const REQUEST_PATIENCE: u16 = 4;
+/// A dozing tag waits through superframes only where it is none's turn in the next so many …
+const DOZE_FROM: u16 = 3;
+/// … and for this long at most, so that instants stay apart from each other.
+const LONGEST_DOZE: RadioDuration = RadioDuration::from_micros(6_000_000);
+/// It wakes so much before the superframe of its turn: what clocks part by meanwhile, and what waking takes too long.
+const DOZE_MARGIN: RadioDuration = RadioDuration::from_micros(2_000);
 /// What the tag's last action was for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Doing {
@@ -64,6 +70,10 @@ pub struct Tag {
     neighbours: Neighbours,
     position_m: Option<[f32; 3]>,
     round: Exchange,
+    /// Whether superframes without a turn are waited through.
+    dozes: bool,
+    /// The last action was such a wait.
+    dozing: bool,
     sequence: u8,
     out: FrameBuffer,
 }
@@ -72,6 +82,8 @@ pub struct Tag {
 #[derive(Clone, Debug)]
 struct Followed {
     phase: Phase,
+    /// Since when the phase is not known any more, after a doze: the next beacon tells it.
+    adrift: Option<RadioInstant>,
     term: u8,
     coordinator: u16,
     /// The superframe of the last beacon heard.
@@ -103,6 +115,8 @@ impl Tag {
             neighbours: Neighbours::new(),
             position_m: None,
             round: Exchange::new(),
+            dozes: false,
+            dozing: false,
             sequence: 0,
             out: FrameBuffer::new(),
         }
@@ -111,6 +125,13 @@ impl Tag {
     /// Ranges more or less often from now on; `None` gives the slots back and ranges no more.
     pub fn set_rate(&mut self, rate: Option<Rate>) {
         self.share = rate.map_or(Share::Release, |rate| share_of(rate, &self.timing));
+    }
+
+    /// A tag that ranges seldom does not listen to superframes without a turn of its own from now on: it waits through them, the
+    /// radio may sleep, and it is in step again with the first beacon of the superframe of its turn. What that costs: clocks are
+    /// compared anew, by the carrier, so that the ranges of a round deviate twice as much.
+    pub fn doze(&mut self) {
+        self.dozes = true;
     }
 
     /// How many anchors are heard.
@@ -148,7 +169,11 @@ impl Tag {
                 // In step: the same superframe, begun at the same time. A beacon repeated later is neither.
                 let off = phase.start.since(expected.start).ticks().unsigned_abs();
                 let in_step = phase.number == expected.number && off <= self.timing.guard.ticks().unsigned_abs();
-                if in_step && prevails(told, followed) {
+                if network.adrift.is_some() && told == followed {
+                    (network.phase, network.heard, network.adrift) = (phase, phase.number, None);
+                    network.membership.hear(beacon.version, beacon.countdown, &beacon.members, true);
+                    false
+                } else if in_step && prevails(told, followed) {
                     network.phase = phase;
                     network.heard = phase.number;
                     (network.term, network.coordinator) = told;
@@ -157,7 +182,10 @@ impl Tag {
                         self.link = Some(Link::Synchronised(told.1));
                     }
                     false
-                } else if silent > HOLDOVER_SUPERFRAMES || (told != followed && prevails(told, followed)) {
+                } else if network.adrift.is_some()
+                    || silent > HOLDOVER_SUPERFRAMES
+                    || (told != followed && prevails(told, followed))
+                {
                     true
                 } else {
                     return;
@@ -170,6 +198,7 @@ impl Tag {
             self.link = Some(Link::Synchronised(beacon.coordinator));
             self.network = Some(Followed {
                 phase,
+                adrift: None,
                 term: beacon.term,
                 coordinator: beacon.coordinator,
                 heard: phase.number,
@@ -207,6 +236,14 @@ impl Tag {
     fn schedule(&mut self, present: RadioInstant) -> Action<'_> {
         let timing = self.timing;
         let Some(network) = &mut self.network else { return Self::listen(timing.superframe) };
+        if let Some(since) = network.adrift {
+            let patience = RadioDuration::from_ticks(i64::from(LOST_AFTER) * timing.superframe.ticks());
+            if present.since(since) <= patience {
+                return Self::listen(timing.superframe);
+            }
+            self.network = None;
+            return Action::Report(Report::Link(Link::Unsynchronised));
+        }
         let begun = network.phase.advance(&timing, present.plus(RadioDuration::from_ticks(2 * WAKE.ticks())));
         network.membership.advance(begun);
         self.neighbours.advance(begun);
@@ -293,12 +330,28 @@ impl Tag {
             self.write(Message::Poll(poll));
             return Action::Transmit { frame: self.out.bytes(), start, listen: true };
         }
-        let wake = timing.superframe.ticks() - WAKE.ticks();
+        let (turns, early) = match network.next_turn(&self.config, &timing, self.share) {
+            Some(turns) if self.dozes && turns >= DOZE_FROM => (turns, DOZE_MARGIN),
+            Some(_) | None => (1, WAKE),
+        };
+        self.dozing = turns > 1;
+        let wake = i64::from(turns) * timing.superframe.ticks() - early.ticks();
         Action::WaitUntil(phase.at(RadioDuration::from_ticks(wake)))
     }
 }
 
 impl Followed {
+    /// In how many superframes the next one with slots of ours begins, as far as that is settled, or how long a doze may be.
+    fn next_turn(&self, config: &TagConfig, timing: &Timing, share: Share) -> Option<u16> {
+        let members = self.membership.in_force().filter(|_| self.membership.countdown() == 0)?;
+        members.iter().find(|member| member.tag == config.address && member.share == share)?;
+        let most = (LONGEST_DOZE.ticks() / timing.superframe.ticks()).max(1) as u16;
+        let owns = |turn: &u16| {
+            owned_slots(members, config.address, self.phase.number.wrapping_add(*turn), timing.round_slots) != 0
+        };
+        Some((1..most).find(owns).unwrap_or(most))
+    }
+
     /// Finds out which slots are ours in this superframe: none where the plan may have changed unheard.
     fn plan(&mut self, config: &TagConfig, timing: &Timing, silent: u16) {
         let number = self.phase.number;
@@ -315,6 +368,10 @@ impl Followed {
 }
 
 impl Machine for Tag {
+    fn may_sleep(&self) -> bool {
+        self.dozing
+    }
+
     fn guide(&mut self, guidance: Guidance) {
         self.position_m = guidance.position_m;
         if guidance.rate.is_some() {
@@ -324,10 +381,16 @@ impl Machine for Tag {
 
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         let mut present = now;
+        let dozed = core::mem::take(&mut self.dozing);
+        if let Some(network) = self.network.as_mut().filter(|_| dozed) {
+            network.adrift = Some(now);
+        }
         match event {
             Event::Started => {
                 self.doing = Doing::Nothing;
-                self.network = None;
+                if !dozed {
+                    self.network = None;
+                }
                 self.neighbours.forget_clocks();
             }
             Event::Sent(departure) => {
