@@ -1,7 +1,7 @@
 //! The anchor on a chip of Espressif: ranging in a thread above all others, telemetry and supervision in the main one.
 
 use boards::esp::{self, Board, Uwb, crash};
-use boards::node::{self, Reporter};
+use boards::node::{self, Reporter, Tasks};
 use embassy_executor::Spawner;
 use embassy_futures::join::join;
 use embassy_time::Delay;
@@ -25,12 +25,12 @@ async fn ranging(uwb: Uwb, settings: Settings, position_m: Option<[f32; 3]>) {
 pub async fn main(spawner: Spawner) {
     let Board { uwb, mut watchdog, start, mut telemetry, .. } = Board::take(spawner);
     let (hello, followed) = node::introduce(&REPORTER, esp::KIND, telemetry::Role::Anchor, start);
-    let mut works = false;
+    let mut tasks = Tasks::None;
     if let Some((record, settings)) = followed {
         let complain = |condition| REPORTER.journal.state(REPORTER.now_us(), condition);
         match (settings.role, uwb.wire(&record)) {
             (Role::Anchor { position_m }, Ok(uwb)) => {
-                works = true;
+                tasks = Tasks::Ranging;
                 esp::thread::start(move |thread| thread.spawn(ranging(uwb, settings, position_m).unwrap()));
             }
             (Role::Tag(_) | Role::Advertiser(_), Ok(_)) => complain(Condition::WrongRecord),
@@ -40,13 +40,7 @@ pub async fn main(spawner: Spawner) {
             }
         }
     }
-    let supervision = node::supervise(
-        &REPORTER,
-        |frame| telemetry.write(frame),
-        |_| (),
-        || watchdog.feed(),
-        |reporter| if works { reporter.all_alive(false) } else { Ok(()) },
-        crash::leave,
-    );
+    let supervision =
+        node::supervise(&REPORTER, tasks, |frame| telemetry.write(frame), |_| (), || watchdog.feed(), crash::leave);
     join(supervision, REPORTER.keep_telling(hello, Delay)).await;
 }

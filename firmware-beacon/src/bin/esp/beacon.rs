@@ -2,7 +2,7 @@
 
 use boards::esp::bluetooth::{self, Advertiser, Parts};
 use boards::esp::{self, Board, crash};
-use boards::node::{self, Reporter};
+use boards::node::{self, Reporter, Tasks};
 use embassy_executor::Spawner;
 use embassy_futures::join::join;
 use embassy_time::Delay;
@@ -66,12 +66,13 @@ async fn advertise(parts: Parts, settings: Settings) {
 pub async fn main(spawner: Spawner) {
     let Board { mut watchdog, start, address, mut telemetry, bluetooth, .. } = Board::take(spawner);
     let (hello, followed) = node::introduce(&REPORTER, esp::KIND, telemetry::Role::Beacon, start);
-    let mut works = false;
+    let mut tasks = Tasks::None;
     if let Some((record, _)) = followed {
         let complain = |condition| REPORTER.journal.state(REPORTER.now_us(), condition);
         match Settings::of(&record, address) {
             Ok(settings) => {
-                works = true;
+                // The app shows that it is alive as ranging does elsewhere.
+                tasks = Tasks::Ranging;
                 spawner.spawn(advertise(bluetooth, settings).unwrap());
             }
             Err(SettingsFault::OtherRole) => complain(Condition::WrongRecord),
@@ -81,14 +82,7 @@ pub async fn main(spawner: Spawner) {
             }
         }
     }
-    let supervision = node::supervise(
-        &REPORTER,
-        |frame| telemetry.write(frame),
-        |_| (),
-        || watchdog.feed(),
-        // The app shows that it is alive as ranging does elsewhere.
-        |reporter| if works { reporter.all_alive(false) } else { Ok(()) },
-        crash::leave,
-    );
+    let supervision =
+        node::supervise(&REPORTER, tasks, |frame| telemetry.write(frame), |_| (), || watchdog.feed(), crash::leave);
     join(supervision, REPORTER.keep_telling(hello, Delay)).await;
 }

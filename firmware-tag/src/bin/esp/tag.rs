@@ -2,7 +2,7 @@
 //! main one.
 
 use boards::esp::{self, Board, Uwb, crash};
-use boards::node::{self, Guard, Reporter};
+use boards::node::{self, Guard, Reporter, Tasks};
 use embassy_executor::Spawner;
 use embassy_futures::join::join;
 use embassy_time::Delay;
@@ -100,14 +100,14 @@ pub async fn main(spawner: Spawner) {
     let board = Board::take(spawner);
     let (mut watchdog, mut telemetry) = (board.watchdog, board.telemetry);
     let (hello, followed) = node::introduce(&REPORTER, esp::KIND, telemetry::Role::Tag, board.start);
-    let mut works = false;
+    let mut tasks = Tasks::None;
     if let Some((record, settings)) = followed {
         static RECORD: StaticCell<Record> = StaticCell::new();
         let record = RECORD.init(record);
         let complain = |condition| REPORTER.journal.state(REPORTER.now_us(), condition);
         match (settings.role, board.uwb.wire(record)) {
             (Role::Tag(tag), Ok(uwb)) => {
-                works = true;
+                tasks = Tasks::RangingAndEngine;
                 work(
                     spawner,
                     uwb,
@@ -125,13 +125,7 @@ pub async fn main(spawner: Spawner) {
             }
         }
     }
-    let supervision = node::supervise(
-        &REPORTER,
-        |frame| telemetry.write(frame),
-        |_| (),
-        || watchdog.feed(),
-        |reporter| if works { reporter.all_alive(true) } else { Ok(()) },
-        crash::leave,
-    );
+    let supervision =
+        node::supervise(&REPORTER, tasks, |frame| telemetry.write(frame), |_| (), || watchdog.feed(), crash::leave);
     join(supervision, REPORTER.keep_telling(hello, Delay)).await;
 }
