@@ -3,6 +3,7 @@
 //! Clocks: a crystal of 12 MHz, times six: 72 MHz for the processor and SPI1, 36 MHz for SPI2. Priorities of interrupts: the clock
 //! and the DW1000's pin above the ranging tasks' executor; solver, display, telemetry and supervision below all interrupts.
 
+mod display;
 mod uwb;
 
 use embassy_executor::{InterruptExecutor, SendSpawner};
@@ -26,6 +27,7 @@ use crate::{identity, reset_cause};
 
 pub use crate::cortex::log::TelemetryChannel;
 pub use crate::cortex::{restart, uptime_us};
+pub use display::{SharedPanel, Shown, display};
 pub use embassy_time::Delay;
 pub use uwb::{Bus, Interrupt, Reset, Uwb};
 
@@ -55,7 +57,7 @@ pub struct Board {
     pub care: Care,
     /// The display, not started.
     pub lcd: Lcd,
-    /// What the node is told.
+    /// What the node is told: there is always a record, made of the switches and of what is in flash.
     pub start: Start,
     /// Of the executor that ranging runs in, above the thread's.
     pub ranging: SendSpawner,
@@ -115,11 +117,18 @@ impl Board {
         let [anchor, s1_5, s1_6, s1_7, native] = switches.map(|line| line.is_low());
 
         let record = node_record::load(&mut Flash::new_blocking(p.FLASH), node_record::Pages::EVK1000.offsets);
+        if let Err(fault) = &record
+            && *fault != node_record::Fault::Missing
+        {
+            defmt::warn!("only the switches count, for the record in flash cannot be read: {}", fault);
+        }
+        let switches = Switches { anchor, mode: [s1_5, s1_6, s1_7], native };
+        let record = Ok(switches.apply(record.ok()));
         let eui = identity::of_serial(&uid::uid());
         Self {
             uwb,
             delay: Delay,
-            switches: Switches { anchor, mode: [s1_5, s1_6, s1_7], native },
+            switches,
             care: Care {
                 leds: Leds {
                     anchor: Output::new(p.PC6, Level::Low, Speed::Low),

@@ -85,40 +85,50 @@ impl Switches {
     }
 }
 
+/// What a board does that has no distance to show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Awaiting {
+    /// An anchor: until a tag polls.
+    Poll,
+    /// A tag: until an anchor answers.
+    Response,
+    /// An image without the tag, while S1-4 asks for one: until that is switched on, and the board reset.
+    Switch,
+}
+
 /// What the display says.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Panel {
-    anchor: bool,
-    paired: bool,
+    awaiting: Awaiting,
     distances: HistoryBuf<f32, 8>,
 }
 
 impl Panel {
     /// Of a node that has no peer yet.
-    pub fn new(anchor: bool) -> Self {
-        Self { anchor, ..Self::default() }
+    pub const fn new(awaiting: Awaiting) -> Self {
+        Self { awaiting, distances: HistoryBuf::new() }
     }
 
     /// A distance was measured, metres.
     pub fn measured(&mut self, distance_m: f32) {
-        self.paired = true;
         self.distances.write(distance_m);
     }
 
     /// There is no peer any more.
     pub fn lost(&mut self) {
-        *self = Self::new(self.anchor);
+        *self = Self::new(self.awaiting);
     }
 
     /// The text: the last distance and the mean of the last eight, or what is being waited for.
     pub fn text(&self) -> Text {
-        match self.distances.recent() {
-            Some(last) => {
+        match (self.distances.recent(), self.awaiting) {
+            (Some(last), _) => {
                 let sum: f32 = self.distances.as_slice().iter().sum();
                 [distance(b"LAST:", *last), distance(b"AVG8:", sum / self.distances.len() as f32)]
             }
-            None if self.anchor => [*b"    AWAITING    ", *b"      POLL      "],
-            None => [*b"    AWAITING    ", *b"    RESPONSE    "],
+            (None, Awaiting::Poll) => [*b"    AWAITING    ", *b"      POLL      "],
+            (None, Awaiting::Response) => [*b"    AWAITING    ", *b"    RESPONSE    "],
+            (None, Awaiting::Switch) => [*b"  ANCHOR ONLY:  ", *b" SWITCH S1-4 ON "],
         }
     }
 }
@@ -207,13 +217,13 @@ mod tests {
 
     #[test]
     fn the_display_waits_as_the_boards_do() {
-        assert_eq!(Panel::new(false).text(), [*b"    AWAITING    ", *b"    RESPONSE    "]);
-        assert_eq!(Panel::new(true).text(), [*b"    AWAITING    ", *b"      POLL      "]);
+        assert_eq!(Panel::new(Awaiting::Response).text(), [*b"    AWAITING    ", *b"    RESPONSE    "]);
+        assert_eq!(Panel::new(Awaiting::Poll).text(), [*b"    AWAITING    ", *b"      POLL      "]);
     }
 
     #[test]
     fn the_display_has_the_last_distance_and_the_mean_of_eight() {
-        let mut panel = Panel::new(false);
+        let mut panel = Panel::new(Awaiting::Response);
         panel.measured(3.0);
         assert_eq!(panel.text(), [*b"LAST:    3.00 m ", *b"AVG8:    3.00 m "]);
         for distance_m in [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 9.5] {
@@ -222,7 +232,7 @@ mod tests {
         // The first is forgotten: 37.5 / 8 = 4.6875.
         assert_eq!(panel.text(), [*b"LAST:    9.50 m ", *b"AVG8:    4.69 m "]);
         panel.lost();
-        assert_eq!(panel.text(), Panel::new(false).text());
+        assert_eq!(panel.text(), Panel::new(Awaiting::Response).text());
     }
 
     #[test]

@@ -1,0 +1,160 @@
+//! Tag or anchor on an EVB1000, as S1-4 says at the start, without a record if need be; the distance on the display.
+#![no_std]
+#![no_main]
+
+use boards::evk1000::{self, Board, Bus, Delay, Interrupt, Reset, SharedPanel, Shown};
+use boards::node::{self, Guard, Reporter, Tasks};
+use boards::panel::{Awaiting, Panel};
+use embassy_executor::{SendSpawner, Spawner};
+use firmware_common::{AnchorMachine, Settings, TagMachine};
+use firmware_tag::{AnchorPlace, Epoch, Locator, Pace, Sink, Task, Told};
+use node_record::{Record, Role, Tag};
+use ranging::dw1000::Dw1000;
+use ranging::exchange::{Event, Link};
+use static_cell::StaticCell;
+use telemetry::Condition;
+
+type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
+type Handover = firmware_tag::Handover<Guard>;
+
+static REPORTER: StaticCell<Reporter> = StaticCell::new();
+static HANDOVER: StaticCell<Handover> = StaticCell::new();
+static RADIO: StaticCell<Radio> = StaticCell::new();
+static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
+static PANEL: StaticCell<SharedPanel> = StaticCell::new();
+
+/// A tag's results, told and shown.
+#[derive(Clone, Copy)]
+struct TagShown {
+    told: Told<'static, Guard, { node::TELEMETRY_BYTES }>,
+    panel: &'static SharedPanel,
+}
+
+impl Sink for TagShown {
+    fn now_us(&self) -> u64 {
+        self.told.now_us()
+    }
+
+    async fn publish(&self, epoch: Epoch<'_>) {
+        self.panel.measured(epoch.round.ranges.iter().map(|range| range.distance_m));
+        self.told.publish(epoch).await;
+    }
+
+    fn step(&self, event: &Event<'_>) {
+        self.told.step(event);
+    }
+
+    fn link(&self, link: Link) {
+        self.panel.link(link);
+        self.told.link(link);
+    }
+
+    fn radio_failed(&self, error: &impl core::fmt::Debug, failures: u32) {
+        self.told.radio_failed(error, failures);
+    }
+
+    fn round_dropped(&self) {
+        self.told.round_dropped();
+    }
+
+    fn alive(&self, task: Task) {
+        self.told.alive(task);
+    }
+}
+
+#[embassy_executor::task]
+async fn tag_ranging(
+    radio: &'static mut Radio,
+    machine: &'static mut TagMachine,
+    handover: &'static Handover,
+    sink: TagShown,
+) {
+    firmware_tag::ranging(radio, Delay, machine, handover, &sink).await;
+}
+
+#[embassy_executor::task]
+async fn engine(handover: &'static Handover, tag: Tag, anchors: &'static [AnchorPlace], sink: TagShown) {
+    let (locator, pace) = (Locator::of(&tag, anchors), Pace::of(&tag));
+    firmware_tag::engine(handover, Delay, locator, pace, &sink).await;
+}
+
+#[embassy_executor::task]
+async fn anchor_ranging(
+    radio: &'static mut Radio,
+    machine: &'static mut AnchorMachine,
+    reporter: &'static Reporter,
+    panel: &'static SharedPanel,
+) {
+    let listener = firmware_anchor::Told(reporter);
+    firmware_anchor::run(radio, Delay, machine, Shown { listener, panel }).await;
+}
+
+/// Either machine: a board is one of both.
+enum Machine {
+    Tag(TagMachine),
+    Anchor(AnchorMachine),
+}
+
+static MACHINE: StaticCell<Machine> = StaticCell::new();
+
+/// What the tasks of either role have.
+struct Parts {
+    radio: &'static mut Radio,
+    reporter: &'static Reporter,
+    panel: &'static SharedPanel,
+}
+
+/// Spawns the role's tasks; which have to show that they are alive.
+fn spawn(spawner: Spawner, above: SendSpawner, parts: Parts, record: &Record, settings: &Settings) -> Tasks {
+    let Parts { radio, reporter, panel } = parts;
+    match settings.role {
+        Role::Tag(tag) => {
+            let handover: &_ = HANDOVER.init_with(Handover::new);
+            let sink = TagShown { told: Told::new(reporter, tag.report_ranges), panel };
+            let anchors = ANCHORS.init_with(|| firmware_tag::places(record));
+            if let Machine::Tag(machine) = MACHINE.init_with(|| Machine::Tag(TagMachine::new(settings, &tag))) {
+                above.spawn(tag_ranging(radio, machine, handover, sink).unwrap());
+                spawner.spawn(engine(handover, tag, anchors, sink).unwrap());
+            }
+            Tasks::RangingAndEngine
+        }
+        Role::Anchor { position_m } => {
+            let machine = MACHINE.init_with(|| Machine::Anchor(AnchorMachine::new(settings, position_m)));
+            if let Machine::Anchor(machine) = machine {
+                above.spawn(anchor_ranging(radio, machine, reporter, panel).unwrap());
+            }
+            Tasks::Ranging
+        }
+        Role::Advertiser(_) => {
+            reporter.journal.state(reporter.now_us(), Condition::WrongRecord);
+            Tasks::None
+        }
+    }
+}
+
+/// Spawns all tasks.
+fn start(spawner: Spawner) {
+    let Board { uwb, switches, mut care, lcd, start, ranging: above, .. } = Board::take();
+    let reporter: &_ = REPORTER.init_with(|| Reporter::new(evk1000::uptime_us));
+    let (role, awaiting) = if switches.anchor {
+        (telemetry::Role::Anchor, Awaiting::Poll)
+    } else {
+        (telemetry::Role::Tag, Awaiting::Response)
+    };
+    care.leds.show_role(switches.anchor);
+    let panel: &_ = PANEL.init_with(|| SharedPanel::new(Panel::new(awaiting)));
+    spawner.spawn(evk1000::display(lcd, panel).unwrap());
+    let (hello, followed) = node::introduce(reporter, evk1000::KIND, role, start);
+    let mut tasks = Tasks::None;
+    if let Some((record, settings)) = followed {
+        let radio = RADIO.init_with(|| Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio));
+        tasks = spawn(spawner, above, Parts { radio, reporter, panel }, &record, &settings);
+    }
+    spawner.spawn(evk1000::supervise(reporter, tasks, care).unwrap());
+    spawner.spawn(node::keep_telling(reporter, hello).unwrap());
+}
+
+#[embassy_executor::main(entry = "boards::cortex::entry")]
+async fn main(spawner: Spawner) {
+    start(spawner);
+}
