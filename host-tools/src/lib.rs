@@ -21,6 +21,7 @@ mod solve;
 mod statistics;
 mod table;
 pub mod thesis;
+pub mod track;
 mod wrong;
 
 pub use recording::{Anchor, Epoch, Files, Measured, Place, Recording, read_anchors, read_truth};

@@ -28,6 +28,7 @@ const EXIT_CODES: &str = "Exit code: 0 done; 2 the input or the arguments are wr
 #[derive(Subcommand)]
 enum Command {
     Solve(commands::solve::Arguments),
+    Track(commands::track::Arguments),
     /// Benchmarks on simulated ranges
     #[command(subcommand)]
     Bench(Bench),
@@ -55,6 +56,7 @@ fn main() -> ExitCode {
     };
     let done = match arguments.command {
         Command::Solve(arguments) => commands::solve::run(&arguments),
+        Command::Track(arguments) => commands::track::run(&arguments),
         Command::Bench(Bench::Thesis(arguments)) => commands::thesis::run(&arguments),
         Command::Nlos(command) => commands::nlos::run(&command),
         Command::Plot(arguments) => commands::plot::run(&arguments),

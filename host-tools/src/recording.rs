@@ -38,6 +38,10 @@ pub struct Measured {
     pub range_m: f64,
     /// Ground truth of the line of sight, where known.
     pub line_of_sight: Option<bool>,
+    /// Received power, dBm, where known.
+    pub received_dbm: Option<f64>,
+    /// Power of the first path, dBm, where known.
+    pub first_path_dbm: Option<f64>,
 }
 
 /// The ranges that make one fix.
@@ -99,6 +103,7 @@ impl Recording {
         let mut table = Table::open(file)?;
         let (epoch, anchor, range) = (table.column("epoch")?, table.column("anchor")?, table.column("range_m")?);
         let (time, sight) = (table.optional("t_s"), table.optional("los"));
+        let (received, first_path) = (table.optional("rx_power_dbm"), table.optional("fp_power_dbm"));
         while let Some(row) = table.next_row()? {
             let (name, t_s) = (row.some_text(epoch)?, row.number(time)?);
             let at = *by_name.entry(name.to_owned()).or_insert_with(|| {
@@ -111,7 +116,9 @@ impl Recording {
             };
             let line_of_sight = row.truth_value(sight)?;
             if let Some(range_m) = row.number(range)? {
-                self.epochs[at].ranges.push(Measured { anchor, range_m, line_of_sight });
+                let (received_dbm, first_path_dbm) = (row.number(received)?, row.number(first_path)?);
+                let measured = Measured { anchor, range_m, line_of_sight, received_dbm, first_path_dbm };
+                self.epochs[at].ranges.push(measured);
             }
         }
         if self.epochs.is_empty() { Err(Wrong::line(file, 1, "no ranges below the header")) } else { Ok(by_name) }

@@ -3,6 +3,7 @@
 //! Coordinates are taken relative to the middle of the anchors before they become `f32`, so that a site grid with its origin
 //! far away costs no digits.
 
+use positioning_core::engine::Missing;
 use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, Method, NoFix, RangeSample, Side, flatten};
 
 use crate::recording::{Anchor, Epoch, Measured, Place};
@@ -53,6 +54,8 @@ pub struct Position {
     pub place: Place,
     /// Standard deviation of each coordinate, metres.
     pub sigma: Place,
+    /// Covariance of x and y, m².
+    pub covariance_xy: f64,
     /// How many anchors' ranges made it.
     pub used: usize,
 }
@@ -64,6 +67,8 @@ pub enum NoPosition {
     NoFix(NoFix),
     /// The truth of this epoch, from which the height should come, has none.
     HeightUnknown,
+    /// The track has none.
+    Missing(Missing),
 }
 
 impl NoPosition {
@@ -72,6 +77,7 @@ impl NoPosition {
         match self {
             Self::NoFix(reason) => reason.as_str(),
             Self::HeightUnknown => "height-unknown",
+            Self::Missing(reason) => reason.as_str(),
         }
     }
 }
@@ -97,14 +103,7 @@ pub struct Solver<'a> {
 impl<'a> Solver<'a> {
     /// A solver for these anchors.
     pub fn new(anchors: &'a [Anchor], setup: Setup) -> Self {
-        let middle = |coordinate: fn(&Place) -> Option<f64>| {
-            let (least, greatest) = anchors
-                .iter()
-                .filter_map(|anchor| coordinate(&anchor.place))
-                .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, greatest), c| (least.min(c), greatest.max(c)));
-            if least <= greatest { 0.5 * least + 0.5 * greatest } else { 0.0 }
-        };
-        Self { anchors, setup, origin: [middle(|p| Some(p.x_m)), middle(|p| Some(p.y_m)), middle(|p| p.z_m)] }
+        Self { anchors, setup, origin: middle_m(anchors) }
     }
 
     /// The position of one epoch by `method`, and its error where the truth is known.
@@ -143,6 +142,7 @@ impl<'a> Solver<'a> {
         Ok(Position {
             place: Place { x_m: self.global(0, fix.position[0]), y_m: self.global(1, fix.position[1]), z_m: None },
             sigma: Place { x_m: sigma_x, y_m: sigma_y, z_m: None },
+            covariance_xy: fix.covariance[0][1].into(),
             used: fix.used.len(),
         })
     }
@@ -170,6 +170,7 @@ impl<'a> Solver<'a> {
         Ok(Position {
             place: Place { x_m, y_m, z_m: Some(z_m) },
             sigma: Place { x_m: sigma_x, y_m: sigma_y, z_m: Some(sigma_z) },
+            covariance_xy: fix.covariance[0][1].into(),
             used: fix.used.len(),
         })
     }
@@ -181,6 +182,18 @@ impl<'a> Solver<'a> {
     fn global(&self, axis: usize, coordinate: f32) -> f64 {
         f64::from(coordinate) + self.origin[axis]
     }
+}
+
+/// The middle of the anchors, metres; zero along an axis of which nothing is known.
+pub(crate) fn middle_m(anchors: &[Anchor]) -> [f64; 3] {
+    let middle = |coordinate: fn(&Place) -> Option<f64>| {
+        let (least, greatest) = anchors
+            .iter()
+            .filter_map(|anchor| coordinate(&anchor.place))
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, greatest), c| (least.min(c), greatest.max(c)));
+        if least <= greatest { 0.5 * least + 0.5 * greatest } else { 0.0 }
+    };
+    [middle(|p| Some(p.x_m)), middle(|p| Some(p.y_m)), middle(|p| p.z_m)]
 }
 
 /// Solves with the shortest ranges where there are more than a fix can take: a blocked range is a long one.
@@ -195,6 +208,16 @@ fn solve<const D: usize>(
         samples.truncate(MAX_ANCHORS);
     }
     positioning_core::solve(method, &samples, constraints).map_err(NoPosition::NoFix)
+}
+
+impl Position {
+    /// The squared horizontal error in units of its covariance: 2 in the mean where the covariance is right; the 1σ ellipse is
+    /// where it is 1. Not finite without a covariance.
+    pub fn normalised_square(&self, truth: &Place) -> f64 {
+        let (x, y) = (self.place.x_m - truth.x_m, self.place.y_m - truth.y_m);
+        let (xx, yy, xy) = (self.sigma.x_m.powi(2), self.sigma.y_m.powi(2), self.covariance_xy);
+        (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
+    }
 }
 
 impl Place {

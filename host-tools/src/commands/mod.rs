@@ -7,11 +7,13 @@ pub mod nlos;
 pub mod plot;
 pub mod provision;
 pub mod record;
+mod recorded;
 pub mod replay;
 pub mod simulate;
 pub mod solve;
 mod stream;
 pub mod thesis;
+pub mod track;
 
 use std::path::Path;
 
