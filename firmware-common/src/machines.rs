@@ -47,13 +47,19 @@ impl TagMachine {
     pub fn new(settings: &Settings, tag: &node_record::Tag) -> Self {
         let network = settings.network;
         match settings.exchange {
-            Exchange::Native => Self::Native(native::Tag::new(native::TagConfig {
-                address: settings.address,
-                network,
-                anchors: tag.anchors_per_round,
-                rate: rate(tag.rate_chz),
-                tell_distances: tag.tell_distances,
-            })),
+            Exchange::Native => {
+                let mut machine = native::Tag::new(native::TagConfig {
+                    address: settings.address,
+                    network,
+                    anchors: tag.anchors_per_round,
+                    rate: rate(tag.rate_chz),
+                    tell_distances: tag.tell_distances,
+                });
+                if tag.sleep {
+                    machine.doze();
+                }
+                Self::Native(machine)
+            }
             Exchange::DecaRanging(variant) => Self::DecaRanging(decaranging::Tag::new(decaranging::TagConfig {
                 eui: settings.eui,
                 variant,
@@ -94,6 +100,13 @@ impl Machine for TagMachine {
         match self {
             Self::Native(tag) => tag.step(now, event),
             Self::DecaRanging(tag) => tag.step(now, event),
+        }
+    }
+
+    fn may_sleep(&self) -> bool {
+        match self {
+            Self::Native(tag) => tag.may_sleep(),
+            Self::DecaRanging(tag) => tag.may_sleep(),
         }
     }
 

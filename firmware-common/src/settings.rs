@@ -1,6 +1,6 @@
 //! From the record in flash to what the node's parts are configured with, once, at the start.
 
-use node_record::{Fault, Invalid, Mode, Record, Role, Value};
+use node_record::{Fault, Invalid, Mode, Record, Role, Tag, Value};
 use ranging::RadioDuration;
 use ranging::dw1000::{self, FrameFilter, TxPower};
 use ranging::frame::decaranging::Variant;
@@ -68,6 +68,7 @@ impl Settings {
                 // Blinks, and addresses that a tag learns when it is taken: everything is heard.
                 Exchange::DecaRanging(_) => FrameFilter::OFF,
             },
+            sleeps: matches!(record.role, Role::Tag(Tag { sleep: true, .. })),
             ..dw1000::Config::new(network.phy)
         };
         Ok(Self { eui, address, radio, exchange, network, role: record.role })

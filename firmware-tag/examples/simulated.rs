@@ -9,23 +9,22 @@ use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_common::{Reporter, Settings};
 use firmware_tag::{Handover, places, run_as_told};
-use node_record::Role;
+use node_record::{Record, Role};
 use small_air::{room, uptime_us};
 use telemetry::{Board, Reset, ResetCause};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [file] = arguments.as_slice() else { return Err("usage: simulated FILE".into()) };
-    std::fs::write(file, live()?)?;
+    std::fs::write(file, live(&room::record(), room::LIFE_US)?.0)?;
     Ok(())
 }
 
-/// The telemetry of the tag's life in the room.
-pub fn live() -> Result<Vec<u8>, Box<dyn Error>> {
-    let record = room::record();
-    let settings = Settings::of(&record, room::TAG_EUI).map_err(|invalid| invalid.to_string())?;
+/// The telemetry of a tag's life in the room, of so many microseconds, by its record; and how often its radio slept.
+pub fn live(record: &Record, life_us: u64) -> Result<(Vec<u8>, u32), Box<dyn Error>> {
+    let settings = Settings::of(record, room::TAG_EUI).map_err(|invalid| invalid.to_string())?;
     let Role::Tag(tag) = settings.role else { return Err("the room's record is not a tag's".into()) };
-    let anchors = places(&record);
+    let anchors = places(record);
     let (handover, reporter) = (Handover::new(), Reporter::<NoopRawMutex, 4096>::new(uptime_us));
     let world = room::world(&settings.network);
     let radio = room::tag(&world).ok_or("the world is full")?;
@@ -35,11 +34,11 @@ pub fn live() -> Result<Vec<u8>, Box<dyn Error>> {
 
     let mut telemetry = Vec::new();
     let everything = pin!(join(app, room::anchors(&world, settings.network)));
-    world.run(room::LIFE_US, everything, || {
+    world.run(life_us, everything, || {
         reporter.journal.drain(|frame| {
             telemetry.extend_from_slice(frame);
             true
         });
     });
-    Ok(telemetry)
+    Ok((telemetry, world.naps()))
 }

@@ -59,6 +59,8 @@ pub struct Node {
     /// The receiver stays on after a frame.
     pub stays_on: bool,
     pub heard: Deque<Arrival, BUFFERS>,
+    /// How often it slept.
+    pub naps: u32,
 }
 
 impl Node {
@@ -120,7 +122,7 @@ impl Air {
 
     /// A node more; its number, or none where there is no room.
     pub fn add(&mut self, place: Place, crystal: Crystal) -> Option<usize> {
-        let node = Node { place, crystal, listening: None, stays_on: false, heard: Deque::new() };
+        let node = Node { place, crystal, listening: None, stays_on: false, heard: Deque::new(), naps: 0 };
         self.nodes.push(node).ok().map(|()| self.nodes.len() - 1)
     }
 

@@ -137,6 +137,17 @@ impl Restart for AirRadio<'_> {
         self.switch_off();
         Ok(())
     }
+
+    /// As a chip does: afterwards its clock shows something else.
+    async fn sleep(&mut self, micros: u32) -> Result<bool, Infallible> {
+        self.switch_off();
+        self.world.wait_until(self.world.now() + ticks(micros.into())).await;
+        self.with(|node| {
+            node.crystal.start = node.crystal.start.rotate_left(17) ^ self.world.now();
+            node.naps += 1;
+        });
+        Ok(true)
+    }
 }
 
 /// Waits of a node in a [`World`].

@@ -43,6 +43,11 @@ impl World {
         self.air.borrow_mut().add(place, crystal).map(|node| AirRadio::new(self, node))
     }
 
+    /// How often the radios have slept.
+    pub fn naps(&self) -> u32 {
+        self.air.borrow().nodes.iter().map(|node| node.naps).sum()
+    }
+
     /// Waits in this world.
     pub fn delay(&self) -> AirDelay<'_> {
         AirDelay::new(self)

@@ -8,7 +8,7 @@ use std::process::Command;
 use std::{env, fs};
 
 use anyhow::{Context, Result, ensure};
-use telemetry::{Decoder, Fix, Message};
+use telemetry::{Decoder, Message};
 
 use crate::chip::Chip;
 use crate::{firmware, qemu, root, succeed, target_directory};
@@ -33,9 +33,10 @@ pub fn run() -> Result<()> {
         println!("\n{}: log and positions", chip.title());
         let (log, told) = (directory.join("tag-simulated.defmt"), directory.join("tag-simulated.telemetry"));
         let lines = show(&elf, &told, &log)?;
-        let fixes = fixes(&messages(&told)?);
-        ensure!(lines == fixes.len(), "the log has {lines} positions, telemetry {}", fixes.len());
-        let agreement = compare(&messages(&told)?, &reference).with_context(|| chip.title())?;
+        let told = messages(&told)?;
+        let positions = positions(&told);
+        ensure!(lines == positions, "the log has {lines} positions, telemetry {positions}");
+        let agreement = compare(&told, &reference).with_context(|| chip.title())?;
         println!("{}: {agreement}", chip.title());
     }
     Ok(())
@@ -84,12 +85,8 @@ fn messages(file: &Path) -> Result<Vec<Message>> {
     decoded.map(|message| message.with_context(|| format!("{} is torn", file.display()))).collect()
 }
 
-fn fixes(messages: &[Message]) -> Vec<&Fix> {
-    let of = |message: &_| match message {
-        Message::Fix(fix) if fix.position_m().is_some() => Some(fix),
-        _ => None,
-    };
-    messages.iter().filter_map(of).collect()
+fn positions(messages: &[Message]) -> usize {
+    messages.iter().filter(|message| matches!(message, Message::Fix(fix) if fix.position_m().is_some())).count()
 }
 
 /// Compares message by message; what to say where they agree.
@@ -129,7 +126,7 @@ fn compare(messages: &[Message], reference: &[Message]) -> Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use telemetry::{Outcome, Reason};
+    use telemetry::{Fix, Outcome, Reason};
 
     fn fix(x: i32) -> Message {
         let outcome = Outcome::Position {

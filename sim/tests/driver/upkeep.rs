@@ -1,6 +1,7 @@
 //! Sleep, failures of the supply, sensors, the impulse response.
 
 use crate::*;
+use ranging::node::Restart;
 
 #[test]
 fn sleep_keeps_the_configuration_and_waking_restores_the_rest() {
@@ -35,6 +36,37 @@ fn sleep_keeps_the_configuration_and_waking_restores_the_rest() {
         // The departures count the antenna delay: 16400 after a multiple of 512, told and read.
         assert_eq!(stamps.1, stamps.0.snapped().plus(RadioDuration::from_ticks(16_400)));
         assert_eq!((stamps.2.ticks() - 16_400) % 512, 0);
+    }
+}
+
+#[test]
+fn a_wait_is_slept_through_where_it_is_long_and_the_configuration_lets_it() {
+    for (sleeps, wait_ms, slept) in [(false, 100, false), (true, 19, false), (true, 100, true)] {
+        let (world, a, b) = two_nodes(0.0);
+        let (mut sender, mut receiver) =
+            (driver(a.peripherals(), Config { sleeps, ..fast() }), driver(b.peripherals(), fast()));
+        let clock = world.clone();
+        let (took_ms, heard) = run(
+            &world,
+            async move {
+                sender.restart().await.unwrap();
+                let before = clock.now();
+                assert_eq!(Restart::sleep(&mut sender, 1_000 * wait_ms).await, Ok(slept));
+                let took = clock.now().as_secs_f64() - before.as_secs_f64();
+                sender.transmit(b"awake", Start::Now, false).await.unwrap();
+                1e3 * took
+            },
+            async move {
+                receiver.init().await.unwrap();
+                hear(&mut receiver, Start::Now, us(500_000), false).await.map(|heard| heard.bytes)
+            },
+        );
+        // Awake in time: what waking takes is within the wait, less than a millisecond of it unused.
+        let expected_ms = if slept { 99.0..100.2 } else { 0.0..0.1 };
+        assert!(expected_ms.contains(&took_ms), "{took_ms} ms");
+        assert_eq!(heard, Ok(b"awake".to_vec()));
+        let statistics = a.chip_statistics();
+        assert_eq!((statistics.too_fast, statistics.not_idle), (0, 0));
     }
 }
 
