@@ -78,16 +78,23 @@ impl<T> Merger<T> {
     /// so that any time that falls back is a new life. Tells whether a new life has begun.
     pub fn push(&mut self, channel: Channel, t_us: Option<u64>, begins: bool, now: Duration, what: T) -> bool {
         let other = self.lane(opposite(channel)).latest;
-        let lane = self.lane(channel);
-        let latest = lane.latest;
+        let latest = self.lane(channel).latest;
         // What has no time of its own belongs to what came before it.
         let t_us = t_us.unwrap_or(latest.t_us);
         let tolerance = if begins { 0 } else { tolerance_us(channel) };
         let fell = t_us.saturating_add(tolerance) < latest.t_us;
-        // The other channel has seen a restart that this one could not, its former life being too short.
-        let joins = other.life > latest.life && t_us.abs_diff(other.t_us) < t_us.abs_diff(latest.t_us);
-        let life = if fell || joins { other.life.max(latest.life + 1) } else { latest.life };
+        // In files of their own, one channel is read lives ahead of the other, and each counts for itself. Else both are in step,
+        // and a channel may follow the other into a life whose beginning it could not see, its former life being too short.
+        let behind = self.patience.node.is_some() && other.life > latest.life;
+        let joins = behind && t_us.abs_diff(other.t_us) < t_us.abs_diff(latest.t_us);
+        let life = match (fell, behind) {
+            (true, false) => latest.life + 1,
+            (true, true) => other.life,
+            (false, _) if joins => other.life,
+            (false, _) => latest.life,
+        };
         let moment = Moment { life, t_us };
+        let lane = self.lane(channel);
         lane.latest = moment.max(latest);
         let at = lane.waiting.partition_point(|before| before.moment <= moment);
         lane.waiting.insert(at, Waiting { moment, came: now, what });
@@ -252,13 +259,30 @@ mod tests {
 
     #[test]
     fn a_channel_that_cannot_see_a_restart_follows_the_other() {
-        let mut merger = Merger::new(Patience::FILES);
+        let mut merger = Merger::new(Patience::LIVE);
         merger.push(Log, Some(50_000_000), false, ms(0), "a");
         merger.push(Telemetry, Some(100), true, ms(0), "b");
         // The log's clock fell; telemetry was at 100 µs in the former life.
         merger.push(Log, Some(7_000_000), false, ms(0), "c");
         merger.push(Telemetry, Some(7_000_100), false, ms(0), "d");
         assert_eq!(finished(&mut merger), ["b", "a", "c", "d"]);
+    }
+
+    #[test]
+    fn in_files_one_channel_may_be_lives_ahead() {
+        let mut merger = Merger::new(Patience::FILES);
+        let mut restarts = 0;
+        let lives = [["a", "d"], ["b", "e"], ["c", "f"]];
+        for [log, _] in lives {
+            restarts += u32::from(merger.push(Log, Some(1000), false, ms(0), log));
+            merger.push(Log, Some(9_000_000), false, ms(0), "");
+        }
+        for [_, telemetry] in lives {
+            restarts += u32::from(merger.push(Telemetry, Some(1001), true, ms(0), telemetry));
+            merger.push(Telemetry, Some(9_000_001), false, ms(0), "");
+        }
+        assert_eq!(finished(&mut merger), ["a", "d", "", "", "b", "e", "", "", "c", "f", "", ""]);
+        assert_eq!(restarts, 2);
     }
 
     #[test]
