@@ -26,7 +26,7 @@ use super::stream::{self, STOP, TableName, catch_ctrl_c, stream_of};
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// The ELF file that was flashed: target/<target>/firmware/<image>
+    /// The ELF file that was flashed: target/firmware/<image>.elf
     #[arg(long, value_name = "FILE")]
     elf: Option<PathBuf>,
     #[command(flatten)]
@@ -72,9 +72,9 @@ pub struct Arguments {
 const BY_PROBE: [&str; 4] = ["probe", "chip", "speed", "reset"];
 
 const EXAMPLES: &str = "Examples:
-  baliza monitor --elf target/thumbv7em-none-eabihf/firmware/tag-dwm1001
-  baliza monitor --serial /dev/ttyACM0 --elf target/riscv32imc-unknown-none-elf/firmware/tag-esp32c3
-  baliza monitor --file telemetry.bin --defmt-file log.bin --elf target/thumbv7em-none-eabihf/firmware/tag-simulated";
+  baliza monitor --elf target/firmware/tag-dwm1001.elf
+  baliza monitor --serial /dev/ttyACM0 --elf target/firmware/tag-esp32c3-ble.elf
+  baliza monitor --file telemetry.bin --defmt-file log.bin --elf target/firmware/tag-simulated-arm.elf";
 
 /// `--format`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
