@@ -1,5 +1,5 @@
-//! How accurate the methods are: runs `baliza` on the thesis' simulation and on recordings, and takes its tables and its figure
-//! into `docs/performance.md`.
+//! How accurate the methods are: runs `baliza` on the thesis' simulation, on recordings and on recorded impulse responses, and takes
+//! its tables and its figure into `docs/performance.md`.
 
 use std::env;
 use std::ffi::OsStr;
@@ -28,6 +28,14 @@ pub fn bench() -> Result<()> {
     println!("{table}");
     document::remake(&file, "thesis", &table)?;
 
+    match sight()? {
+        Some(table) => {
+            println!("{table}");
+            document::remake(&file, "nlos", &table)?;
+        }
+        None => println!("no impulse responses: the table of line of sight stays as it is"),
+    }
+
     let folders = recordings();
     if folders.is_empty() {
         println!("no recordings: BALIZA_DATA names no folder with some, and their table stays as it is");
@@ -39,9 +47,38 @@ pub fn bench() -> Result<()> {
     document::remake(&file, "recordings", &table)
 }
 
-/// The folders that hold a recording: in `BALIZA_DATA`, or beside the repository.
+/// What tells blocked ranges from direct ones in a recorded flat, and how far corrections learnt there carry; `None` without it.
+fn sight() -> Result<Option<String>> {
+    let responses = data().join("apartment_cir/cir.csv");
+    if !responses.is_file() {
+        return Ok(None);
+    }
+    let folder = root().join("target");
+    std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let model = folder.join("nlos.model");
+    let responses = [OsStr::new("--cir"), responses.as_os_str()];
+    let begin = |command| [OsStr::new("nlos"), OsStr::new(command)].into_iter().chain(responses);
+    let train = [OsStr::new("--folds"), OsStr::new("file"), OsStr::new("--out"), model.as_os_str()];
+    let mut tables = baliza(begin("train").chain(train))?;
+    // The other building, where it is there.
+    let other = data().join("leiria_128_los_pos1");
+    let [anchors, ranges, truth] = ["anchors.csv", "ranges.csv", "truth.csv"].map(|name| other.join(name));
+    let files = [("--anchors", &anchors), ("--ranges", &ranges), ("--truth", &truth)];
+    let files = files.iter().filter(|_| other.is_dir());
+    let files = files.flat_map(|(option, file)| [OsStr::new(option), file.as_os_str()]);
+    tables.push('\n');
+    tables += &baliza(begin("mitigation").chain(files))?;
+    Ok(Some(tables))
+}
+
+/// Where recordings lie: in `BALIZA_DATA`, or beside the repository.
+fn data() -> PathBuf {
+    env::var_os("BALIZA_DATA").map_or_else(|| root().join("../shared/data"), PathBuf::from)
+}
+
+/// The folders that hold a recording.
 fn recordings() -> Vec<PathBuf> {
-    let data = env::var_os("BALIZA_DATA").map_or_else(|| root().join("../shared/data"), PathBuf::from);
+    let data = data();
     let files = ["anchors.csv", "ranges.csv", "truth.csv"];
     let entries = data.read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
     let mut folders: Vec<_> = entries.filter(|folder| files.iter().all(|file| folder.join(file).is_file())).collect();

@@ -22,8 +22,8 @@ pub enum Command {
 /// Labelled receptions.
 #[derive(clap::Args)]
 struct Receptions {
-    /// Impulse responses: CSV with label,fp_idx,c-16 to c135 and, where known, the receiver's diagnostics; `los` against every
-    /// other label; several files together
+    /// Impulse responses: CSV with label,fp_idx,c-16 to c135 and, where known, the receiver's diagnostics; `los`
+    /// against every other label; several files together
     #[arg(long, value_name = "FILE", num_args = 1.., required_unless_present = "ranges", conflicts_with = "ranges")]
     cir: Vec<PathBuf>,
     /// Ranges with the receiver's diagnostics: CSV with anchor,range_m,los and what is known; several files together
@@ -33,8 +33,8 @@ struct Receptions {
 
 /// Train every classifier on labelled receptions, and write them to one file
 ///
-/// Classifiers whose features the files do not know are left out. Their probabilities are calibrated on placements (`file` of a CIR
-/// file, `anchor` of ranges) held out in turn, blocked and direct counting as equally likely.
+/// Classifiers whose features the files do not know are left out. Their probabilities are calibrated on placements
+/// (`file` of a CIR file, `anchor` of ranges) held out in turn, blocked and direct counting as equally likely.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza nlos train --cir cir.csv --out nlos.model\n  \
                         baliza nlos train --cir cir.csv --folds file --out nlos.model --json\n  \
@@ -45,7 +45,8 @@ pub struct Train {
     /// Where the models go
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Score every classifier by cross-validation too, with whole placements left out: those that this column tells apart
+    /// Score every classifier by cross-validation too, with whole placements left out: those that this column tells
+    /// apart
     #[arg(long, value_name = "COLUMN")]
     folds: Option<String>,
     /// How many folds
@@ -57,8 +58,8 @@ pub struct Train {
     /// Seed of the random numbers: equal seeds give equal models
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Print JSON: a list of objects with features, classifier, accuracy, auc, n (those of the folds; without --folds, of the
-    /// receptions that it was trained on), brier, held_out, bytes
+    /// Print JSON: a list of objects with features, classifier, accuracy, auc, n (those of the folds; without --folds,
+    /// of the receptions that it was trained on), brier, held_out, bytes
     #[arg(long)]
     json: bool,
 }
@@ -73,19 +74,21 @@ pub struct Eval {
     model: PathBuf,
     #[command(flatten)]
     receptions: Receptions,
-    /// Print JSON: a list of objects with features, classifier, accuracy, auc, n and brier; null where the receptions lack its
-    /// features (n 0) or have only one class
+    /// Print JSON: a list of objects with features, classifier, accuracy, auc, n and brier; null where the receptions
+    /// lack its features (n 0) or have only one class
     #[arg(long)]
     json: bool,
 }
 
 /// Learn a range's error from range and power, and see how far the lesson carries
 ///
-/// Gaussian process and perceptron, for direct and for blocked ranges, each told which is which: corrected are ranges from the
-/// placements that were learnt, from others in the same building, and from another building. A demonstration: neither a node nor a filter
-/// corrects ranges so.
+/// Gaussian process and perceptron, for direct and for blocked ranges, each told which is which: corrected are ranges
+/// from the placements that were learnt, from others in the same building, and from another building. A demonstration:
+/// neither a node nor a filter corrects ranges so.
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  baliza nlos mitigation --cir cir.csv --anchors anchors.csv --ranges ranges.csv --truth truth.csv")]
+#[command(
+    after_help = "Example:\n  baliza nlos mitigation --cir cir.csv --anchors anchors.csv --ranges ranges.csv --truth truth.csv"
+)]
 pub struct Mitigation {
     /// The building to learn: CSV with label,fp_idx,range_m,gt_m,rsl_dbm,c-16 to c135
     #[arg(long, value_name = "FILE", num_args = 1.., required = true)]

@@ -1,5 +1,5 @@
-//! Trains perceptrons: value and gradient by backpropagation, minimised by scaled conjugate gradients. Written here because
-//! the machine-learning library has no perceptron, and those that have come with a tensor compiler.
+//! Trains perceptrons: value and gradient by backpropagation, minimised by scaled conjugate gradients. Written here
+//! because the machine-learning library has no perceptron, and those that have come with a tensor compiler.
 
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;

@@ -1,5 +1,5 @@
-//! Scaled conjugate gradients (M. Møller, Neural Networks 6, 1993), which Barral et al. train their perceptrons with (table 3):
-//! no step length to choose, no line search.
+//! Scaled conjugate gradients (M. Møller, Neural Networks 6, 1993), which Barral et al. train their perceptrons with
+//! (table 3): no step length to choose, no line search.
 
 /// When to stop, and Møller's two constants (table 3 of Barral et al.).
 #[derive(Clone, Copy, Debug)]
@@ -22,8 +22,8 @@ impl Default for Limits {
     }
 }
 
-/// Minimises a function from `start` on. `objective` returns the value and writes the gradient; `validate` is asked after every
-/// epoch that went downhill for the error elsewhere: the point with the least is returned.
+/// Minimises a function from `start` on. `objective` returns the value and writes the gradient; `validate` is asked
+/// after every epoch that went downhill for the error elsewhere: the point with the least is returned.
 pub fn minimise(
     start: Vec<f64>,
     limits: Limits,

@@ -6,8 +6,8 @@ use rand_pcg::Pcg64;
 
 use super::samples::Sample;
 
-/// Deals placements to `count` folds, direct and blocked ones apart, so that every fold leaves both to learn from. Returns the
-/// fold of each placement; the same for the same seed.
+/// Deals placements to `count` folds, direct and blocked ones apart, so that every fold leaves both to learn from.
+/// Returns the fold of each placement; the same for the same seed.
 pub fn deal(samples: &[&Sample], placements: usize, count: usize, seed: u64) -> Vec<usize> {
     let mut votes = vec![0_i64; placements];
     for sample in samples {
@@ -26,8 +26,8 @@ pub fn deal(samples: &[&Sample], placements: usize, count: usize, seed: u64) -> 
     folds
 }
 
-/// At most `most` receptions of either class, every placement of the class giving as many, spread evenly over it: a placement
-/// that was recorded for longer is no better proof.
+/// At most `most` receptions of either class, every placement of the class giving as many, spread evenly over it: a
+/// placement that was recorded for longer is no better proof.
 pub fn balanced<'a>(samples: &[&'a Sample], most: usize) -> Vec<&'a Sample> {
     let mut chosen = Vec::new();
     for class in [false, true] {

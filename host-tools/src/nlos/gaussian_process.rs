@@ -1,4 +1,5 @@
-//! Gaussian-process regression with the exponential kernel and one length an input (Barral et al., 3.1.1, equations 2 to 4).
+//! Gaussian-process regression with the exponential kernel and one length an input (Barral et al., 3.1.1, equations 2
+//! to 4).
 
 use smartcore::linalg::basic::arrays::Array;
 use smartcore::linalg::basic::matrix::DenseMatrix;
@@ -66,8 +67,8 @@ impl GaussianProcess {
         likelihood.is_finite().then_some(Self { kernel, points, weights, mean, likelihood })
     }
 
-    /// The process whose kernel makes the examples likeliest: lengths and deviation from a grid, one length each where `each`
-    /// (the mitigator of direct paths in table 1), else a common one (that of blocked paths).
+    /// The process whose kernel makes the examples likeliest: lengths and deviation from a grid, one length each where
+    /// `each` (the mitigator of direct paths in table 1), else a common one (that of blocked paths).
     pub fn fit(examples: &[Example], noise: f64, each: bool) -> Option<Self> {
         let inputs = examples.first()?.0.len();
         let steps = [0.3, 1.0, 3.0, 10.0_f64];
@@ -95,7 +96,8 @@ mod tests {
 
     #[test]
     fn predictions_are_those_of_scikit_learn() {
-        // GaussianProcessRegressor(0.25·Matern(length_scale=[1, 2], nu=0.5), alpha=0.01, optimizer=None), targets less their mean.
+        // GaussianProcessRegressor(0.25·Matern(length_scale=[1, 2], nu=0.5), alpha=0.01, optimizer=None), targets less
+        // their mean.
         let examples: Vec<Example> =
             (0..12).map(f64::from).map(|i| (vec![(i * 1.3).sin() * 2.0, (i * 0.7).cos()], (i * 0.9).sin())).collect();
         let kernel = Kernel { signal: 0.5, lengths: vec![1.0, 2.0], noise: 0.1 };

@@ -1,5 +1,5 @@
-//! Predicting a range's error from range and received power (Barral et al., 3.1.1 and 3.1.2), and what becomes of the prediction where
-//! nobody trained: in other placements, in another building.
+//! Predicting a range's error from range and received power (Barral et al., 3.1.1 and 3.1.2), and what becomes of the
+//! prediction where nobody trained: in other placements, in another building.
 //!
 //! This is a demonstration, and nothing on a node or in a filter calls it.
 
@@ -78,9 +78,10 @@ pub struct Outcome {
     pub count: usize,
 }
 
-/// Trains both regressors for direct and for blocked ranges of `own` and corrects with them ranges from the same placements, from
-/// other placements and from `other` buildings. In each building the median error of direct ranges is taken off beforehand: a
-/// common bias is a matter of calibration. Ranges of `other` whose sight is not known count as direct.
+/// Trains both regressors for direct and for blocked ranges of `own` and corrects with them ranges from the same
+/// placements, from other placements and from `other` buildings. In each building the median error of direct ranges is
+/// taken off beforehand: a common bias is a matter of calibration. Ranges of `other` whose sight is not known count as
+/// direct.
 pub fn compare(own: &Samples, other: &Samples, seed: u64, mut progress: impl FnMut()) -> Vec<Outcome> {
     let (own_all, other_all) = (unbiased(own), unbiased(other));
     let mut outcomes = Vec::new();
@@ -121,7 +122,8 @@ pub fn compare(own: &Samples, other: &Samples, seed: u64, mut progress: impl FnM
 /// How many times `compare` calls back.
 pub const STEPS: usize = 12;
 
-/// Features, placement, whether blocked, and the error without the building's common bias, of the receptions of which all is known.
+/// Features, placement, whether blocked, and the error without the building's common bias, of the receptions of which
+/// all is known.
 fn unbiased(samples: &Samples) -> Vec<(Features, usize, bool, f64)> {
     let known = |sample: &Sample| FEATURES.iter().all(|&feature| sample.features.get(feature).is_some());
     let all = samples.all.iter().filter(|sample| known(sample));
@@ -152,6 +154,9 @@ fn held_out(
     pairs
 }
 
+/// The error that is predicted of a reception.
+type Correction<'a> = dyn Fn(&Features) -> Option<f64> + 'a;
+
 /// Errors of `test` before and after a correction learnt from `training`; none where there is nothing to learn from.
 fn correct(
     regressor: Regressor,
@@ -169,7 +174,7 @@ fn correct(
     };
     let count = training.len().min(MOST);
     let chosen: Vec<Example> = (0..count).filter_map(|i| example(&training[i * training.len() / count])).collect();
-    let predict: Box<dyn Fn(&Features) -> Option<f64>> = match regressor {
+    let predict: Box<Correction<'_>> = match regressor {
         Regressor::GaussianProcess => {
             // Table 1: lower bounds of the noise, and ARD for direct ranges only.
             let (noise, each) = if blocked { (0.04982, false) } else { (0.04043, true) };

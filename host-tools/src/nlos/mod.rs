@@ -1,7 +1,8 @@
 //! Trains and scores what tells blocked ranges from direct ones: files in, models and figures out.
 //!
-//! [`Samples`] reads receptions, [`train`] makes a [`Trained`] of every [`Recipe`] whose features they know, [`cross_validate`] scores
-//! recipes on placements held out, [`score`] scores models. The classifiers themselves are `positioning_core::nlos`, the same on the node.
+//! [`Samples`] reads receptions, [`train`] makes a [`Trained`] of every [`Recipe`] whose features they know,
+//! [`cross_validate`] scores recipes on placements held out, [`score`] scores models. The classifiers themselves are
+//! `positioning_core::nlos`, the same on the node.
 
 mod backpropagation;
 mod conjugate_gradient;
@@ -40,8 +41,8 @@ fn labelled(samples: &Samples) -> Vec<&Sample> {
     samples.all.iter().filter(|sample| sample.blocked.is_some()).collect()
 }
 
-/// Trains a recipe on labelled receptions and calibrates it: the score of every reception comes from a model that has not seen
-/// its placement. `None` where the recipe cannot be trained on them.
+/// Trains a recipe on labelled receptions and calibrates it: the score of every reception comes from a model that has
+/// not seen its placement. `None` where the recipe cannot be trained on them.
 pub fn train(recipe: &Recipe, samples: &Samples, seed: u64) -> Option<Vec<u8>> {
     train_on(recipe, &labelled(samples), samples.placements.len(), seed)
 }
@@ -76,8 +77,8 @@ fn held_out<'a>(
     scored
 }
 
-/// Scores a recipe by cross-validation: `count` times trained and calibrated anew, each time with whole placements left out, and all
-/// receptions scored by the model that does not know them. `None` where it cannot be trained.
+/// Scores a recipe by cross-validation: `count` times trained and calibrated anew, each time with whole placements left
+/// out, and all receptions scored by the model that does not know them. `None` where it cannot be trained.
 pub fn cross_validate(
     recipe: &Recipe,
     samples: &Samples,

@@ -7,8 +7,8 @@ use super::samples::Sample;
 
 /// Fits slope and offset to the scores of held-out receptions by Newton's method.
 ///
-/// Platt's targets, (n + 1)/(n + 2) and 1/(n + 2), take the number of placements for n and not that of receptions: what one
-/// placement shows a hundred times is still seen once, and a probability of 0.999 needs a thousand placements.
+/// Platt's targets, (n + 1)/(n + 2) and 1/(n + 2), take the number of placements for n and not that of receptions: what
+/// one placement shows a hundred times is still seen once, and a probability of 0.999 needs a thousand placements.
 pub fn fit(scored: &[(f32, &Sample)]) -> Platt {
     let samples: Vec<&Sample> = scored.iter().map(|(_, sample)| *sample).collect();
     let weights = weights(&samples);
@@ -28,8 +28,8 @@ pub fn fit(scored: &[(f32, &Sample)]) -> Platt {
     newton(&points).unwrap_or(Platt::NONE)
 }
 
-/// Maximises Σ w (t ln p + (1 − t) ln(1 − p)) with p = σ(ax + b) for points (x, t, w). `None` where it does not converge or the
-/// slope is not positive: scores that point the wrong way must not be turned round, nor trusted.
+/// Maximises Σ w (t ln p + (1 − t) ln(1 − p)) with p = σ(ax + b) for points (x, t, w). `None` where it does not
+/// converge or the slope is not positive: scores that point the wrong way must not be turned round, nor trusted.
 fn newton(points: &[(f64, f64, f64)]) -> Option<Platt> {
     let loss = |a: f64, b: f64| -> f64 {
         points
@@ -58,7 +58,7 @@ fn newton(points: &[(f64, f64, f64)]) -> Option<Platt> {
         let (da, db) = ((hbb * ga - hab * gb) / determinant, (haa * gb - hab * ga) / determinant);
         let mut step = 1.0;
         let mut after = loss(a - da, b - db);
-        while !(after <= before) && step > 1e-6 {
+        while (after > before || after.is_nan()) && step > 1e-6 {
             step /= 2.0;
             after = loss(a - step * da, b - step * db);
         }
@@ -77,7 +77,8 @@ mod tests {
 
     #[test]
     fn slope_and_offset_are_those_of_scikit_learn() {
-        // LogisticRegression(C=1e9, tol=1e-10).fit(x, y) of sklearn 1.9 on x = −3, −2.5 … 3 with y = 1 at −1, 0.5, 1, 1.5, 2, 3.
+        // LogisticRegression(C=1e9, tol=1e-10).fit(x, y) of sklearn 1.9 on x = −3, −2.5 … 3 with y = 1 at −1, 0.5, 1,
+        // 1.5, 2, 3.
         let blocked = [-1.0, 0.5, 1.0, 1.5, 2.0, 3.0];
         let points: Vec<_> = (0..13)
             .map(|i| {

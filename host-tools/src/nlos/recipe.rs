@@ -1,8 +1,8 @@
 //! Which classifiers are trained, on which features, and how.
 //!
-//! Learnt ones get the skewness near the maximum and the difference of powers: neither depends on how far or how strong a signal
-//! is, so that what is learnt in one flat means something in the next. One pair gets what Barral et al. took, range and received power,
-//! to show the difference.
+//! Learnt ones get the skewness near the maximum and the difference of powers: neither depends on how far or how strong
+//! a signal is, so that what is learnt in one flat means something in the next. One pair gets what Barral et al. took,
+//! range and received power, to show the difference.
 
 use positioning_core::nlos::{
     Feature, Features, Input, Inputs, Kind, Logistic, MAX_NEIGHBOURS, Model, Nearest, Neuron, Perceptron, Platt,
@@ -96,8 +96,8 @@ impl Recipe {
         self.features.iter().all(|&feature| features.get(feature).is_some())
     }
 
-    /// Trains on the labelled receptions that know its features. Returns the bytes of the model with the calibration that
-    /// `calibrate` makes of it; `None` where there are not both classes to learn from.
+    /// Trains on the labelled receptions that know its features. Returns the bytes of the model with the calibration
+    /// that `calibrate` makes of it; `None` where there are not both classes to learn from.
     pub fn train(&self, samples: &[&Sample], calibration: Platt, seed: u64) -> Option<Vec<u8>> {
         let known: Vec<&Sample> =
             samples.iter().copied().filter(|s| s.blocked.is_some() && self.knows(&s.features)).collect();

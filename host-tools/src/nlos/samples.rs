@@ -100,8 +100,8 @@ impl Samples {
         if self.all.len() == before { Err(Wrong::line(file, 1, "no receptions below the header")) } else { Ok(()) }
     }
 
-    /// Adds the receptions of a `ranges.csv`, an anchor a placement. `true_range_m` gives the true range of an epoch to an anchor,
-    /// where it is known.
+    /// Adds the receptions of a `ranges.csv`, an anchor a placement. `true_range_m` gives the true range of an epoch to
+    /// an anchor, where it is known.
     ///
     /// # Errors
     /// The first line that is wrong.

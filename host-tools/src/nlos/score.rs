@@ -58,7 +58,8 @@ mod tests {
 
     #[test]
     fn figures_are_those_of_a_hand_calculation() {
-        // Blocked 0.9, 0.4, 0.4; direct 0.4, 0.1. Of six pairs, 0.9 wins two, each 0.4 wins one and ties one: 2 + 1.5 + 1.5 = 5 of 6.
+        // Blocked 0.9, 0.4, 0.4; direct 0.4, 0.1. Of six pairs, 0.9 wins two, each 0.4 wins one and ties one: 2 + 1.5 +
+        // 1.5 = 5 of 6.
         let scored = [(0.9, true), (0.4, true), (0.4, true), (0.4, false), (0.1, false)];
         let score = Score::of(&scored).expect("some");
         assert!((score.auc.expect("two classes") - 5.0 / 6.0).abs() < 1e-12);

@@ -5,8 +5,9 @@ use std::path::PathBuf;
 
 use crate::support::{Folder, root};
 
-/// A file of impulse responses: so many placements of either class, so many receptions each. Direct ones have one strong path and
-/// a short tail; blocked ones a weak first path, a broad hump behind it and less power in the first path.
+/// A file of impulse responses: so many placements of either class, so many receptions each. Direct ones have one
+/// strong path and a short tail; blocked ones a weak first path, a broad hump behind it and less power in the first
+/// path.
 fn responses(placements: usize, receptions: usize) -> String {
     let mut csv = header();
     for placement in 0..2 * placements {
@@ -285,7 +286,8 @@ fn classifiers_that_fit_a_node_reach_their_figures_on_a_recorded_flat() {
         let auc = auc(classifier, features);
         assert!(auc >= 0.85, "{classifier}: {auc}");
     }
-    // scikit-learn's roc_auc_score of the same skewness, computed with numpy over the same windows, without folds: .900 and .863.
+    // scikit-learn's roc_auc_score of the same skewness, computed with numpy over the same windows, without folds: .900
+    // and .863.
     let list = folder.run(&format!("nlos eval --model m --cir {} --json", file.display())).ok().json();
     for (features, expected) in [("skewness_near", 0.900), ("skewness", 0.863)] {
         let auc = find(&list, "skewness", features)["auc"].as_f64().expect("a number");

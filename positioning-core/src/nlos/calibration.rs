@@ -3,8 +3,8 @@
 use super::sigmoid;
 use crate::Real;
 
-/// Platt's scaling: p ↦ σ(slope·logit(p) + offset) (J. Platt, *Probabilistic outputs for support vector machines*, 1999). Two
-/// numbers, fitted where the classifier was not: on placements held out.
+/// Platt's scaling: p ↦ σ(slope·logit(p) + offset) (J. Platt, *Probabilistic outputs for support vector machines*,
+/// 1999). Two numbers, fitted where the classifier was not: on placements held out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Platt {
@@ -40,9 +40,9 @@ impl Platt {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Inflation {
-    /// Root mean square of the error that a blocked range has on top of a direct one's, metres. García et al. take variances of 0.5
-    /// and 3 for their ranges. Over sixteen blocked placements in a furnished flat it is 0.8 m with and 0.4 m without the one behind
-    /// several walls.
+    /// Root mean square of the error that a blocked range has on top of a direct one's, metres. García et al. take
+    /// variances of 0.5 and 3 for their ranges. Over sixteen blocked placements in a furnished flat it is 0.8 m with
+    /// and 0.4 m without the one behind several walls.
     pub nlos_sigma_m: f32,
 }
 

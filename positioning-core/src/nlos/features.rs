@@ -123,15 +123,16 @@ impl Features {
     }
 }
 
-/// Received power less that of the first path, dB: 10·log₁₀(C·2¹⁷/(F₁² + F₂² + F₃²)) (DW1000 user manual, 4.7.1 and 4.7.2:
-/// the count of symbols and the constant A stand in both powers and cancel, so that neither a saturated count nor one of zero
-/// matters). `None` where either power is nothing.
+/// Received power less that of the first path, dB: 10·log₁₀(C·2¹⁷/(F₁² + F₂² + F₃²)) (DW1000 user manual, 4.7.1 and
+/// 4.7.2: the count of symbols and the constant A stand in both powers and cancel, so that neither a saturated count
+/// nor one of zero matters). `None` where either power is nothing.
 pub fn power_difference_db(cir_power: f32, first_path_amplitudes: [f32; 3]) -> Option<f32> {
     let first_path: f32 = first_path_amplitudes.iter().map(|amplitude| amplitude * amplitude).sum();
     decibels(cir_power * 131_072.0 / first_path)
 }
 
-/// The largest of the first path's three amplitudes above the deviation of the noise, dB. `None` where either is nothing.
+/// The largest of the first path's three amplitudes above the deviation of the noise, dB. `None` where either is
+/// nothing.
 pub fn first_path_to_noise_db(first_path_amplitudes: [f32; 3], noise_deviation: f32) -> Option<f32> {
     let [a, b, c] = first_path_amplitudes;
     let ratio = a.at_least(b).at_least(c) / noise_deviation;

@@ -1,18 +1,19 @@
 //! Whether a range came along the direct path: from what the receiver measured to a probability.
 //!
 //! In flow the magnitudes of the channel impulse response around the first path ([`Shape`]), the receiver's diagnostics
-//! ([`power_difference_db`], [`first_path_to_noise_db`]) and the ranges and powers before ([`MovingMean`]); they are gathered as
-//! [`Features`]. A [`Classifier`] makes of them the probability that the direct path is blocked (NLOS), and [`Inflation`] makes
-//! of the probability the variance of the range. Nothing is rejected here: a blocked range weighs less.
+//! ([`power_difference_db`], [`first_path_to_noise_db`]) and the ranges and powers before ([`MovingMean`]); they are
+//! gathered as [`Features`]. A [`Classifier`] makes of them the probability that the direct path is blocked (NLOS), and
+//! [`Inflation`] makes of the probability the variance of the range. Nothing is rejected here: a blocked range weighs
+//! less.
 //!
 //! Classifiers are trained on a desktop; a node reads them as a [`Model`], versioned and checksummed bytes in its flash
 //! (feature `serde`). Without a model, [`PowerDifference::default`] is the chip maker's own rule.
 //!
-//! Sources: E. García et al., *A robust UWB indoor positioning system for highly complex environments* (equations 2 to 4:
-//! skewness); V. Barral et al., *Environmental cross-validation of NLOS machine learning classification/mitigation with
-//! low-cost UWB positioning systems*, Sensors 2019 (moving means, k-nearest neighbours, perceptrons); S. Marano et al., *NLOS
-//! identification and mitigation for localization based on UWB experimental data*, IEEE JSAC 28(7), 2010 (kurtosis, rise time,
-//! mean excess delay, delay spread); DW1000 user manual, 4.7 (powers).
+//! Sources: E. García et al., *A robust UWB indoor positioning system for highly complex environments* (equations 2 to
+//! 4: skewness); V. Barral et al., *Environmental cross-validation of NLOS machine learning classification/mitigation
+//! with low-cost UWB positioning systems*, Sensors 2019 (moving means, k-nearest neighbours, perceptrons); S. Marano et
+//! al., *NLOS identification and mitigation for localization based on UWB experimental data*, IEEE JSAC 28(7), 2010
+//! (kurtosis, rise time, mean excess delay, delay spread); DW1000 user manual, 4.7 (powers).
 
 mod calibration;
 mod features;
@@ -50,8 +51,8 @@ pub trait Classifier {
     /// Gives every feature that it needs to `visit`.
     fn for_each_feature(&self, visit: &mut dyn FnMut(Feature));
 
-    /// The probability that the direct path is blocked, 0 to 1, where both are as likely beforehand; `None` where a feature
-    /// that it needs is not known.
+    /// The probability that the direct path is blocked, 0 to 1, where both are as likely beforehand; `None` where a
+    /// feature that it needs is not known.
     fn nlos_probability(&self, features: &Features) -> Option<f32>;
 }
 

@@ -1,8 +1,8 @@
 //! A trained classifier as bytes: what a desktop writes and a node reads from its flash.
 //!
-//! Layout: `"NL"`, the version, the length of the rest as three bytes (little-endian), the [`Kind`] and its [`Platt`] in postcard,
-//! and a CRC-16 (IBM-3740) of all before it. Several models follow each other without gap. Weights stay where they
-//! are: a model borrows the bytes it was read from.
+//! Layout: `"NL"`, the version, the length of the rest as three bytes (little-endian), the [`Kind`] and its [`Platt`]
+//! in postcard, and a CRC-16 (IBM-3740) of all before it. Several models follow each other without gap. Weights stay
+//! where they are: a model borrows the bytes it was read from.
 
 use core::fmt;
 
@@ -21,6 +21,10 @@ const CHECKSUM: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
 
 /// A classifier. The order is that of stored models: new ones go to the end.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "there is no heap to box the small perceptron on, and a node has one model"
+)]
 pub enum Kind<'a> {
     /// The likelihood ratio of the skewness.
     Skewness(Skewness),
@@ -181,8 +185,8 @@ mod tests {
 
     #[test]
     fn the_bytes_of_a_model_are_these() {
-        // By the postcard specification: variant 0, feature 2, then three f32 and two of the calibration, little-endian.
-        // 1.5 = 3FC00000, 1.0 = 3F800000, 0.25 = 3E800000, 0.5 = 3F000000, −1.0 = BF800000. Length 22.
+        // By the postcard specification: variant 0, feature 2, then three f32 and two of the calibration,
+        // little-endian. 1.5 = 3FC00000, 1.0 = 3F800000, 0.25 = 3E800000, 0.5 = 3F000000, −1.0 = BF800000. Length 22.
         let mut expected = std::vec![b'N', b'L', 1, 22, 0, 0, 0, 2];
         for bits in [0x3FC0_0000_u32, 0x3F80_0000, 0x3E80_0000, 0x3F00_0000, 0xBF80_0000] {
             expected.extend(bits.to_le_bytes());

@@ -19,8 +19,8 @@ impl MovingMean {
         Self { values: [0.0; LENGTH], count: 0, next: 0 }
     }
 
-    /// Takes a value and returns the mean of it and the up to four before. What is not finite is passed over; `None` while
-    /// there has been no value.
+    /// Takes a value and returns the mean of it and the up to four before. What is not finite is passed over; `None`
+    /// while there has been no value.
     pub fn push(&mut self, value: f32) -> Option<f32> {
         if value.is_finite() {
             if let Some(place) = self.values.get_mut(self.next) {

@@ -1,7 +1,8 @@
-//! The k nearest neighbours (Barral et al., 3.1: k = 47, city-block distance, equation 1): the part of them that is blocked.
+//! The k nearest neighbours (Barral et al., 3.1: k = 47, city-block distance, equation 1): the part of them that is
+//! blocked.
 //!
-//! The same code with all receptions of a training on a desktop and with a reduced set of prototypes on a node: coordinates
-//! of 1/256 deviation, two bytes each, read where they lie in flash.
+//! The same code with all receptions of a training on a desktop and with a reduced set of prototypes on a node:
+//! coordinates of 1/256 deviation, two bytes each, read where they lie in flash.
 
 use heapless::Vec;
 
@@ -37,7 +38,7 @@ impl Nearest<'_> {
 
     #[cfg(feature = "serde")]
     pub(crate) fn is_sane(&self) -> bool {
-        let whole = |prototypes: &[u8]| prototypes.len() % (2 * self.inputs.len()) == 0;
+        let whole = |prototypes: &[u8]| prototypes.len().is_multiple_of(2 * self.inputs.len());
         self.inputs.is_sane()
             && whole(self.los)
             && whole(self.nlos)
@@ -120,7 +121,8 @@ mod tests {
 
     #[test]
     fn neighbours_are_near_by_city_blocks() {
-        // From (0, 0): blocks 1.5 to the blocked (0.75, 0.75), 1.25 to the direct (1.25, 0); as the crow flies 1.06 and 1.25.
+        // From (0, 0): blocks 1.5 to the blocked (0.75, 0.75), 1.25 to the direct (1.25, 0); as the crow flies 1.06 and
+        // 1.25.
         let (los, nlos) = (bytes(&[[1.25, 0.0]]), bytes(&[[0.75, 0.75]]));
         let one = nearest(&los, &nlos, 1);
         assert_eq!(one.prototypes(), 2);

@@ -1,8 +1,8 @@
-//! The multilayer perceptron of Barral et al. (3.1.2, table 2): layers of hyperbolic tangents, softmax over two outputs, or
-//! one linear output where it predicts a range's error.
+//! The multilayer perceptron of Barral et al. (3.1.2, table 2): layers of hyperbolic tangents, softmax over two
+//! outputs, or one linear output where it predicts a range's error.
 //!
-//! Weights are little-endian `f32`, layer by layer, neuron by neuron: the bias, then a weight an input; they are read where they
-//! lie in flash.
+//! Weights are little-endian `f32`, layer by layer, neuron by neuron: the bias, then a weight an input; they are read
+//! where they lie in flash.
 
 use heapless::Vec;
 
@@ -87,8 +87,9 @@ pub(super) fn tanh(x: f32) -> f32 {
 
 /// The predicted error of a range, from a perceptron with one linear output (table 2, "mitigation").
 impl Perceptron<'_> {
-    /// Metres to add to the range; `None` where a feature is not known or the perceptron classifies. Barral et al. found, and
-    /// this project's recordings confirm, that it does not carry over to another building: nothing calls it by default.
+    /// Metres to add to the range; `None` where a feature is not known or the perceptron classifies. Barral et al.
+    /// found, and this project's recordings confirm, that it does not carry over to another building: nothing calls it
+    /// by default.
     pub fn correction_m(&self, features: &Features) -> Option<f32> {
         match self.outputs(features)?.as_slice() {
             [correction] => Some(correction.at_least(-10.0).at_most(10.0)),

@@ -1,6 +1,7 @@
 //! A small perceptron in bytes: one hidden layer, weights and activations of eight bits, sums of integers, for a node.
 //!
-//! A weight is its byte times the neuron's step; inputs are held within ±4 and have steps of 4/127, hidden values steps of 1/127.
+//! A weight is its byte times the neuron's step; inputs are held within ±4 and have steps of 4/127, hidden values steps
+//! of 1/127.
 
 use heapless::Vec;
 

@@ -1,10 +1,11 @@
 //! The shape of one channel impulse response: what does not depend on how strong the signal is or how far it came.
 //!
-//! **The window.** García et al. take the skewness over 201 samples of 0.2 ns, 40 ns centred on the maximum. The accumulator
-//! of a DW1000 has samples of 1.0016 ns, and what is read of it are [`WINDOW`] samples from [`BEFORE`] samples ahead of the first path:
-//! reading all 1016 takes 2 ms on the bus. The widest window centred on the maximum that these always hold, wherever behind the
-//! first path the maximum is, has 16 samples on either side, 33 ns: [`NEAR`]. Recorded responses bear it out: with 14 to 17 samples on
-//! either side the skewness tells best, over all 152 it tells less, because their tail is mostly noise.
+//! **The window.** García et al. take the skewness over 201 samples of 0.2 ns, 40 ns centred on the maximum. The
+//! accumulator of a DW1000 has samples of 1.0016 ns, and what is read of it are [`WINDOW`] samples from [`BEFORE`]
+//! samples ahead of the first path: reading all 1016 takes 2 ms on the bus. The widest window centred on the maximum
+//! that these always hold, wherever behind the first path the maximum is, has 16 samples on either side, 33 ns:
+//! [`NEAR`]. Recorded responses bear it out: with 14 to 17 samples on either side the skewness tells best, over all 152
+//! it tells less, because their tail is mostly noise.
 
 use crate::Real;
 
@@ -17,7 +18,8 @@ pub const NEAR: usize = 16;
 /// From one sample to the next, nanoseconds: half a period of 499.2 MHz.
 pub const SAMPLE_NS: f32 = 1.001_602_6;
 
-/// Samples below this part of the maximum do not count for delays: −20 dB, above the noise of any frame that was received.
+/// Samples below this part of the maximum do not count for delays: −20 dB, above the noise of any frame that was
+/// received.
 const DELAY_FLOOR: f32 = 0.1;
 /// Bits of a sample that moments are made of: noise is some forty steps of them.
 const BITS: u32 = 12;
@@ -45,16 +47,16 @@ pub struct Shape {
     pub skewness_near: f32,
     /// The kurtosis of [`NEAR`] samples on either side of the maximum.
     pub kurtosis_near: f32,
-    /// From the first path to the maximum, nanoseconds; a little below zero where the maximum is the first path (APS006-3 has
-    /// the distance in samples).
+    /// From the first path to the maximum, nanoseconds; a little below zero where the maximum is the first path
+    /// (APS006-3 has the distance in samples).
     pub first_path_to_peak_ns: f32,
     /// The largest magnitude of the three samples after the first path's, as a part of the maximum.
     pub first_path_ratio: f32,
-    /// From the first sample of a tenth of the maximum to the first of nine tenths, nanoseconds (Marano et al., equation 3,
-    /// with both thresholds relative to the maximum, so that the level does not matter).
+    /// From the first sample of a tenth of the maximum to the first of nine tenths, nanoseconds (Marano et al.,
+    /// equation 3, with both thresholds relative to the maximum, so that the level does not matter).
     pub rise_time_ns: f32,
-    /// Mean of the delay after the first path, weighted with power, nanoseconds (Marano et al., equation 5); only samples
-    /// from the first path on and above a tenth of the maximum count.
+    /// Mean of the delay after the first path, weighted with power, nanoseconds (Marano et al., equation 5); only
+    /// samples from the first path on and above a tenth of the maximum count.
     pub mean_excess_delay_ns: f32,
     /// Standard deviation of the delay, weighted so, nanoseconds (Marano et al., equation 6).
     pub rms_delay_spread_ns: f32,
@@ -62,10 +64,11 @@ pub struct Shape {
 
 impl Shape {
     /// The shape of the magnitudes in `window`, of which the first path is number `first_path` (from 0, with fraction).
-    /// `None` where there is no shape: fewer than eight samples or more than [`WINDOW`], all of them equal (silent, or all saturated), or a first path
-    /// outside the window.
+    /// `None` where there is no shape: fewer than eight samples or more than [`WINDOW`], all of them equal (silent, or
+    /// all saturated), or a first path outside the window.
     pub fn of(window: &[u16], first_path: f32) -> Option<Self> {
-        if !(8..=WINDOW).contains(&window.len()) || !(first_path >= 0.0 && first_path < window.len() as f32) {
+        let inside = (0.0..window.len() as f32).contains(&first_path);
+        if !inside || !(8..=WINDOW).contains(&window.len()) {
             return None;
         }
         let (mut peak_at, mut peak) = (0, 0);
@@ -102,8 +105,8 @@ impl Shape {
     }
 }
 
-/// Third and fourth standardised moments of the samples, of which the lowest `shift` bits are left out; `None` where all are
-/// equal.
+/// Third and fourth standardised moments of the samples, of which the lowest `shift` bits are left out; `None` where
+/// all are equal.
 fn skewness_and_kurtosis(samples: &[u16], shift: u32) -> Option<[f32; 2]> {
     let count = samples.len() as i32;
     let sum: i32 = samples.iter().map(|&sample| i32::from(sample >> shift)).sum();
@@ -130,8 +133,8 @@ fn skewness_and_kurtosis(samples: &[u16], shift: u32) -> Option<[f32; 2]> {
     Some([third / (variance * Real::sqrt(variance)), fourth / (variance * variance)])
 }
 
-/// Mean and deviation of the delay after the first path, nanoseconds, over the samples without their lowest `shift` bits; zeros
-/// where nothing reaches the floor behind it.
+/// Mean and deviation of the delay after the first path, nanoseconds, over the samples without their lowest `shift`
+/// bits; zeros where nothing reaches the floor behind it.
 fn delays(window: &[u16], first_path: f32, peak: u16, shift: u32) -> [f32; 2] {
     let floor = (f32::from(peak) * DELAY_FLOOR) as u16;
     let first = first_path as usize;
@@ -218,7 +221,8 @@ mod tests {
 
     #[test]
     fn only_samples_near_the_maximum_count_for_the_near_moments() {
-        // One sample of 41 is not zero, and of the 33 near it. One in n, p = 1/n, has the skewness (1 − 2p)/√(p(1 − p)).
+        // One sample of 41 is not zero, and of the 33 near it. One in n, p = 1/n, has the skewness (1 − 2p)/√(p(1 −
+        // p)).
         let mut window = [0; 41];
         window[20] = 1000;
         let shape = Shape::of(&window, 16.0).expect("a shape");
@@ -232,7 +236,8 @@ mod tests {
     fn delays_are_those_of_a_hand_calculation() {
         // First path at 2.5; samples 3: 100, 4: 0, 5: 200 (maximum), 6: 10 (below a tenth of 200: does not count).
         let shape = Shape::of(&[0, 0, 0, 100, 0, 200, 10, 0, 0, 0], 2.5).expect("a shape");
-        // Power 1·10⁴ at 3 and 4·10⁴ at 5: mean 3·0.2 + 5·0.8 = 4.6, 2.1 samples behind 2.5: 2.1·1.0016026 = 2.1033655 ns.
+        // Power 1·10⁴ at 3 and 4·10⁴ at 5: mean 3·0.2 + 5·0.8 = 4.6, 2.1 samples behind 2.5: 2.1·1.0016026 = 2.1033655
+        // ns.
         close(shape.mean_excess_delay_ns, 2.103_365_5);
         // Variance 0.2·1.6² + 0.8·0.4² = 0.64, deviation 0.8 samples: 0.8012821 ns.
         close(shape.rms_delay_spread_ns, 0.801_282_1);

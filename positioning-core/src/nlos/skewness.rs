@@ -1,7 +1,7 @@
 //! The skewness test: the likelihood ratio of García et al., equations 3 and 4.
 //!
-//! Both conditional densities are normal with one deviation, so that they cross once and the ratio is a sigmoid: a larger
-//! skewness is never less in favour of the direct path. Their threshold λ is where the probability is ½.
+//! Both conditional densities are normal with one deviation, so that they cross once and the ratio is a sigmoid: a
+//! larger skewness is never less in favour of the direct path. Their threshold λ is where the probability is ½.
 
 use super::{Classifier, Feature, Features, sigmoid};
 

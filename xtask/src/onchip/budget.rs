@@ -18,5 +18,8 @@ pub const CALLS: [Budget; 2] = [
     Budget { method: Method::Robust, dims: 2, anchors: 8, instructions: 15_000, stack: 1024 },
 ];
 
+/// Of the features of one impulse response, instructions.
+pub const FEATURES: u64 = 12_000;
+
 /// Of the code of all methods together in the plane, bytes.
 pub const ALL_METHODS_2D: u64 = 24 * 1024;

@@ -2,9 +2,11 @@
 
 use anyhow::{Result, ensure};
 use onchip_bench::cases::{ANCHORS, EPOCHS, Epoch};
+use onchip_bench::response;
+use positioning_core::nlos::Feature;
 use positioning_core::{Constraints, Method, solve};
 
-use super::printed::{Printed, Solve};
+use super::printed::{Printed, Sight, Solve};
 
 /// Chip and desktop may differ by so much, metres.
 const TOLERANCE_M: f32 = 1.0e-3;
@@ -33,6 +35,21 @@ pub fn compare(chip: &Printed) -> Result<f32> {
     let cases = Method::ALL.len() * 2 * ANCHORS.len() * EPOCHS as usize;
     ensure!(seen.len() == cases, "the chip solved {} of {cases} cases", seen.len());
     Ok(greatest)
+}
+
+/// Compares the features and every probability of the chip with the desktop's; an error where they differ or one is missing.
+pub fn compare_sight(chip: &Printed) -> Result<()> {
+    let features = response::features(&response::response());
+    let mut here = vec![("features".to_owned(), features.get(Feature::SkewnessNear))];
+    response::for_each_classifier(&mut |name, classifier| {
+        here.push((name.to_owned(), classifier.nlos_probability(&features)));
+    });
+    let same = |(there, (what, value)): (&Sight, &(String, Option<f32>))| {
+        there.what == *what && value.is_some_and(|value| (value - there.value).abs() <= 1.0e-4)
+    };
+    let all = chip.sights.len() == here.len() && chip.sights.iter().zip(&here).all(same);
+    ensure!(all, "chip and desktop disagree: {:?}, here {here:?}", chip.sights);
+    Ok(())
 }
 
 fn answer<const D: usize>(case: &Solve) -> Result<Vec<f32>, String> {

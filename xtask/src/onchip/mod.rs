@@ -25,6 +25,8 @@ struct Measured {
     algebra: Printed,
     /// What the image `exchange` printed.
     exchange: Printed,
+    /// What the image `nlos` printed.
+    sight: Printed,
     sizes: Sizes,
     /// The greatest distance between a position of the chip and the desktop's, metres.
     disagreement_m: f32,
@@ -42,6 +44,7 @@ pub fn bench() -> Result<()> {
     document::remake(&file, "cost on the chip", &tables.costs)?;
     document::remake(&file, "budgets", &tables.budgets)?;
     document::remake(&file, "frames", &tables.frames)?;
+    document::remake(&file, "sight on the chip", &tables.sight)?;
     document::remake(&file, "libraries", &tables.algebra)?;
     tables.judge()
 }
@@ -52,6 +55,7 @@ struct Tables {
     budgets: String,
     algebra: String,
     frames: String,
+    sight: String,
     within: bool,
 }
 
@@ -62,8 +66,9 @@ impl Tables {
         let (budgets, within) = tables::budgets(&measured)?;
         let algebra = measured.iter().map(tables::algebra).collect::<Result<String>>()?;
         let frames = measured.iter().map(tables::frames).collect::<Result<String>>()?;
-        println!("{costs}{frames}{algebra}{budgets}");
-        Ok(Self { costs, budgets, algebra, frames, within })
+        let sight = tables::sight(&measured)?;
+        println!("{costs}{frames}{sight}{algebra}{budgets}");
+        Ok(Self { costs, budgets, algebra, frames, sight, within })
     }
 
     fn judge(&self) -> Result<()> {
@@ -78,9 +83,11 @@ fn measure(chip: Chip) -> Result<Measured> {
     let disagreement_m = desktop::compare(&solvers)?;
     let algebra = run(&toolchain, chip, "algebra", "image,libraries")?;
     let exchange = run(&toolchain, chip, "exchange", "image,exchange")?;
+    let sight = run(&toolchain, chip, "nlos", "image")?;
+    desktop::compare_sight(&sight)?;
     let sizes = Sizes::measure(&toolchain)?;
     let compiler = toolchain.version().unwrap_or_default();
-    Ok(Measured { chip, compiler, solvers, algebra, exchange, sizes, disagreement_m })
+    Ok(Measured { chip, compiler, solvers, algebra, exchange, sight, sizes, disagreement_m })
 }
 
 /// Builds and runs an image.

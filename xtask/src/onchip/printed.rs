@@ -50,6 +50,17 @@ pub struct Frame {
     pub stack: usize,
 }
 
+/// What telling blocked paths from direct ones takes: the features, or one classifier.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sight {
+    pub what: String,
+    pub instructions: u32,
+    /// Bytes.
+    pub stack: usize,
+    /// The skewness near the maximum, or the probability.
+    pub value: f32,
+}
+
 /// Everything that one image printed.
 #[derive(Clone, Debug, Default)]
 pub struct Printed {
@@ -59,6 +70,7 @@ pub struct Printed {
     pub roots: Vec<Root>,
     pub steps: Vec<Step>,
     pub frames: Vec<Frame>,
+    pub sights: Vec<Sight>,
     /// Of the round of the image `exchange`, metres.
     pub ranges: Vec<f32>,
 }
@@ -113,6 +125,12 @@ impl Printed {
                 instructions: instructions.parse()?,
                 stack: stack.parse()?,
             }),
+            ["nlos", what, instructions, stack, value] => self.sights.push(Sight {
+                what: (*what).to_owned(),
+                instructions: instructions.parse()?,
+                stack: stack.parse()?,
+                value: float(value)?,
+            }),
             ["range", _, metres] => self.ranges.push(float(metres)?),
             ["done"] => return Ok(true),
             _ => bail!("unknown line"),
@@ -146,6 +164,7 @@ mod tests {
                     solve lls 3 4 0 10 20 none diverged\n\
                     step hand core 428 32 3fc00000 c0000000\n\
                     frame poll 21 2136 920\n\
+                    nlos features 9935 592 3fc00000\n\
                     range 3 3fc00000\n\
                     done\n";
         let printed = Printed::parse(text).expect("well formed");
@@ -156,6 +175,8 @@ mod tests {
         assert_eq!(printed.steps[0].position, [1.5, -2.0]);
         let poll = Frame { name: "poll".to_owned(), length: 21, instructions: 2136, stack: 920 };
         assert_eq!((&printed.frames[..], &printed.ranges[..]), (&[poll][..], &[1.5][..]));
+        let features = Sight { what: "features".to_owned(), instructions: 9935, stack: 592, value: 1.5 };
+        assert_eq!(printed.sights, [features]);
     }
 
     #[test]

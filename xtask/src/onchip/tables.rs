@@ -8,7 +8,7 @@ use onchip_bench::{cases, step};
 use positioning_core::Method;
 
 use super::Measured;
-use super::budget::{ALL_METHODS_2D, CALLS};
+use super::budget::{ALL_METHODS_2D, CALLS, FEATURES};
 use crate::chip::Chip;
 
 /// Every method with every number of anchors.
@@ -54,6 +54,12 @@ pub fn budgets(measured: &[Measured]) -> Result<(String, bool)> {
         row(format!("{case}: instructions"), u64::from(instructions), u64::from(budget.instructions))?;
         row(format!("{case}: bytes of stack"), stack as u64, budget.stack as u64)?;
     }
+    let features = chip.sight.sights.iter().find(|sight| sight.what == "features").context("no features")?;
+    row(
+        "features of an impulse response of 152 samples: instructions".to_owned(),
+        features.instructions.into(),
+        FEATURES,
+    )?;
     row("all methods in 2D: bytes of code".to_owned(), chip.sizes.of_all(2), ALL_METHODS_2D)?;
     Ok((table, within))
 }
@@ -117,6 +123,27 @@ pub fn frames(measured: &Measured) -> Result<String> {
         );
     }
     table.push('\n');
+    Ok(table)
+}
+
+/// The features of an impulse response and every classifier, chip by chip.
+pub fn sight(measured: &[Measured]) -> Result<String> {
+    let mut table = String::from("| what |");
+    for chip in measured {
+        table += &format!(" {}: instructions | stack, bytes |", chip.chip.title());
+    }
+    table += &format!("\n|---|{}\n", "---:|".repeat(2 * measured.len()));
+    let rows = measured.first().map_or(&[][..], |chip| &chip.sight.sights);
+    for (at, row) in rows.iter().enumerate() {
+        let what =
+            if row.what == "features" { "magnitudes and features".to_owned() } else { format!("`{}`", row.what) };
+        table += &format!("| {what} |");
+        for chip in measured {
+            let cell = chip.sight.sights.get(at).context("a chip left something out")?;
+            table += &format!(" {} | {} |", grouped(u64::from(cell.instructions)), grouped(cell.stack as u64));
+        }
+        table.push('\n');
+    }
     Ok(table)
 }
 
