@@ -257,3 +257,53 @@ impl<T: Real> State<T> {
 
 // Chunks reach over the whole of a vector of states.
 const _: () = assert!(STATES % CHUNK == 0);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_of_the_triangle_follow_each_other_in_whole_chunks() {
+        // Four rows of 4, four of 8, then rows of 12.
+        assert_eq!([0, 1, 4, 5, 8, 9].map(row), [0, 4, 16, 24, 48, 60]);
+        assert!((0..STATES).all(|r| row(r + 1) - row(r) > r));
+    }
+
+    #[test]
+    fn time_alone_spreads_position_and_velocity_as_white_acceleration_does() {
+        let mut state = State::<f64>::new();
+        state.reset(POSITION, 1.0, 0.04);
+        state.reset(VELOCITY, 0.5, 0.09);
+        state.advance(2.0, [0.3, 0.0, 0.0]);
+        // Mean 1 + 2 · 0.5. Position 0.04 + 2² · 0.09 + 0.3 · 2³ ⁄ 3 = 1.2; both 2 · 0.09 + 0.3 · 2² ⁄ 2 = 0.78; velocity 0.09 + 0.6.
+        assert!((state.mean[POSITION] - 2.0).abs() < 1e-12);
+        for (one, other, expected) in [(0, 0, 1.2), (0, 3, 0.78), (3, 3, 0.69)] {
+            assert!((state.covariance(one, other) - expected).abs() < 1e-12, "{one} {other}");
+        }
+    }
+
+    #[test]
+    fn a_link_forgets_itself_and_what_it_had_in_common_with_others() {
+        let mut state = State::<f64>::new();
+        state.reset(LINKS, 0.4, 0.01);
+        state.reset(POSITION, 0.0, 1.0);
+        state.set_covariance(POSITION, LINKS, 0.05);
+        // Half is kept: variance 0.25 · 0.01 + 0.75 · 0.09.
+        state.renew(LINKS, 0.5, 0.09);
+        assert!((state.mean[LINKS] - 0.2).abs() < 1e-12);
+        assert!((state.covariance(LINKS, LINKS) - 0.07).abs() < 1e-12);
+        assert!((state.covariance(POSITION, LINKS) - 0.025).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_new_track_finds_nothing_of_the_links_of_the_last_one() {
+        let mut state = State::<f64>::new();
+        state.reset(LINKS, 0.4, 0.01);
+        state.reset(LINKS + 1, 0.4, 0.01);
+        state.set_covariance(LINKS, LINKS + 1, 0.007);
+        state.forget_links();
+        state.reset(LINKS + 1, 0.0, 0.02);
+        state.reset(LINKS, 0.0, 0.02);
+        assert_eq!((state.covariance(LINKS, LINKS + 1), state.covariance(LINKS, LINKS)), (0.0, 0.02));
+    }
+}

@@ -142,3 +142,177 @@ fn iterate<T: Real>(state: &mut State<T>, model: &dyn Model<T>, first: &Innovati
         residual = innovation.value - innovation.linearised.along(&gone);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use nalgebra::{DMatrix, DVector};
+
+    use super::*;
+    use crate::track::model::ble_range::BleRangeModel;
+    use crate::track::model::height::HeightModel;
+    use crate::track::model::position::components;
+    use crate::track::model::range::RangeModel;
+    use crate::track::model::tdoa::TdoaModel;
+    use crate::track::state::{COMMON, LINKS, REFERENCE, VELOCITY};
+
+    /// A track with doubts about everything, none of them independent of the others.
+    fn doubtful<T: Real>() -> State<T> {
+        let mut state = State::new();
+        let means =
+            [(0, 1.0), (1, -2.0), (2, 0.5), (3, 0.3), (4, -0.1), (COMMON, 0.05), (LINKS, 0.1), (LINKS + 1, -0.04)];
+        for place in [0, 1, 2, 3, 4, 5, COMMON, LINKS, LINKS + 1, REFERENCE] {
+            let mean = means.iter().find(|(at, _)| *at == place).map_or(0.0, |(_, mean)| *mean);
+            state.reset(place, T::of(mean), T::of(0.5 + 0.1 * place as f64));
+        }
+        for (one, other, both) in
+            [(0, 1, 0.2), (0, 3, 0.15), (1, LINKS, -0.1), (2, COMMON, 0.1), (LINKS, LINKS + 1, 0.2)]
+        {
+            state.set_covariance(one, other, T::of(both));
+        }
+        state
+    }
+
+    fn dense<T: Real>(state: &State<T>) -> (DVector<f64>, DMatrix<f64>) {
+        let mean = DVector::from_fn(STATES, |i, _| state.mean[i].to_f64());
+        (mean, DMatrix::from_fn(STATES, STATES, |r, c| state.covariance(r, c).to_f64()))
+    }
+
+    fn models() -> Vec<(&'static str, std::boxed::Box<dyn Model<f64>>)> {
+        use std::boxed::Box;
+        let anchor = [4.0, 1.0, 2.5];
+        let covariance = [[0.04, 0.01, 0.0], [0.01, 0.09, -0.02], [0.0, -0.02, 0.2]];
+        let [x, y, z] = components([1.1, -2.1, 0.4], &covariance, 1e-6).map(|(model, _)| model);
+        std::vec![
+            ("range", Box::new(RangeModel { anchor, range: 4.7, link: LINKS })),
+            (
+                "tdoa",
+                Box::new(TdoaModel {
+                    anchor,
+                    reference: [-3.0, 2.0, 2.0],
+                    difference: -0.4,
+                    link: LINKS,
+                    reference_link: LINKS + 1
+                })
+            ),
+            ("height", Box::new(HeightModel { height: 0.7 })),
+            ("ble", Box::new(BleRangeModel { beacon: anchor, log_distance: 1.4 })),
+            ("x", Box::new(x)),
+            ("y", Box::new(y)),
+            ("z", Box::new(z)),
+        ]
+    }
+
+    /// The Jacobian of a model by central differences of its innovation.
+    fn differences(model: &dyn Model<f64>, mean: &[f64; STATES]) -> DVector<f64> {
+        const STEP: f64 = 1e-5;
+        DVector::from_fn(STATES, |i, _| {
+            let at = |step: f64| {
+                let mut moved = *mean;
+                moved[i] += step;
+                model.linearise(&moved).innovation
+            };
+            -(at(STEP) - at(-STEP)) / (2.0 * STEP)
+        })
+    }
+
+    #[test]
+    fn derivatives_are_those_of_the_expected_number() {
+        let state = doubtful::<f64>();
+        for (name, model) in models() {
+            let linearised = model.linearise(&state.mean);
+            let expected = differences(&*model, &state.mean);
+            let mut found = DVector::zeros(STATES);
+            for axis in 0..3 {
+                found[axis] += linearised.position[axis];
+            }
+            for (other, slope) in linearised.others {
+                found[other] += slope;
+            }
+            assert!((found - expected).amax() < 1e-6, "{name}");
+        }
+    }
+
+    #[test]
+    fn one_update_is_the_textbooks_with_full_matrices() {
+        for (name, model) in models() {
+            let mut state = doubtful::<f64>();
+            let (mean, covariance) = dense(&state);
+            let h = differences(&*model, &state.mean);
+            let variance = 0.02;
+            let s = (h.transpose() * &covariance * &h)[0] + variance;
+            let gain = &covariance * &h / s;
+            let expected_mean = mean + &gain * model.linearise(&state.mean).innovation;
+            let expected_covariance = (DMatrix::identity(STATES, STATES) - &gain * h.transpose()) * covariance;
+
+            let innovation = Innovation::at(&state, model.linearise(&state.mean));
+            assert!((innovation.predicted + variance - s).abs() < 1e-6, "{name}");
+            innovation.absorb(&mut state, s, 1.0 / s);
+            state.shift(&innovation.across, innovation.value / s);
+            let (mean, covariance) = dense(&state);
+            assert!((mean - expected_mean).amax() < 1e-5, "{name}");
+            assert!((covariance - expected_covariance).amax() < 1e-5, "{name}");
+        }
+    }
+
+    #[test]
+    fn the_iterated_update_ends_at_the_likeliest_state_and_a_single_one_does_not() {
+        // A range of 1 m to an anchor 0.5 m away, to a tag known to 0.5 m: the step is as long as the distance.
+        let model = RangeModel { anchor: [0.0, 0.0, 0.0], range: 1.0, link: LINKS };
+        let variance = 0.0025;
+        let start = || {
+            let mut state = State::<f64>::new();
+            state.reset(0, 0.3, 0.25);
+            state.reset(1, 0.4, 0.04);
+            state
+        };
+        // Half of the negative log posterior, minimised by hand of a grid that shrinks.
+        let cost = |x: f64, y: f64| {
+            (x - 0.3).powi(2) / 0.25 + (y - 0.4).powi(2) / 0.04 + (1.0 - x.hypot(y)).powi(2) / variance
+        };
+        let (mut best, mut width) = ((0.3, 0.4), 1.0);
+        while width > 1e-6 {
+            let around = (-10..=10).flat_map(|i| (-10..=10).map(move |j| (f64::from(i), f64::from(j))));
+            let points = around.map(|(i, j)| (best.0 + 0.1 * width * i, best.1 + 0.1 * width * j));
+            best = points.min_by(|a, b| cost(a.0, a.1).total_cmp(&cost(b.0, b.1))).expect("441 points");
+            width *= 0.5;
+        }
+        let run = |iterations| {
+            let mut state = start();
+            let innovation = Innovation::of(&state, &model);
+            update(&mut state, &model, &innovation, variance, iterations);
+            (state.mean[0] - best.0).hypot(state.mean[1] - best.1)
+        };
+        assert!(run(30) < 0.01, "{}", run(30));
+        assert!(run(1) > 0.03, "{}", run(1));
+    }
+
+    #[test]
+    fn a_million_to_one_between_prior_and_measurement_leaves_a_covariance_in_single_precision() {
+        let mut state = State::<f32>::new();
+        for place in 0..3 {
+            state.reset(place, 0.5 * place as f32, 100.0);
+            state.reset(VELOCITY + place, 0.0, 1.0);
+        }
+        state.reset(COMMON, 0.0, 0.0144);
+        for link in 0..16 {
+            state.reset(LINKS + link, 0.0, 0.01);
+        }
+        for k in 0..5000_u32 {
+            let angle = 0.7 * f64::from(k);
+            let anchor = [10.0 * angle.cos() as f32, 10.0 * angle.sin() as f32, (k % 3) as f32];
+            let model = RangeModel { anchor, range: 10.0, link: LINKS + k as usize % 16 };
+            let innovation = Innovation::of(&state, &model);
+            update(&mut state, &model, &innovation, 1e-4, 3);
+            if k % 10 == 0 {
+                state.advance(0.02, [0.1; 3]);
+            }
+            if k % 500 == 0 {
+                let (_, covariance) = dense(&state);
+                let least = covariance.clone().symmetric_eigenvalues().min();
+                assert!(least > -1e-7 * covariance.trace(), "step {k}: {least}");
+            }
+        }
+    }
+}
