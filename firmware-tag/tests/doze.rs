@@ -20,7 +20,7 @@ fn sleeper() -> Record {
 
 #[test]
 fn a_seldom_tag_sleeps_between_its_turns_and_loses_nothing_but_some_accuracy() {
-    let (bytes, naps) = simulated::live(&sleeper(), LIFE_S * 1_000_000).unwrap();
+    let (bytes, naps) = simulated::live(&sleeper(), LIFE_S * 1_000_000, room::tag).unwrap();
     let mut decoder = Decoder::new();
     let told: Vec<Message> =
         bytes.into_iter().filter_map(|byte| decoder.feed(byte)).map(|message| message.unwrap()).collect();

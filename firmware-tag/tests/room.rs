@@ -14,7 +14,7 @@ fn told() -> &'static [Message] {
     static TOLD: OnceLock<Vec<Message>> = OnceLock::new();
     TOLD.get_or_init(|| {
         let mut decoder = Decoder::new();
-        let bytes = simulated::live(&room::record(), room::LIFE_US).unwrap().0;
+        let bytes = simulated::live(&room::record(), room::LIFE_US, room::tag).unwrap().0;
         bytes.into_iter().filter_map(|byte| decoder.feed(byte)).map(|message| message.unwrap()).collect()
     })
 }

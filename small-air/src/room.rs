@@ -87,9 +87,14 @@ pub fn world(network: &native::Network) -> World {
     World::new(network.phy, SEED, LOSS_PER_MILLE)
 }
 
-/// The tag's radio; none where the world is full.
+/// The radio of the tag that walks; none where the world is full.
 pub fn tag(world: &World) -> Option<AirRadio<'_>> {
     world.add(Place::Walk(walk), TAG_CRYSTAL)
+}
+
+/// The radio of a tag that lies for the first ten seconds, and then walks.
+pub fn lazy_tag(world: &World) -> Option<AirRadio<'_>> {
+    world.add(Place::Walk(|t_us| walk(t_us.saturating_sub(10_000_000))), TAG_CRYSTAL)
 }
 
 /// Runs the anchors, whose places are told on the air.

@@ -1,0 +1,29 @@
+//! A tag that lies still ranges seldom, and often again as soon as it is carried on.
+
+#[path = "../examples/simulated.rs"]
+#[allow(dead_code, reason = "its main is the example's")]
+mod simulated;
+
+use node_record::{Role, Tag};
+use small_air::room;
+use telemetry::{Decoder, Message};
+
+#[test]
+fn a_tag_at_rest_goes_to_its_still_rate_and_back_when_it_is_carried_on() {
+    let mut record = room::record();
+    let Role::Tag(tag) = record.role else { panic!("the room's record is a tag's") };
+    record.role = Role::Tag(Tag { still_rate_chz: Some(200), report_ranges: false, ..tag });
+    let (bytes, _) = simulated::live(&record, 15_000_000, room::lazy_tag).unwrap();
+    let mut decoder = Decoder::new();
+    let told = bytes.into_iter().filter_map(|byte| decoder.feed(byte)).map(|message| message.unwrap());
+    let rounds_s: Vec<f64> = told
+        .filter_map(|message| if let Message::Fix(fix) = message { Some(fix.t_us as f64 / 1e6) } else { None })
+        .collect();
+    let rounds = |from: f64, to: f64| rounds_s.iter().filter(|t_s| (from..to).contains(*t_s)).count();
+    // Twenty a second; five seconds later and half a second for the grant of other slots, two.
+    assert!((38..=42).contains(&rounds(2.0, 4.0)), "{}", rounds(2.0, 4.0));
+    assert!((5..=9).contains(&rounds(7.0, 10.0)), "{}", rounds(7.0, 10.0));
+    // The first round after ten seconds comes within half a second, and at 0.8 m/s finds the tag three standard deviations away, or
+    // the next one does; a request for slots takes three superframes to the coordinator and back, and its grant counts four later.
+    assert!((57..=63).contains(&rounds(12.0, 15.0)), "{}", rounds(12.0, 15.0));
+}
