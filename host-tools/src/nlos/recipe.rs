@@ -260,3 +260,118 @@ fn quantised(inputs: Inputs, known: &[&Sample], seed: u64) -> Option<Quantised> 
     let output = Neuron::round(*difference.first()? as f32, &single(&difference[1..]))?;
     Some(Quantised { inputs, hidden, output })
 }
+
+#[cfg(test)]
+mod tests {
+    use positioning_core::nlos::Classifier;
+
+    use super::*;
+
+    /// Sixty receptions in six placements: x = (1.5 sin 1.7i, cos 0.9i + 0.3 sin i), blocked where x₀ − 0.8x₁ + sin 5.3i > 0.2.
+    fn receptions() -> Vec<Sample> {
+        (0..60)
+            .map(|i| {
+                let r = i as f64;
+                let x = [(1.7 * r).sin() * 1.5, (0.9 * r).cos() + 0.3 * r.sin()];
+                let mut features = Features::default();
+                features.set(Feature::SkewnessNear, x[0] as f32);
+                features.set(Feature::PowerDifference, x[1] as f32);
+                let blocked = Some(x[0] - 0.8 * x[1] + (5.3 * r).sin() > 0.2);
+                Sample { placement: i % 6, blocked, features, error_m: None }
+            })
+            .collect()
+    }
+
+    /// The features as they are.
+    fn plain() -> Inputs {
+        let input = |&feature: &Feature| Input { feature, mean: 0.0, deviation: 1.0 };
+        Inputs(SHAPE.iter().map(input).collect())
+    }
+
+    fn at(x: [f32; 2]) -> Features {
+        let mut features = Features::default();
+        features.set(Feature::SkewnessNear, x[0]);
+        features.set(Feature::PowerDifference, x[1]);
+        features
+    }
+
+    #[test]
+    fn the_regression_is_that_of_scikit_learn() {
+        // sklearn 1.9: LogisticRegression(C=1, tol=1e-12), the inverse of our α.
+        let samples = receptions();
+        let logistic = logistic(plain(), &samples.iter().collect::<Vec<_>>()).expect("a minimum");
+        for (found, expected) in
+            logistic.weights.iter().chain([&logistic.intercept]).zip([1.528_998, -1.738_027, -0.900_210])
+        {
+            assert!((found - expected).abs() < 1e-3, "{found} is not {expected}");
+        }
+    }
+
+    #[test]
+    fn neighbours_are_those_of_scikit_learn() {
+        // sklearn 1.9: KNeighborsClassifier(47, metric="cityblock"): 22, 9 and 20 votes of 47.
+        let samples = receptions();
+        let all: Vec<&Sample> = samples.iter().collect();
+        let [los, nlos] = [false, true].map(|class| coordinates(&points(&plain(), &all, class)));
+        let nearest = Nearest { inputs: plain(), neighbours: 47, los: &los, nlos: &nlos };
+        for (x, votes) in [([0.5, -0.5], 22.0), ([-1.0, 1.0], 9.0), ([1.2, 0.1], 20.0)] {
+            let p = nearest.nlos_probability(&at(x)).expect("known");
+            assert!((p - (votes + 1.0) / 49.0).abs() < 1e-6, "{x:?}: {p}");
+        }
+    }
+
+    #[test]
+    fn every_recipe_makes_a_model_of_its_name_and_features() {
+        let mut samples = receptions();
+        for (i, sample) in samples.iter_mut().enumerate() {
+            for feature in [Feature::Skewness, Feature::FirstPathToNoise, Feature::RangeMean, Feature::PowerMean] {
+                sample.features.set(feature, (i % 7) as f32);
+            }
+        }
+        let all: Vec<&Sample> = samples.iter().collect();
+        for recipe in RECIPES {
+            let bytes = recipe.train(&all, Platt::NONE, 1).unwrap_or_else(|| panic!("{recipe:?}"));
+            let (model, rest) = Model::decode(&bytes).expect("a model");
+            assert_eq!((model.name(), rest.len()), (recipe.method.as_str(), 0));
+            let mut features = Vec::new();
+            model.for_each_feature(&mut |feature| features.push(feature));
+            assert_eq!(features, recipe.features);
+            assert!(model.nlos_probability(&samples[0].features).is_some());
+        }
+        let direct: Vec<&Sample> = all.iter().copied().filter(|sample| sample.blocked == Some(false)).collect();
+        assert!(
+            RECIPES.iter().all(|recipe| recipe.train(&direct, Platt::NONE, 1).is_none()),
+            "one class teaches nothing"
+        );
+    }
+
+    #[test]
+    fn the_skewness_of_either_class_is_its_placements_mean() {
+        // Direct: one placement, 2 and 4: mean 3, variance 1. Blocked: placements of 0, 0, 0 and of 2: mean 1, variance 1.
+        let sample = |placement, blocked, value| {
+            let mut features = Features::default();
+            features.set(Feature::SkewnessNear, value);
+            Sample { placement, blocked: Some(blocked), features, error_m: None }
+        };
+        let samples = [
+            sample(0, false, 2.0),
+            sample(0, false, 4.0),
+            sample(1, true, 0.0),
+            sample(1, true, 0.0),
+            sample(1, true, 0.0),
+            sample(2, true, 2.0),
+        ];
+        let found = skewness(Feature::SkewnessNear, &samples.iter().collect::<Vec<_>>());
+        let expected = Skewness { feature: Feature::SkewnessNear, los_mean: 3.0, nlos_mean: 1.0, deviation: 1.0 };
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn few_points_are_their_own_prototypes_and_many_are_clustered() {
+        let points = |count: usize| -> Vec<Vec<f64>> { (0..count).map(|i| vec![i as f64, 0.5]).collect() };
+        assert_eq!(centres(points(PROTOTYPES), 1), points(PROTOTYPES));
+        let centres = centres(points(400), 1);
+        assert!((PROTOTYPES / 2..=PROTOTYPES).contains(&centres.len()), "{}", centres.len());
+        assert!(centres.iter().all(|centre| (0.0..400.0).contains(&centre[0]) && (centre[1] - 0.5).abs() < 1e-9));
+    }
+}
