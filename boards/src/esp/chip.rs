@@ -14,6 +14,8 @@ use embassy_executor::Spawner;
 use esp_rtos::embassy::Executor;
 use static_cell::StaticCell;
 
+use crate::node::{self, Reporter, Tasks};
+
 pub use board::{Board, Uwb, UwbPort, random};
 pub use log::TelemetryChannel;
 pub use spi::{Bus, Interrupt, Reset};
@@ -52,25 +54,42 @@ pub fn restart() -> ! {
     esp_hal::system::software_reset()
 }
 
-/// Makes a task the program: `esp_entry!(main)` with a task `main` that takes the main thread's `Spawner`.
+/// Makes a function the program: `esp_entry!(start)` with a `fn(Spawner)` that spawns the tasks of the main thread.
 #[macro_export]
 macro_rules! esp_entry {
-    ($main:path) => {
+    ($start:path) => {
         #[cfg(target_arch = "riscv32")]
         #[unsafe(export_name = "main")]
         fn __entry(_: usize, _: usize, _: usize) -> ! {
-            $crate::esp::start(|spawner| spawner.spawn($main(spawner).unwrap()))
+            $crate::esp::run($start)
         }
         #[cfg(target_arch = "xtensa")]
         #[unsafe(export_name = "main")]
         fn __entry() -> ! {
-            $crate::esp::start(|spawner| spawner.spawn($main(spawner).unwrap()))
+            $crate::esp::run($start)
         }
     };
 }
 
 /// Runs the main thread's executor; see [`esp_entry`](crate::esp_entry).
-pub fn start(main: impl FnOnce(Spawner)) -> ! {
+pub fn run(start: fn(Spawner)) -> ! {
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-    EXECUTOR.init(Executor::new()).run(main)
+    EXECUTOR.init(Executor::new()).run(start)
+}
+
+/// What the supervisor takes care of.
+pub struct Care {
+    /// Runs already.
+    pub watchdog: Watchdog,
+    /// Telemetry's way out.
+    pub telemetry: TelemetryChannel,
+}
+
+/// The supervisor: see [`node::supervise`]. No light is known to be on any pin.
+#[embassy_executor::task]
+pub async fn supervise(reporter: &'static Reporter, tasks: Tasks, care: Care) {
+    let Care { mut watchdog, mut telemetry } = care;
+    let (write, feed) = (|frame: &[u8]| telemetry.write(frame), || watchdog.feed());
+    let alive = |reporter: &Reporter| tasks.alive(reporter);
+    node::supervise(reporter, write, |_| (), feed, alive, crash::leave).await;
 }

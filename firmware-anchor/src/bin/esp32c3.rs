@@ -5,4 +5,4 @@
 #[path = "esp/anchor.rs"]
 mod anchor;
 
-boards::esp_entry!(anchor::main);
+boards::esp_entry!(anchor::start);

@@ -5,4 +5,4 @@
 #[path = "esp/beacon.rs"]
 mod beacon;
 
-boards::esp_entry!(beacon::main);
+boards::esp_entry!(beacon::start);

@@ -5,4 +5,4 @@
 #[path = "esp/tag.rs"]
 mod tag;
 
-boards::esp_entry!(tag::main);
+boards::esp_entry!(tag::start);

@@ -9,10 +9,10 @@ use esp_hal::timer::timg::TimerGroup;
 use esp_storage::FlashStorage;
 use node_record::{Invalid, Pages, Pins, Record};
 
-use super::log::{self, TelemetryChannel};
+use super::log;
 use super::spi::{Bus, Interrupt, Port, Reset};
 use super::watchdog::{self, Watchdog};
-use super::{crash, this};
+use super::{Care, crash, this};
 use crate::esp::{pins, reset_cause};
 use crate::node::Start;
 
@@ -26,14 +26,12 @@ const HEAP_BYTES: usize = if cfg!(feature = "ble") { 80 << 10 } else { 16 << 10 
 pub struct Board {
     /// Where a DW1000 may be wired.
     pub uwb: UwbPort,
-    /// Runs already.
-    pub watchdog: Watchdog,
+    /// For the supervisor.
+    pub care: Care,
     /// What the node is told.
     pub start: Start,
     /// The chip's factory address, the highest byte first.
     pub address: [u8; 6],
-    /// Telemetry's way out.
-    pub telemetry: TelemetryChannel,
     /// The chip's radio.
     #[cfg(feature = "ble")]
     pub bluetooth: super::bluetooth::Parts,
@@ -96,10 +94,9 @@ impl Board {
         };
         Self {
             uwb: UwbPort(port),
-            watchdog: Watchdog::start(p.RTC_TIMER),
+            care: Care { watchdog: Watchdog::start(p.RTC_TIMER), telemetry },
             start,
             address,
-            telemetry,
             #[cfg(feature = "ble")]
             bluetooth: super::bluetooth::Parts(p.BT),
         }

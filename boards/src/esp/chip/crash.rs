@@ -27,9 +27,10 @@ pub fn end(crash: Crash) -> ! {
 /// Leaves a crash for the next start; the watchdog does the rest.
 pub fn leave(crash: Crash) {
     LEFT.store(true, Ordering::Relaxed);
+    let place = &raw mut REMAINS;
     // SAFETY: called by the supervisor, by the watchdog's interrupt above all tasks, and by those who never return; the worst of
     // an interruption is a checksum that fails.
-    crash::leave(unsafe { &mut *(&raw mut REMAINS) }, crash);
+    crash::leave(unsafe { &mut *place }, crash);
 }
 
 /// Leaves a crash where nobody has left one: what came first is the cause.
@@ -41,8 +42,9 @@ pub(super) fn leave_if_first(crash: Crash) {
 
 /// Takes what the life before left.
 pub(super) fn take() -> Option<Crash> {
+    let place = &raw mut REMAINS;
     // SAFETY: called at the start, before there are tasks.
-    crash::take(unsafe { &mut *(&raw mut REMAINS) })
+    crash::take(unsafe { &mut *place })
 }
 
 #[panic_handler]

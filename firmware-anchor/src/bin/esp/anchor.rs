@@ -1,37 +1,42 @@
 //! The anchor on a chip of Espressif: ranging in a thread above all others, telemetry and supervision in the main one.
 
-use boards::esp::{self, Board, Uwb, crash};
+use boards::esp::{self, Board, Bus, Interrupt, Reset};
 use boards::node::{self, Reporter, Tasks};
 use embassy_executor::Spawner;
-use embassy_futures::join::join;
 use embassy_time::Delay;
 use firmware_anchor::Told;
-use firmware_common::{AnchorMachine, Settings};
+use firmware_common::AnchorMachine;
 use node_record::Role;
 use ranging::dw1000::Dw1000;
+use static_cell::StaticCell;
 use telemetry::{Condition, RecordFault};
 
-static REPORTER: Reporter = Reporter::new(esp::uptime_us);
+type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
+
+static REPORTER: StaticCell<Reporter> = StaticCell::new();
+static RADIO: StaticCell<Radio> = StaticCell::new();
+static MACHINE: StaticCell<AnchorMachine> = StaticCell::new();
 
 #[embassy_executor::task]
-async fn ranging(uwb: Uwb, settings: Settings, position_m: Option<[f32; 3]>) {
-    let radio = Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio);
-    let machine = AnchorMachine::new(&settings, position_m);
-    firmware_anchor::run(radio, Delay, machine, Told(&REPORTER)).await;
+async fn ranging(radio: &'static mut Radio, machine: &'static mut AnchorMachine, reporter: &'static Reporter) {
+    firmware_anchor::run(radio, Delay, machine, Told(reporter)).await;
 }
 
-/// The main thread's first task.
-#[embassy_executor::task]
-pub async fn main(spawner: Spawner) {
-    let Board { uwb, mut watchdog, start, mut telemetry, .. } = Board::take(spawner);
-    let (hello, followed) = node::introduce(&REPORTER, esp::KIND, telemetry::Role::Anchor, start);
+/// Spawns all tasks; without a record to follow, only those that tell so.
+pub fn start(spawner: Spawner) {
+    let Board { uwb, care, start, .. } = Board::take(spawner);
+    let reporter: &_ = REPORTER.init_with(|| Reporter::new(esp::uptime_us));
+    let (hello, followed) = node::introduce(reporter, esp::KIND, telemetry::Role::Anchor, start);
     let mut tasks = Tasks::None;
     if let Some((record, settings)) = followed {
-        let complain = |condition| REPORTER.journal.state(REPORTER.now_us(), condition);
+        let complain = |condition| reporter.journal.state(reporter.now_us(), condition);
         match (settings.role, uwb.wire(&record)) {
             (Role::Anchor { position_m }, Ok(uwb)) => {
                 tasks = Tasks::Ranging;
-                esp::thread::start(move |thread| thread.spawn(ranging(uwb, settings, position_m).unwrap()));
+                let radio =
+                    RADIO.init_with(|| Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio));
+                let machine = MACHINE.init_with(|| AnchorMachine::new(&settings, position_m));
+                esp::thread::start(move |above| above.spawn(ranging(radio, machine, reporter).unwrap()));
             }
             (Role::Tag(_) | Role::Advertiser(_), Ok(_)) => complain(Condition::WrongRecord),
             (_, Err(what)) => {
@@ -40,7 +45,6 @@ pub async fn main(spawner: Spawner) {
             }
         }
     }
-    let supervision =
-        node::supervise(&REPORTER, tasks, |frame| telemetry.write(frame), |_| (), || watchdog.feed(), crash::leave);
-    join(supervision, REPORTER.keep_telling(hello, Delay)).await;
+    spawner.spawn(esp::supervise(reporter, tasks, care).unwrap());
+    spawner.spawn(node::keep_telling(reporter, hello).unwrap());
 }

@@ -1,7 +1,7 @@
 //! The beacon on a chip of Espressif: everything in the main thread, but the controller.
 
 use boards::esp::bluetooth::{self, Advertiser, Parts};
-use boards::esp::{self, Board, crash};
+use boards::esp::{self, Board};
 use boards::node::{self, Reporter, Tasks};
 use embassy_executor::Spawner;
 use embassy_futures::join::join;
@@ -61,10 +61,9 @@ async fn advertise(parts: Parts, settings: Settings) {
     join(advertiser.serve(), firmware_beacon::run(OnAir(&advertiser), Delay, esp::random, &settings, Told)).await;
 }
 
-/// The main thread's first task.
-#[embassy_executor::task]
-pub async fn main(spawner: Spawner) {
-    let Board { mut watchdog, start, address, mut telemetry, bluetooth, .. } = Board::take(spawner);
+/// Spawns all tasks; without a record to follow, only those that tell so.
+pub fn start(spawner: Spawner) {
+    let Board { care, start, address, bluetooth, .. } = Board::take(spawner);
     let (hello, followed) = node::introduce(&REPORTER, esp::KIND, telemetry::Role::Beacon, start);
     let mut tasks = Tasks::None;
     if let Some((record, _)) = followed {
@@ -82,7 +81,6 @@ pub async fn main(spawner: Spawner) {
             }
         }
     }
-    let supervision =
-        node::supervise(&REPORTER, tasks, |frame| telemetry.write(frame), |_| (), || watchdog.feed(), crash::leave);
-    join(supervision, REPORTER.keep_telling(hello, Delay)).await;
+    spawner.spawn(esp::supervise(&REPORTER, tasks, care).unwrap());
+    spawner.spawn(node::keep_telling(&REPORTER, hello).unwrap());
 }

@@ -1,49 +1,62 @@
 //! The tag on a chip of Espressif: ranging in a thread above all others; engine, Bluetooth host, telemetry and supervision in the
 //! main one.
 
-use boards::esp::{self, Board, Uwb, crash};
+use boards::esp::{self, Board, Bus, Interrupt, Reset, Uwb};
 use boards::node::{self, Guard, Reporter, Tasks};
 use embassy_executor::Spawner;
-use embassy_futures::join::join;
 use embassy_time::Delay;
 use firmware_common::{Settings, TagMachine};
-use firmware_tag::{Handover, Locator, Pace, Told};
+use firmware_tag::{AnchorPlace, Locator, Pace, Told};
 use node_record::{Record, Role, Tag};
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
 use telemetry::{Condition, RecordFault};
 
-static REPORTER: Reporter = Reporter::new(esp::uptime_us);
-static HANDOVER: Handover<Guard> = Handover::new();
+type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
+type Handover = firmware_tag::Handover<Guard>;
 
-#[embassy_executor::task]
-async fn ranging(uwb: Uwb, settings: Settings, tag: Tag) {
-    let radio = Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio);
-    let machine = TagMachine::new(&settings, &tag);
-    firmware_tag::ranging(radio, Delay, machine, &HANDOVER, &Told::new(&REPORTER, tag.report_ranges)).await;
+static REPORTER: StaticCell<Reporter> = StaticCell::new();
+static HANDOVER: StaticCell<Handover> = StaticCell::new();
+static RADIO: StaticCell<Radio> = StaticCell::new();
+static MACHINE: StaticCell<TagMachine> = StaticCell::new();
+static RECORD: StaticCell<Record> = StaticCell::new();
+static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
+
+/// What the tag's tasks share.
+#[derive(Clone, Copy)]
+struct Shared {
+    handover: &'static Handover,
+    reporter: &'static Reporter,
+    record: &'static Record,
+    tag: Tag,
+}
+
+impl Shared {
+    fn told(&self) -> Told<'static, Guard, { node::TELEMETRY_BYTES }> {
+        Told::new(self.reporter, self.tag.report_ranges)
+    }
 }
 
 #[embassy_executor::task]
-async fn engine(record: &'static Record, tag: Tag) {
-    let anchors = firmware_tag::places(record);
-    let (locator, pace) = (Locator::of(&tag, &anchors), Pace::of(&tag));
-    let told = Told::new(&REPORTER, tag.report_ranges);
-    let positions = firmware_tag::engine(&HANDOVER, Delay, locator, pace, &told);
-    #[cfg(feature = "ble")]
-    let positions =
-        join(positions, firmware_tag::tell_sightings(&HANDOVER, firmware_tag::KnownBeacons::of(record), &told));
-    positions.await;
+async fn ranging(radio: &'static mut Radio, machine: &'static mut TagMachine, shared: Shared) {
+    firmware_tag::ranging(radio, Delay, machine, shared.handover, &shared.told()).await;
+}
+
+#[embassy_executor::task]
+async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
+    let (locator, pace) = (Locator::of(&shared.tag, anchors), Pace::of(&shared.tag));
+    firmware_tag::engine(shared.handover, Delay, locator, pace, &shared.told()).await;
 }
 
 #[cfg(feature = "ble")]
 mod bluetooth {
     use boards::esp::bluetooth::{Parts, Scanner};
-    use embassy_futures::join::join;
+    use embassy_futures::join::join3;
     use embassy_time::Delay;
-    use firmware_tag::{Told, scan};
+    use firmware_tag::{KnownBeacons, scan};
     use node_record::Scan;
 
-    use super::{HANDOVER, REPORTER};
+    use super::Shared;
 
     struct Commanded<'s>(&'s Scanner);
 
@@ -62,7 +75,7 @@ mod bluetooth {
     }
 
     #[embassy_executor::task]
-    pub async fn scan(parts: Parts, wanted: Scan) {
+    pub async fn scan(parts: Parts, wanted: Scan, shared: Shared) {
         let scanner = match Scanner::start(parts) {
             Ok(scanner) => scanner,
             Err(error) => {
@@ -70,53 +83,41 @@ mod bluetooth {
                 return;
             }
         };
-        let told = Told::new(&REPORTER, false);
-        let listening = scanner.listen(|heard| scan::hear(&HANDOVER, &told, heard.data, heard.rssi));
-        let scanning = scan::run(&HANDOVER, wanted.into(), Commanded(&scanner), Delay, &told);
-        join(listening, scanning).await;
+        let (handover, told) = (shared.handover, shared.told());
+        let listening = scanner.listen(|heard| scan::hear(handover, &told, heard.data, heard.rssi));
+        let scanning = scan::run(handover, wanted.into(), Commanded(&scanner), Delay, &told);
+        let telling = firmware_tag::tell_sightings(handover, KnownBeacons::of(shared.record), &told);
+        join3(listening, scanning, telling).await;
     }
 }
 
-/// What a tag does, where its record is one of a tag.
-fn work(
-    spawner: Spawner,
-    uwb: Uwb,
-    #[cfg(feature = "ble")] bluetooth: boards::esp::bluetooth::Parts,
-    record: &'static Record,
-    settings: Settings,
-    tag: Tag,
-) {
-    esp::thread::start(move |thread| thread.spawn(ranging(uwb, settings, tag).unwrap()));
-    spawner.spawn(engine(record, tag).unwrap());
-    #[cfg(feature = "ble")]
-    if let Some(wanted) = tag.scan {
-        spawner.spawn(bluetooth::scan(bluetooth, wanted).unwrap());
-    }
+/// Spawns what a tag does.
+fn work(spawner: Spawner, uwb: Uwb, settings: &Settings, shared: Shared) {
+    let radio = RADIO.init_with(|| Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio));
+    let machine = MACHINE.init_with(|| TagMachine::new(settings, &shared.tag));
+    esp::thread::start(move |above| above.spawn(ranging(radio, machine, shared).unwrap()));
+    let anchors = ANCHORS.init_with(|| firmware_tag::places(shared.record));
+    spawner.spawn(engine(shared, anchors).unwrap());
 }
 
-/// The main thread's first task.
-#[embassy_executor::task]
-pub async fn main(spawner: Spawner) {
+/// Spawns all tasks; without a record to follow, only those that tell so.
+pub fn start(spawner: Spawner) {
     let board = Board::take(spawner);
-    let (mut watchdog, mut telemetry) = (board.watchdog, board.telemetry);
-    let (hello, followed) = node::introduce(&REPORTER, esp::KIND, telemetry::Role::Tag, board.start);
+    let reporter: &_ = REPORTER.init_with(|| Reporter::new(esp::uptime_us));
+    let (hello, followed) = node::introduce(reporter, esp::KIND, telemetry::Role::Tag, board.start);
     let mut tasks = Tasks::None;
     if let Some((record, settings)) = followed {
-        static RECORD: StaticCell<Record> = StaticCell::new();
-        let record = RECORD.init(record);
-        let complain = |condition| REPORTER.journal.state(REPORTER.now_us(), condition);
+        let record: &_ = RECORD.init(record);
+        let complain = |condition| reporter.journal.state(reporter.now_us(), condition);
         match (settings.role, board.uwb.wire(record)) {
             (Role::Tag(tag), Ok(uwb)) => {
                 tasks = Tasks::RangingAndEngine;
-                work(
-                    spawner,
-                    uwb,
-                    #[cfg(feature = "ble")]
-                    board.bluetooth,
-                    record,
-                    settings,
-                    tag,
-                );
+                let shared = Shared { handover: HANDOVER.init_with(Handover::new), reporter, record, tag };
+                work(spawner, uwb, &settings, shared);
+                #[cfg(feature = "ble")]
+                if let Some(wanted) = tag.scan {
+                    spawner.spawn(bluetooth::scan(board.bluetooth, wanted, shared).unwrap());
+                }
             }
             (Role::Anchor { .. } | Role::Advertiser(_), Ok(_)) => complain(Condition::WrongRecord),
             (_, Err(what)) => {
@@ -125,7 +126,6 @@ pub async fn main(spawner: Spawner) {
             }
         }
     }
-    let supervision =
-        node::supervise(&REPORTER, tasks, |frame| telemetry.write(frame), |_| (), || watchdog.feed(), crash::leave);
-    join(supervision, REPORTER.keep_telling(hello, Delay)).await;
+    spawner.spawn(esp::supervise(reporter, tasks, board.care).unwrap());
+    spawner.spawn(node::keep_telling(reporter, hello).unwrap());
 }
