@@ -81,6 +81,8 @@ pub fn elf(name: &str) -> Result<PathBuf> {
     let toolchain = Toolchain::find(image.board.target())?;
     let mut cargo = toolchain.cargo_image("build")?;
     cargo.args(["--package", &image.package(), "--bin", &image.binary(), "--features", &image.feature_list()]);
+    // Part of the build id: images of one source are told apart.
+    cargo.env("BALIZA_IMAGE", name);
     println!("building {name}");
     succeed(cargo.arg("--quiet"))?;
     let file = directory().join(format!("{name}.elf"));
