@@ -5,7 +5,7 @@
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::{env, fs};
 
 use anyhow::{Context, Result, bail};
@@ -53,7 +53,7 @@ impl Toolchain {
         };
         let linker = if brings_linker(rustc) {
             None
-        } else if answers("ld.lld") {
+        } else if is_installed("ld.lld") {
             Some("ld.lld")
         } else {
             bail!("{rustc} brings no linker for bare metal, and there is no ld.lld: `apt-get install lld`");
@@ -85,7 +85,7 @@ impl Toolchain {
     /// below the variables, so that an overflow faults.
     pub fn cargo_image(&self, subcommand: &str) -> Result<Command> {
         let mut command = self.cargo(subcommand);
-        if self.target.is_cortex_m() && answers("flip-link") {
+        if self.target.is_cortex_m() && is_installed("flip-link") {
             command.env(linker_variable(self.target), "flip-link");
             if !brings_linker(self.rustc) {
                 command.env("PATH", path_with_linker()?);
@@ -157,14 +157,11 @@ fn sysroot(rustc: &str) -> Option<PathBuf> {
     output(rustc, &["--print", "sysroot"]).map(PathBuf::from)
 }
 
-/// Whether a program can be run.
-pub fn answers(program: &str) -> bool {
-    Command::new(program)
-        .arg("--version")
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .status()
-        .is_ok_and(|s| s.success())
+/// Whether a program is on PATH. Not all say their version without being asked to work.
+pub fn is_installed(program: &str) -> bool {
+    let path = env::var_os("PATH").unwrap_or_default();
+    let file = format!("{program}{}", env::consts::EXE_SUFFIX);
+    env::split_paths(&path).any(|directory| directory.join(&file).is_file())
 }
 
 /// What a program prints, without the line's end; nothing where it fails.

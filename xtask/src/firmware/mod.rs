@@ -37,7 +37,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.lint {
         return images.into_iter().try_for_each(lint);
     }
-    if !toolchain::answers("flip-link") {
+    if !toolchain::is_installed("flip-link") {
         println!("no flip-link here: on a Cortex-M a stack overflow will go unnoticed; `cargo install flip-link`");
     }
     let mut rows = Vec::new();
@@ -103,7 +103,7 @@ fn build(image: &Image) -> Result<Takes> {
 /// Makes the image that the ESP's bootloader loads; its size.
 fn espflash_image(elf: &Path, chip: &str) -> Result<u64> {
     ensure!(
-        toolchain::answers("espflash"),
+        toolchain::is_installed("espflash"),
         "no espflash here to make {chip}'s image: `cargo install espflash --locked`"
     );
     let file = elf.with_extension("bin");
