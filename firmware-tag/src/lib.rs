@@ -1,4 +1,4 @@
-//! The tag, whole, in two tasks: [`ranging`] owns the radio and the machine of the exchange, [`engine`] makes positions. A board
+//! The tag, whole, in two tasks: [`ranging()`] owns the radio and the machine of the exchange, [`engine()`] makes positions. A board
 //! spawns them at two priorities; [`run`] and [`run_as_told`] join them where there is one.
 //!
 //! Radio → machine → a round of ranges → [`Handover`] → [`Memory`] → [`Locator`] → an [`Epoch`]: a position with its covariance,
