@@ -99,8 +99,12 @@ pub fn double_sided_asymmetric(
     if sum <= 0 {
         return None;
     }
-    let product = round1.checked_mul(round2)?.checked_sub(reply1.checked_mul(reply2)?)?;
-    Some(TimeOfFlight::from_fraction(product.checked_mul(1 << FRACTION_BITS)? / sum))
+    // Products of numbers of 64 bits, and their difference, fit into 128.
+    let product = round1 * round2 - reply1 * reply2;
+    if product.unsigned_abs().leading_zeros() <= FRACTION_BITS {
+        return None;
+    }
+    Some(TimeOfFlight::from_fraction((product << FRACTION_BITS) / sum))
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use super::register::{self as reg, Register, status, sys_cfg};
 use super::tuning;
-use crate::phy::{DataRate, PhyConfig, Prf, Sfd};
+use crate::phy::{Channel, DataRate, PhyConfig, Prf, Sfd};
 
 /// The antenna delay of a DWM1000-like board before calibration, ticks in each direction.
 pub const DEFAULT_ANTENNA_DELAY: u16 = 16_436;
@@ -212,8 +212,14 @@ impl Config {
             DataRate::Kbps110 => 8192.0,
             DataRate::Kbps850 | DataRate::Kbps6810 => 1024.0,
         };
-        let hertz = 998.4e6 / 2.0 / samples / 131_072.0;
-        (-1e6 * hertz / self.phy.channel().centre_frequency_hz()) as f32
+        // All carriers are multiples of 499.2 MHz, half the sampling rate: a division of doubles would be 1.2 kB of code.
+        let multiple = match self.phy.channel() {
+            Channel::Ch1 => 7.0,
+            Channel::Ch2 | Channel::Ch4 => 8.0,
+            Channel::Ch3 => 9.0,
+            Channel::Ch5 | Channel::Ch7 => 13.0,
+        };
+        -1e6 / (131_072.0 * samples * multiple)
     }
 
     /// Samples in the accumulator.

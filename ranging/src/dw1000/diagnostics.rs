@@ -140,5 +140,14 @@ mod tests {
         // Channel 2, 110 kbit/s: 0.4649162 Hz a step; 20 ppm of 3993.6 MHz = 79872 Hz = 171799 steps = 0x029F17.
         config.phy = PhyConfig::new(Channel::Ch2, Prf::Mhz64, DataRate::Kbps110, PreambleLength::Symbols1024).unwrap();
         close(frame(1, 0, [0x17, 0x9F, 0x02]).evaluate(&config).clock_offset_ppm, -20.0, 0.001);
+
+        // All channels, by the manual's formula.
+        for channel in [Channel::Ch1, Channel::Ch2, Channel::Ch3, Channel::Ch4, Channel::Ch5, Channel::Ch7] {
+            config.phy = PhyConfig::new(channel, Prf::Mhz64, DataRate::Kbps6810, PreambleLength::Symbols128).unwrap();
+            let step_hz = 998.4e6 / 2.0 / 1024.0 / 131_072.0;
+            let steps = (20e-6 * channel.centre_frequency_hz() / step_hz) as u32;
+            let [low, middle, high, _] = steps.to_le_bytes();
+            close(frame(1, 0, [low, middle, high]).evaluate(&config).clock_offset_ppm, -20.0, 0.002);
+        }
     }
 }
