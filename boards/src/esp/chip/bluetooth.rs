@@ -14,7 +14,7 @@ use bt_hci_esp::cmd::le::LeSetEventMask;
 use bt_hci_esp::cmd::{Cmd, Opcode};
 use bt_hci_esp::event::le::{LeAdvertisingReport, LeEventParams};
 use bt_hci_esp::event::{CommandComplete, CommandCompleteWithStatus, EventKind, EventPacket};
-use bt_hci_esp::param::{self, EventMask, LeEventMask, Status};
+use bt_hci_esp::param::{EventMask, LeEventMask, Status};
 use bt_hci_esp::transport::Transport;
 use bt_hci_esp::{ControllerToHostPacket, FromHciBytes, HostToControllerPacket, PacketKind, WriteHci};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
@@ -36,8 +36,8 @@ pub type StartError = BleInitError;
 /// What a command failed with.
 #[derive(Debug, defmt::Format)]
 pub enum Error {
-    /// The controller refused.
-    Refused(param::Error),
+    /// The controller refused, with this number of HCI (Bluetooth Core 5.4, volume 1, part F).
+    Refused(u8),
     /// It could not be reached.
     Unreachable(BleConnectorError),
     /// It did not answer.
@@ -130,7 +130,10 @@ impl Controller {
                 let (opcode, status) = self.answer.wait().await;
                 // Another may be the late answer to a command given up.
                 if opcode == command.opcode {
-                    return status.to_result().map_err(Error::Refused);
+                    return match status {
+                        Status::SUCCESS => Ok(()),
+                        refused => Err(Error::Refused(refused.into_inner())),
+                    };
                 }
             }
         };
