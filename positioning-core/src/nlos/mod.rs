@@ -7,7 +7,8 @@
 //! less.
 //!
 //! Classifiers are trained on a desktop; a node reads them as a [`Model`], versioned and checksummed bytes in its flash
-//! (feature `serde`). Without a model, [`PowerDifference::default`] is the chip maker's own rule.
+//! (feature `serde`). Without a model, [`PowerDifference::default`] is the chip maker's own rule, and
+//! [`Skewness::default`] what a recorded flat taught.
 //!
 //! Sources: E. García et al., *A robust UWB indoor positioning system for highly complex environments* (equations 2 to
 //! 4: skewness); V. Barral et al., *Environmental cross-validation of NLOS machine learning classification/mitigation
