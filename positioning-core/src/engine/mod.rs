@@ -26,6 +26,8 @@ const OVERTAKING_US: u64 = 1_000_000;
 const START_DOUBT: f64 = 9.0;
 /// And by this more, metres.
 const START_SIGMA_M: f64 = 0.3;
+/// But no axis by more than about this, metres.
+const START_GREATEST_M: f64 = 1.0;
 
 /// The orchestrator.
 #[derive(Clone, Debug)]
@@ -267,14 +269,16 @@ impl<T: Real> Engine<T> {
 
     /// Starts a track near a solved position, and lets the round's measurements into it.
     fn begin_at(&mut self, fix: &Fix<T, 3>) -> Start {
+        // Where the solver did not know on which side of the anchors the tag is, its covariance reaches to the other one. The track
+        // is on this side, and a doubt of metres would lead its first linearisations astray.
+        let greatest = (0..3).fold(T::ZERO, |greatest, axis| greatest.at_least(fix.covariance[axis][axis]));
+        let doubt = T::of(START_DOUBT).at_most(T::of(START_GREATEST_M * START_GREATEST_M) / greatest);
         let covariance: [[T; 3]; 3] = core::array::from_fn(|r| {
             core::array::from_fn(|c| {
                 let on_diagonal = if r == c { T::ONE } else { T::ZERO };
                 match self.settings.start_variance {
                     Some(variance) => variance * on_diagonal,
-                    None => {
-                        T::of(START_DOUBT) * fix.covariance[r][c] + T::of(START_SIGMA_M * START_SIGMA_M) * on_diagonal
-                    }
+                    None => doubt * fix.covariance[r][c] + T::of(START_SIGMA_M * START_SIGMA_M) * on_diagonal,
                 }
             })
         });

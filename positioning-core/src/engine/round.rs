@@ -152,7 +152,10 @@ impl<T: Real> Round<T> {
             Dimensions::Space { side: Side::Of(point) } => Some(point),
             Dimensions::Space { side: Side::Unknown } | Dimensions::Plane { .. } => None,
         };
-        hyperbolic(&samples, first.reference_place, sigma, settings.dimensions.height(), start)
+        let mut fix = hyperbolic(&samples, first.reference_place, sigma, settings.dimensions.height(), start)?;
+        // Hyperbolas know no bounds: where the tag cannot be, the nearest place where it can.
+        fix.position = Constraints { side: Side::Unknown, area: settings.area }.inside(fix.position);
+        Ok(fix)
     }
 
     #[inline(never)]

@@ -18,7 +18,7 @@ pub(crate) mod update;
 
 pub use hyperbolic::{TdoaSample, hyperbolic};
 pub use motion::Motion;
-pub use noise::{Blocked, Noise};
+pub use noise::{Blocked, Noise, POWER_DOUBT};
 
 pub(crate) use filter::{Fate, Filter};
 pub(crate) use supervisor::Supervisor;
