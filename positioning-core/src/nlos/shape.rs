@@ -53,7 +53,7 @@ pub struct Shape {
     /// The largest magnitude of the three samples after the first path's, as a part of the maximum.
     pub first_path_ratio: f32,
     /// From the first sample of a tenth of the maximum to the first of nine tenths, nanoseconds (Marano et al.,
-    /// equation 3, with both thresholds relative to the maximum, so that the level does not matter).
+    /// with both thresholds relative to the maximum, so that the level does not matter).
     pub rise_time_ns: f32,
     /// Mean of the delay after the first path, weighted with power, nanoseconds (Marano et al.); only
     /// samples from the first path on and above a tenth of the maximum count.
