@@ -6,9 +6,9 @@
 //! # Threads
 //!
 //! esp-rtos preempts by priority, and gives each thread a stack with a watchpoint at its end. Ranging has a thread of its own
-//! above all others ([`thread`]); then come those of the Bluetooth controller; the main thread's executor, with the solver, the
-//! Bluetooth host, telemetry and the supervisor, has the least. (An executor in an interrupt would preempt as well, but it would
-//! run on whichever stack it interrupts, the controller's among them.)
+//! above all others (`thread`); then come those of the Bluetooth controller; the main thread's executor, with the solver, the
+//! commands to the controller, telemetry and the supervisor, has the least. (An executor in an interrupt would preempt as well,
+//! but it would run on whichever stack it interrupts, the controller's among them.)
 
 pub mod frames;
 pub mod pins;

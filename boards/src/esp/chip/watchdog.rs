@@ -23,9 +23,9 @@ impl Watchdog {
         let mut this = Self(Rtc::new(timer));
         this.0.set_interrupt_handler(ran_out);
         let watchdog = &mut this.0.rwdt;
-        watchdog.enable();
         watchdog.set_timeout(RwdtStage::Stage0, PATIENCE);
         watchdog.set_timeout(RwdtStage::Stage1, LAST_WORDS);
+        watchdog.enable();
         // The core without the RTC, in whose memory the crash is.
         watchdog.set_stage_action(RwdtStage::Stage1, RwdtStageAction::ResetCore);
         watchdog.listen();

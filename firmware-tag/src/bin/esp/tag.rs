@@ -1,4 +1,4 @@
-//! The tag on a chip of Espressif: ranging in a thread above all others; engine, Bluetooth host, telemetry and supervision in the
+//! The tag on a chip of Espressif: ranging in a thread above all others; engine, Bluetooth scan, telemetry and supervision in the
 //! main one.
 
 use boards::esp::{self, Board, Bus, Interrupt, Reset, Uwb};
