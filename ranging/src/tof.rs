@@ -68,7 +68,7 @@ pub fn single_sided_corrected(round1: RadioDuration, reply1: RadioDuration, cloc
     // The correction is some thousand ticks at most for a reply of milliseconds: f32 holds it to 10⁻³ ticks.
     let correction = reply1.ticks() as f32 * (clock_offset / (1.0 + clock_offset));
     let uncorrected = (round1.ticks() as i128 - reply1.ticks() as i128) << FRACTION_BITS;
-    TimeOfFlight::from_fraction((uncorrected + (correction * (1u32 << FRACTION_BITS) as f32) as i128) / 2)
+    TimeOfFlight::from_fraction((uncorrected + i128::from((correction * (1u32 << FRACTION_BITS) as f32) as i64)) / 2)
 }
 
 /// Symmetric double-sided: ¼·(round1 − reply1 + round2 − reply2) (seed 000, equation 5-2).
@@ -85,7 +85,8 @@ pub fn double_sided_symmetric(
 }
 
 /// Asymmetric double-sided: (round1·round2 − reply1·reply2) / (round1 + round2 + reply1 + reply2), the product form of the
-/// DW1000 user manual, 12.3.2. `None` where the intervals make no sense (their sum is not positive).
+/// DW1000 user manual, 12.3.2. `None` where the intervals make no sense: their sum is not positive, or rounds and replies
+/// differ by more than 2²³ ticks (130 µs) and last for seconds.
 ///
 /// Error under drift: ½·(e_A + e_B)·ToF, whatever the replies: at most 2 mm at 100 m and 20 ppm.
 pub fn double_sided_asymmetric(
@@ -94,17 +95,18 @@ pub fn double_sided_asymmetric(
     round2: RadioDuration,
     reply2: RadioDuration,
 ) -> Option<TimeOfFlight> {
-    let [round1, reply1, round2, reply2] = [round1, reply1, round2, reply2].map(|interval| interval.ticks() as i128);
-    let sum = round1 + round2 + reply1 + reply2;
+    let [round1, reply1, round2, reply2] = [round1, reply1, round2, reply2].map(RadioDuration::ticks);
+    let sum = round1.checked_add(reply1)?.checked_add(round2)?.checked_add(reply2)?;
     if sum <= 0 {
         return None;
     }
-    // Products of numbers of 64 bits, and their difference, fit into 128.
-    let product = round1 * round2 - reply1 * reply2;
-    if product.unsigned_abs().leading_zeros() <= FRACTION_BITS {
-        return None;
-    }
-    Some(TimeOfFlight::from_fraction((product << FRACTION_BITS) / sum))
+    // The same numerator, of factors that are small where the intervals belong to one exchange: 64 bits do, and a node is spared
+    // a division of 128.
+    let [excess1, excess2] = [round1.checked_sub(reply1)?, round2.checked_sub(reply2)?];
+    let product = excess1.checked_mul(round2)?.checked_add(reply1.checked_mul(excess2)?)?;
+    let whole = (product / sum).checked_mul(1 << FRACTION_BITS)?;
+    let rest = (product % sum).checked_mul(1 << FRACTION_BITS)? / sum;
+    whole.checked_add(rest).map(TimeOfFlight)
 }
 
 #[cfg(test)]
