@@ -66,14 +66,20 @@ impl<S: SpiDevice> Bus<S> {
     /// Reads a short register, up to 13 bytes.
     pub async fn read<const N: usize>(&mut self, register: Register) -> Result<[u8; N], Error<S::Error>> {
         const { assert!(N + 3 <= SHORT) };
-        let (header, header_length) = register.header(false);
-        let mut buffer = [0; SHORT];
-        buffer[..3].copy_from_slice(&header);
-        self.count(header_length + N);
-        self.spi.transfer_in_place(&mut buffer[..header_length + N]).await?;
+        let (buffer, header_length) = self.read_short(register, N).await?;
         let mut value = [0; N];
         value.copy_from_slice(&buffer[header_length..header_length + N]);
         Ok(value)
+    }
+
+    /// Header and `length` bytes as they were on the bus, and the header's length; one piece of code for all lengths.
+    async fn read_short(&mut self, register: Register, length: usize) -> Result<([u8; SHORT], usize), Error<S::Error>> {
+        let (header, header_length) = register.header(false);
+        let mut buffer = [0; SHORT];
+        buffer[..3].copy_from_slice(&header);
+        self.count(header_length + length);
+        self.spi.transfer_in_place(&mut buffer[..header_length + length]).await?;
+        Ok((buffer, header_length))
     }
 
     /// Reads any number of bytes.
