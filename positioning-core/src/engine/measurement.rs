@@ -132,5 +132,20 @@ pub(super) fn height_is_sane<T: Real>(height: T, deviation: T) -> bool {
 /// Whether a position with its covariance is one.
 pub(super) fn position_is_sane<T: Real>(position: &[T; 3], covariance: &[[T; 3]; 3]) -> bool {
     let sum = covariance.iter().flatten().fold(magnitude(position), |sum, element| sum + element.abs());
-    sane(sum, T::ONE) && (0..3).all(|axis| covariance[axis][axis] >= T::ZERO)
+    sane(sum, T::ONE) && is_covariance(covariance)
+}
+
+/// Whether the lower triangle is that of a matrix without negative eigenvalues: no principal minor is negative, as far as
+/// rounding can tell.
+fn is_covariance<T: Real>(m: &[[T; 3]; 3]) -> bool {
+    let slack = T::of(8.0) * T::EPSILON;
+    let diagonal = (0..3).all(|axis| m[axis][axis] >= T::ZERO);
+    let pairs = [(1, 0), (2, 0), (2, 1)];
+    let pair = |(r, c): (usize, usize)| m[r][c].squared() <= m[r][r] * m[c][c] * (T::ONE + slack);
+    let product = m[0][0] * m[1][1] * m[2][2];
+    let determinant = product + T::of(2.0) * m[1][0] * m[2][0] * m[2][1]
+        - m[0][0] * m[2][1].squared()
+        - m[1][1] * m[2][0].squared()
+        - m[2][2] * m[1][0].squared();
+    diagonal && pairs.into_iter().all(pair) && determinant >= -slack * product
 }

@@ -18,6 +18,9 @@ const LEAST_SIGMA_M: f64 = 0.01;
 /// The velocity beyond which a link's error forgets no faster, metres a second: nobody runs faster indoors.
 const FASTEST: f64 = 10.0;
 
+/// A link's error beyond so many of its deviations is not a usual one.
+const UNUSUAL: f64 = 3.0;
+
 /// What became of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Fate {
@@ -113,7 +116,8 @@ impl<T: Real> Filter<T> {
         let (place, fresh) = self.links.place(anchor, self.now_us);
         let state = Links::<T>::state(place);
         let Some(link) = self.links.at(place) else { return (place, own) };
-        let variances = match settings.blocked {
+        let error = self.state.mean.get(state).copied().unwrap_or(T::ZERO);
+        let mut variances = match settings.blocked {
             super::Blocked::TwoVariances { threshold, direct_m2, blocked_m2 } => {
                 let white = if blocked >= threshold { blocked_m2 } else { direct_m2 };
                 super::noise::Variances { white, link: settings.noise.link_sigma.squared() }
@@ -123,6 +127,10 @@ impl<T: Real> Filter<T> {
                 link.shown.variances(&settings.noise, own, blocked)
             }
         };
+        // An error as large as this link's is no draw of what links usually err by: it will not go away by itself.
+        if !fresh && error.squared() > T::of(UNUSUAL * UNUSUAL) * variances.link {
+            variances.link = error.squared();
+        }
         if fresh {
             self.state.reset(state, T::ZERO, variances.link);
         } else if variances.link > T::ZERO {

@@ -1,0 +1,421 @@
+//! The engine as its callers see it: tracks that are as uncertain as they say, gates that reopen, restarts, and hostile input.
+
+use nalgebra::Matrix3;
+use positioning_core::engine::{
+    BleRange, Dimensions, Engine, Measurement, Missing, Range, Settings, Start, Tdoa, Verdict,
+};
+use positioning_core::{Blocked, Constraints, Method, Motion, Noise, RangeSample, Side, flatten, robust};
+use rand::Rng;
+use rand_pcg::Pcg64;
+
+use crate::support::{distance, normal, rng};
+
+/// A room of 10 m × 8 m with eight anchors at two heights, metres.
+const ANCHORS: [[f64; 3]; 8] = [
+    [0.0, 0.0, 2.6],
+    [5.0, 0.0, 0.4],
+    [10.0, 0.0, 2.6],
+    [10.0, 4.0, 0.4],
+    [10.0, 8.0, 2.6],
+    [5.0, 8.0, 0.4],
+    [0.0, 8.0, 2.6],
+    [0.0, 4.0, 0.4],
+];
+const HEIGHT: f64 = 1.2;
+const PLANE: Dimensions<f32> = Dimensions::Plane { height: HEIGHT as f32 };
+/// Between two rounds, microseconds.
+const ROUND_US: u64 = 100_000;
+
+fn range(anchor: usize, distance: f64, blocked: Option<f32>) -> Measurement<f32> {
+    Measurement::Range(Range {
+        anchor: anchor as u16,
+        place: ANCHORS[anchor].map(|c| c as f32),
+        distance: distance as f32,
+        deviation: 0.03,
+        blocked,
+        excess: None,
+    })
+}
+
+fn true_range(anchor: usize, tag: [f64; 2]) -> f64 {
+    distance(&ANCHORS[anchor], &[tag[0], tag[1], HEIGHT])
+}
+
+/// One round of ranges, each changed by `error`, and its end; the horizontal error, metres.
+fn round(engine: &mut Engine<f32>, now_us: u64, tag: [f64; 2], mut error: impl FnMut(usize) -> f64) -> Option<f64> {
+    for anchor in 0..ANCHORS.len() {
+        engine.step(now_us, &range(anchor, true_range(anchor, tag) + error(anchor), None));
+    }
+    let fix = engine.step(now_us, &Measurement::RoundEnd).fix.ok()?;
+    Some((f64::from(fix.position[0]) - tag[0]).hypot(f64::from(fix.position[1]) - tag[1]))
+}
+
+/// A tag that goes in a circle of 2.5 m at 1 m/s.
+fn circle(now_us: u64) -> [f64; 2] {
+    let angle = 1.0e-6 * now_us as f64 / 2.5;
+    [5.0 + 2.5 * angle.cos(), 4.0 + 2.5 * angle.sin()]
+}
+
+/// The mean squared error in units of the covariance, over runs and rounds, of tags whose accelerations and links are drawn as the
+/// engine believes them to be.
+fn nees(settings: Settings<f32>, acceleration: f64, link_sigma: f64, common_sigma: f64) -> (f64, f64) {
+    let mut rng = rng(11);
+    let (mut sum, mut inside, mut count) = (0.0, 0.0, 0.0);
+    let dt = 1.0e-6 * ROUND_US as f64;
+    for _ in 0..60 {
+        let mut engine = Engine::new(settings);
+        let (mut at, mut velocity) = ([4.0, 3.0], [0.2, 0.1]);
+        let common = common_sigma * normal(&mut rng);
+        let links: Vec<f64> = ANCHORS.iter().map(|_| link_sigma * normal(&mut rng)).collect();
+        for k in 1..=60_u64 {
+            for axis in 0..2 {
+                // White acceleration over dt: velocity √(q dt), and of the position what is left beside half of that.
+                let kick = acceleration * dt.sqrt() * normal(&mut rng);
+                let aside = acceleration * (dt.powi(3) / 12.0).sqrt() * normal(&mut rng);
+                at[axis] += dt * velocity[axis] + 0.5 * dt * kick + aside;
+                velocity[axis] += kick;
+            }
+            let now = k * ROUND_US;
+            for (anchor, link) in links.iter().enumerate() {
+                let error = common + link + 0.03 * normal(&mut rng);
+                engine.step(now, &range(anchor, true_range(anchor, at) + error, None));
+            }
+            let fix = engine.step(now, &Measurement::RoundEnd).fix.expect("eight ranges");
+            if k % 20 == 0 {
+                let c = fix.covariance.map(|row| row.map(f64::from));
+                let [x, y] = [0, 1].map(|axis| f64::from(fix.position[axis]) - at[axis]);
+                let determinant = c[0][0] * c[1][1] - c[0][1] * c[1][0];
+                let square = (c[1][1] * x * x - 2.0 * c[0][1] * x * y + c[0][0] * y * y) / determinant;
+                sum += square;
+                inside += f64::from(u8::from(square <= 1.0));
+                count += 1.0;
+            }
+        }
+    }
+    (sum / count, inside / count)
+}
+
+/// 180 errors of two coordinates: chi-squared of 360 degrees of freedom, whose 2.5 and 97.5 % points are 309.3 and 414.5 (Wilson and
+/// Hilferty: 360 (1 − 2⁄3240 ± 1.96 √(2⁄3240))³), over 180.
+const BAND: std::ops::RangeInclusive<f64> = 1.72..=2.30;
+
+#[test]
+fn a_plain_filter_errs_as_much_as_it_says() {
+    let motion = Motion::ConstantVelocity { acceleration: 0.3 };
+    let settings = Settings { speed: 0.2, ..Settings::plain(PLANE, motion, Blocked::Alike, 3) };
+    let (nees, inside) = nees(settings, 0.3, 0.0, 0.0);
+    assert!(BAND.contains(&nees), "{nees}");
+    assert!((0.30..=0.50).contains(&inside), "{inside}");
+}
+
+#[test]
+fn a_filter_that_knows_of_lasting_errors_errs_as_much_as_it_says() {
+    let motion = Motion::ConstantVelocity { acceleration: 0.3 };
+    let noise =
+        Noise { common_sigma: 0.12, link_sigma: 0.1, link_seconds: 1.0e6, link_metres: 1.0e6, ..Noise::white() };
+    let settings = Settings { noise, ..Settings::plain(PLANE, motion, Blocked::Alike, 3) };
+    let (right, _) = nees(settings, 0.3, 0.1, 0.12);
+    assert!(BAND.contains(&right), "{right}");
+    // Without such states the same ranges would be believed far too well.
+    let (wrong, _) = nees(Settings { noise: Noise::white(), ..settings }, 0.3, 0.1, 0.12);
+    assert!(wrong > 10.0, "{wrong}");
+}
+
+#[test]
+fn one_range_in_ten_may_be_anything() {
+    let error = |share: f64| {
+        let mut rng = rng(3);
+        let mut engine = Engine::new(Settings::track(PLANE));
+        let links: Vec<f64> = ANCHORS.iter().map(|_| 0.05 * normal(&mut rng)).collect();
+        let mut squares = Vec::new();
+        for k in 1..600_u64 {
+            let tag = circle(k * ROUND_US);
+            let error = round(&mut engine, k * ROUND_US, tag, |anchor| {
+                let wild = rng.random_range(0.0..100.0) - true_range(anchor, tag);
+                if rng.random_bool(share) { wild } else { links[anchor] + 0.03 * normal(&mut rng) }
+            });
+            squares.extend(error.map(|error| error * error));
+        }
+        assert!(squares.len() > 595);
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    };
+    let (clean, wild) = (error(0.0), error(0.1));
+    assert!(clean < 0.1 && wild < 1.2 * clean, "{clean} {wild}");
+}
+
+#[test]
+fn a_link_that_becomes_longer_is_refused_and_then_taken_for_what_it_is() {
+    let mut engine = Engine::new(Settings::track(PLANE));
+    let tag = [4.0, 3.0];
+    for k in 1..50 {
+        round(&mut engine, k * ROUND_US, tag, |_| 0.0);
+    }
+    let mut verdicts = Vec::new();
+    for k in 50..90 {
+        for anchor in 0..ANCHORS.len() {
+            let excess = if anchor == 2 { 1.5 } else { 0.0 };
+            let output = engine.step(k * ROUND_US, &range(anchor, true_range(anchor, tag) + excess, None));
+            if anchor == 2 {
+                verdicts.push(output.verdict);
+            }
+        }
+        let fix = engine.step(k * ROUND_US, &Measurement::RoundEnd).fix.expect("a track");
+        let error = (f64::from(fix.position[0]) - tag[0]).hypot(f64::from(fix.position[1]) - tag[1]);
+        assert!(error < 0.1, "round {k}: {error}");
+    }
+    assert_eq!(verdicts[0], Verdict::Refused);
+    assert!(verdicts.contains(&Verdict::Readmitted));
+    assert!(verdicts[20..].iter().all(|verdict| *verdict == Verdict::Used), "{verdicts:?}");
+}
+
+#[test]
+fn a_tag_that_is_carried_off_is_found_again() {
+    let mut engine = Engine::new(Settings::track(PLANE));
+    for k in 1..50 {
+        round(&mut engine, k * ROUND_US, [2.0, 2.0], |_| 0.0);
+    }
+    let mut started = false;
+    for k in 50..56 {
+        for anchor in 0..ANCHORS.len() {
+            engine.step(k * ROUND_US, &range(anchor, true_range(anchor, [8.0, 6.5]), None));
+        }
+        started |= engine.step(k * ROUND_US, &Measurement::RoundEnd).verdict == Verdict::Started(Start::Contradicted);
+    }
+    let error = round(&mut engine, 56 * ROUND_US, [8.0, 6.5], |_| 0.0).expect("a track");
+    assert!(started && error < 0.1, "{started} {error}");
+}
+
+#[test]
+fn silence_makes_a_track_doubtful_then_ends_it_and_a_round_begins_another() {
+    let mut engine = Engine::new(Settings::track(PLANE));
+    for k in 1..20 {
+        round(&mut engine, k * ROUND_US, [4.0, 3.0], |_| 0.0);
+    }
+    let last = 19 * ROUND_US;
+    let sigma = |engine: &mut Engine<f32>, later: u64| {
+        let fix = engine.step(last + later, &Measurement::RoundEnd).fix;
+        fix.map(|fix| (fix.sigma()[0], fix.age_us))
+    };
+    let (soon, age) = sigma(&mut engine, 1_000).expect("a track");
+    let (later, _) = sigma(&mut engine, 2_000_000).expect("a track");
+    assert!(later > 3.0 * soon && age == 1_000, "{soon} {later} {age}");
+    assert_eq!(sigma(&mut engine, 3_600_000_000), Err(Missing::NoFix(positioning_core::NoFix::TooFewAnchors)));
+    let height = engine.step(last + 3_600_000_000, &Measurement::Height { height: 1.0, deviation: 0.1 });
+    assert!(matches!(height.fix, Err(Missing::Lost(Start::Gap | Start::Lost))), "{height:?}");
+    let error = round(&mut engine, last + 3_600_100_000, [7.0, 6.0], |_| 0.0).expect("a track");
+    assert!(error < 0.1, "{error}");
+}
+
+#[test]
+fn a_clock_that_begins_anew_ends_the_track_and_a_little_disorder_does_not() {
+    let mut engine = Engine::new(Settings::track(PLANE));
+    for k in 100..120 {
+        round(&mut engine, k * ROUND_US, [4.0, 3.0], |_| 0.0);
+    }
+    let output = engine.step(119 * ROUND_US - 5_000, &range(0, true_range(0, [4.0, 3.0]), None));
+    assert_eq!(output.verdict, Verdict::Used);
+    let output = engine.step(7, &range(0, true_range(0, [4.0, 3.0]), None));
+    assert_eq!((output.verdict, output.fix), (Verdict::Held, Err(Missing::Lost(Start::Clock))));
+}
+
+#[test]
+fn a_tag_without_memory_gets_what_the_solver_says() {
+    let settings = Settings { noise: Noise::white(), ..Settings::solve(PLANE, Method::Robust) };
+    let mut engine = Engine::new(settings);
+    let mut rng = rng(5);
+    for k in 1..50 {
+        let tag = [rng.random_range(1.0..9.0), rng.random_range(1.0..7.0)];
+        let ranges: Vec<f64> = (0..8).map(|a| true_range(a, tag) + 0.05 * normal(&mut rng)).collect();
+        let samples: Vec<RangeSample<f32, 2>> = (0..8)
+            .map(|a| {
+                let place = ANCHORS[a].map(|c| c as f32);
+                let plane = flatten(ranges[a] as f32, place[2] - HEIGHT as f32);
+                RangeSample { sigma: 0.03, ..RangeSample::new([place[0], place[1]], plane) }
+            })
+            .collect();
+        for (anchor, &length) in ranges.iter().enumerate() {
+            assert_eq!(engine.step(k * ROUND_US, &range(anchor, length, None)).verdict, Verdict::Held);
+        }
+        let found = engine.step(k * ROUND_US, &Measurement::RoundEnd).fix.expect("eight ranges");
+        let expected = robust(&samples, &Constraints::default()).expect("eight ranges");
+        assert_eq!([found.position[0], found.position[1]], expected.position);
+        assert_eq!((found.used, found.quality), (expected.used, expected.quality));
+        assert_eq!([found.covariance[0][0], found.covariance[0][1]], expected.covariance[0]);
+    }
+    assert_eq!(
+        engine.step(60 * ROUND_US, &Measurement::RoundEnd).fix.map(|fix| fix.used),
+        Err(Missing::NoFix(positioning_core::NoFix::TooFewAnchors))
+    );
+}
+
+#[test]
+fn blocked_ranges_are_ignored_unless_a_round_would_keep_too_few() {
+    let run = |at_least: u8, mode_solve: bool| {
+        let blocked = Blocked::Ignore { threshold: 0.5, at_least };
+        let base = if mode_solve { Settings::solve(PLANE, Method::Nls) } else { Settings::track(PLANE) };
+        let mut engine = Engine::new(Settings { blocked, ..base });
+        let mut used = 0;
+        for k in 1..4 {
+            for anchor in 0..ANCHORS.len() {
+                // Anchors 0, 2 and 4 are direct; of the others, 7 is the least blocked, and 6 the next.
+                let score = if [0, 2, 4].contains(&anchor) { 0.1 } else { 1.0 - 0.05 * anchor as f32 };
+                engine.step(k * ROUND_US, &range(anchor, true_range(anchor, [4.0, 3.0]), Some(score)));
+            }
+            used = engine.step(k * ROUND_US, &Measurement::RoundEnd).fix.expect("enough ranges").used.0;
+        }
+        used
+    };
+    for mode_solve in [false, true] {
+        assert_eq!(run(0, mode_solve), 0b0001_0101);
+        assert_eq!(run(5, mode_solve), 0b1101_0101);
+    }
+}
+
+#[test]
+fn a_range_is_corrected_only_where_the_settings_say_so() {
+    for (mitigate, expected) in [(false, 0.5), (true, 0.0)] {
+        let mut engine = Engine::new(Settings { mitigate, ..Settings::solve(PLANE, Method::Nls) });
+        for anchor in [0, 2, 4] {
+            let place = ANCHORS[anchor].map(|c| c as f32);
+            let distance = true_range(anchor, [4.0, 3.0]) as f32 + 0.5;
+            let measured = Range { anchor: 0, place, distance, deviation: 0.03, blocked: None, excess: Some(0.5) };
+            engine.step(1, &Measurement::Range(measured));
+        }
+        let fix = engine.step(1, &Measurement::RoundEnd).fix.expect("three ranges");
+        let found = distance(&[fix.position[0].into(), fix.position[1].into()], &[4.0, 3.0]);
+        assert!(if mitigate { found < 0.01 } else { found > 0.4 * expected }, "{mitigate} {found}");
+    }
+}
+
+#[test]
+fn beacons_heights_and_positions_are_measurements_too() {
+    let tag = [4.0, 3.0, 1.0];
+    let mut engine = Engine::new(Settings::<f32> {
+        motion: Motion::Static { wander: 0.0 },
+        ..Settings::track(Dimensions::Space { side: Side::Unknown })
+    });
+    let far = [4.6, 2.7, 1.4].map(|c| c as f32);
+    let start = engine.step(
+        1,
+        &Measurement::Position { position: far, covariance: [[0.5, 0.1, 0.0], [0.1, 0.5, 0.0], [0.0, 0.0, 0.5]] },
+    );
+    assert_eq!(start.verdict, Verdict::Started(Start::First));
+    let first = start.fix.expect("a track");
+    for k in 2..200_u64 {
+        for (beacon, place) in ANCHORS.iter().enumerate() {
+            let range = BleRange {
+                beacon: beacon as u16,
+                place: place.map(|c| c as f32),
+                distance: distance(place, &tag) as f32,
+                relative_deviation: 0.3,
+            };
+            engine.step(k * 1000, &Measurement::BleRange(range));
+        }
+    }
+    let fix = engine.step(200_000, &Measurement::Height { height: 1.0, deviation: 0.02 }).fix.expect("a track");
+    let error = distance(&fix.position.map(f64::from), &tag);
+    assert!(error < 0.05, "{error}");
+    assert!(fix.sigma()[2] < 0.03 && fix.sigma()[0] < first.sigma()[0]);
+}
+
+fn nasty(rng: &mut Pcg64) -> f32 {
+    match rng.random_range(0..14) {
+        0 => f32::NAN,
+        1 => f32::INFINITY,
+        2 => f32::NEG_INFINITY,
+        3 => 0.0,
+        4 => f32::MAX,
+        5 => f32::MIN_POSITIVE,
+        6 => 1e5,
+        7 => -1e5,
+        8 => rng.random_range(-3000.0..3000.0),
+        _ => rng.random_range(-2.0..12.0),
+    }
+}
+
+fn hostile(rng: &mut Pcg64, tag: [f64; 2]) -> Measurement<f32> {
+    let anchor = rng.random_range(0..40_u16);
+    let known = usize::from(anchor) % ANCHORS.len();
+    let place =
+        if rng.random_bool(0.05) { [nasty(rng), nasty(rng), nasty(rng)] } else { ANCHORS[known].map(|c| c as f32) };
+    let bad = rng.random_bool(0.2);
+    let blocked = rng.random_bool(0.5).then(|| nasty(rng));
+    match rng.random_range(0..12) {
+        0 => Measurement::Height { height: nasty(rng), deviation: nasty(rng) },
+        1 => Measurement::Position {
+            position: [nasty(rng), nasty(rng), nasty(rng)],
+            covariance: core::array::from_fn(|_| core::array::from_fn(|_| nasty(rng))),
+        },
+        2 => Measurement::BleRange(BleRange {
+            beacon: anchor,
+            place,
+            distance: nasty(rng),
+            relative_deviation: nasty(rng),
+        }),
+        3 => Measurement::Tdoa(Tdoa {
+            anchor,
+            place,
+            reference: rng.random_range(0..4),
+            reference_place: ANCHORS[0].map(|c| c as f32),
+            difference: nasty(rng),
+            deviations: [nasty(rng), nasty(rng)],
+            blocked: [blocked, None],
+        }),
+        4 => Measurement::RoundEnd,
+        _ => Measurement::Range(Range {
+            anchor,
+            place,
+            distance: if bad { nasty(rng) } else { true_range(known, tag) as f32 },
+            deviation: if bad { nasty(rng) } else { 0.03 },
+            blocked,
+            excess: rng.random_bool(0.2).then(|| nasty(rng)),
+        }),
+    }
+}
+
+#[test]
+fn whatever_comes_there_is_a_position_with_a_covariance_or_a_reason() {
+    let mut rng = rng(17);
+    for run in 0..150 {
+        let dimensions = if run % 2 == 0 { PLANE } else { Dimensions::Space { side: Side::Unknown } };
+        let blocked =
+            [Blocked::Alike, Blocked::Weigh, Blocked::garcia(), Blocked::Ignore { threshold: 0.5, at_least: 4 }];
+        let motion = [
+            Motion::Static { wander: 0.1 },
+            Motion::ConstantVelocity { acceleration: 1.0 },
+            Motion::Adaptive { calm: 0.1, brisk: 2.0 },
+        ];
+        let mut engine = Engine::new(Settings {
+            blocked: blocked[run % 4],
+            motion: motion[run % 3],
+            iterations: (run % 6) as u8,
+            mitigate: run % 5 == 0,
+            ..Settings::track(dimensions)
+        });
+        let mut now: u64 = rng.random_range(0..10_000_000);
+        for _ in 0..400 {
+            now = match rng.random_range(0..200) {
+                0 => rng.random(),
+                1 => now.saturating_sub(rng.random_range(0..5_000_000)),
+                2 => now.saturating_add(rng.random_range(0..100_000_000_000)),
+                _ => now.saturating_add(rng.random_range(0..50_000)),
+            };
+            let measurement = hostile(&mut rng, [4.0, 3.0]);
+            if let Ok(fix) = engine.step(now, &measurement).fix {
+                let covariance = Matrix3::from_fn(|r, c| f64::from(fix.covariance[r][c]));
+                let least = covariance.symmetric_eigenvalues().min();
+                let finite = fix.position.iter().chain(&fix.velocity).all(|number| number.is_finite());
+                assert!(finite && least >= -1e-5 * covariance.trace(), "{measurement:?} {fix:?} {least}");
+            }
+        }
+        // And it works on as if nothing had been.
+        let begin = now.saturating_add(20_000_000).min(u64::MAX - 100 * ROUND_US);
+        let mut error = None;
+        for k in 0..20 {
+            error = round(&mut engine, begin + k * ROUND_US, [4.0, 3.0], |_| 0.0);
+        }
+        if begin == now.saturating_add(20_000_000) && run % 2 == 0 {
+            assert!(error.is_some_and(|error| error < 0.5), "run {run}: {error:?}");
+        }
+    }
+}
