@@ -9,8 +9,8 @@ fn main() {
     }
     let enabled = |board: &str| env::var_os(format!("CARGO_FEATURE_{}", board.to_uppercase())).is_some();
     let arguments: &[&str] = if ["dwm1001", "evk1000"].iter().any(|board| enabled(board)) {
-        // `--nmagic`: sections are not spread over pages of an operating system.
-        &["--nmagic", "-Tlink.x", "-Tdefmt.x"]
+        // `--nmagic`: sections are not spread over pages of an operating system. `--icf`: functions of equal code become one.
+        &["--nmagic", "--icf=all", "-Tlink.x", "-Tdefmt.x"]
     } else if ["esp32c3", "esp32c6", "esp32"].iter().any(|board| enabled(board)) {
         &["-Tlinkall.x", "-Tdefmt.x"]
     } else {

@@ -4,6 +4,7 @@ pub mod crash;
 #[cfg(not(feature = "ble"))]
 mod critical;
 pub mod log;
+mod memory;
 
 use core::mem::MaybeUninit;
 
