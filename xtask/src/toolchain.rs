@@ -85,6 +85,11 @@ impl Toolchain {
     /// below the variables, so that an overflow faults.
     pub fn cargo_image(&self, subcommand: &str) -> Result<Command> {
         let mut command = self.cargo(subcommand);
+        if let (Some(headers), None) = (clang_headers(), env::var_os("BINDGEN_EXTRA_CLANG_ARGS")) {
+            // The bindings of Nordic's Bluetooth controller are made by libclang, which does not know where its own headers are
+            // where the compiler beside it is not installed.
+            command.env("BINDGEN_EXTRA_CLANG_ARGS", format!("-isystem {} -ffreestanding", headers.display()));
+        }
         if self.target.is_cortex_m() && is_installed("flip-link") {
             command.env(linker_variable(self.target), "flip-link");
             if !brings_linker(self.rustc) {
@@ -116,6 +121,14 @@ fn build_directory() -> PathBuf {
 
 fn linker_variable(target: Target) -> String {
     format!("CARGO_TARGET_{}_LINKER", target.variable())
+}
+
+/// Where the headers of Debian's newest libclang are.
+fn clang_headers() -> Option<PathBuf> {
+    let below = |directory: PathBuf| fs::read_dir(directory).into_iter().flatten().flatten().map(|entry| entry.path());
+    let llvms = below("/usr/lib".into()).filter(|path| path.to_string_lossy().contains("/llvm-"));
+    let clangs = llvms.flat_map(|llvm| below(llvm.join("lib/clang"))).map(|clang| clang.join("include"));
+    clangs.filter(|include| include.join("stdint.h").is_file()).max()
 }
 
 /// PATH with LLVM's linker under the name that flip-link calls it by.
