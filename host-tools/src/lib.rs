@@ -5,8 +5,10 @@
 //! simulated ranges. Nothing here knows of arguments or prints: that is the binary's, one module a subcommand.
 #![forbid(unsafe_code)]
 
+pub mod barral;
 pub mod decode;
 pub mod example;
+pub mod garcia;
 pub mod monitor;
 pub mod nlos;
 pub mod output;

@@ -47,6 +47,8 @@ enum Command {
 #[derive(Subcommand)]
 enum Bench {
     Thesis(commands::thesis::Arguments),
+    Garcia(commands::garcia::Arguments),
+    Barral(commands::barral::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -58,6 +60,8 @@ fn main() -> ExitCode {
         Command::Solve(arguments) => commands::solve::run(&arguments),
         Command::Track(arguments) => commands::track::run(&arguments),
         Command::Bench(Bench::Thesis(arguments)) => commands::thesis::run(&arguments),
+        Command::Bench(Bench::Garcia(arguments)) => commands::garcia::run(&arguments),
+        Command::Bench(Bench::Barral(arguments)) => commands::barral::run(&arguments),
         Command::Nlos(command) => commands::nlos::run(&command),
         Command::Plot(arguments) => commands::plot::run(&arguments),
         Command::Simulate(arguments) => commands::simulate::run(&arguments),

@@ -77,7 +77,7 @@ fn data() -> PathBuf {
 }
 
 /// The folders that hold a recording.
-fn recordings() -> Vec<PathBuf> {
+pub fn recordings() -> Vec<PathBuf> {
     let data = data();
     let files = ["anchors.csv", "ranges.csv", "truth.csv"];
     let entries = data.read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
@@ -86,7 +86,7 @@ fn recordings() -> Vec<PathBuf> {
     folders
 }
 
-fn name(folder: &Path) -> String {
+pub fn name(folder: &Path) -> String {
     folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 

@@ -11,6 +11,7 @@ mod qemu_tag;
 mod simulation;
 mod target;
 mod toolchain;
+mod tracks;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
@@ -93,6 +94,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Bench { check: false } => {
             let cost = onchip::bench();
             accuracy::bench()?;
+            tracks::bench()?;
             simulation::bench()?;
             cost
         }

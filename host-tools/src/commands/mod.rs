@@ -1,7 +1,9 @@
 //! The subcommands, one module each: arguments, and what is printed.
 
+pub mod barral;
 pub mod decode;
 pub mod example;
+pub mod garcia;
 pub mod monitor;
 pub mod nlos;
 pub mod plot;

@@ -7,9 +7,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::ValueEnum;
 use host_tools::plot::{Dot, Format, Picture, Track};
-use host_tools::{
-    Files, Half, Height, Place, Recording, Setup, Solved, Space, Statistics, Wrong, output, positions,
-};
+use host_tools::{Files, Half, Height, Place, Recording, Setup, Solved, Space, Statistics, Wrong, output, positions};
 
 /// The arguments of a command that makes positions of a recording.
 #[derive(clap::Args)]
@@ -138,8 +136,10 @@ impl Recorded {
         })?;
 
         let solved = solve(&recording, setup);
-        let summaries: Vec<_> =
-            solved.iter().map(|(method, solved)| Summary::of(method, solved, consistency.then_some(&recording))).collect();
+        let summaries: Vec<_> = solved
+            .iter()
+            .map(|(method, solved)| Summary::of(method, solved, consistency.then_some(&recording)))
+            .collect();
         let picture = match picture {
             Some((file, format)) => Some((file, format.encode(draw(&recording, &solved).to_svg()?)?)),
             None => None,
@@ -223,7 +223,8 @@ impl Consistency {
             .collect();
         let count = squares.len() as f64;
         let inside = squares.iter().filter(|square| **square <= 1.0).count() as f64;
-        (!squares.is_empty()).then(|| Self { inside_1_sigma: inside / count, nees: squares.iter().sum::<f64>() / count })
+        (!squares.is_empty())
+            .then(|| Self { inside_1_sigma: inside / count, nees: squares.iter().sum::<f64>() / count })
     }
 }
 

@@ -5,17 +5,14 @@
 
 use positioning_core::Side;
 use positioning_core::engine::{Dimensions, Engine, Measurement, Range, Settings};
-use positioning_core::nlos::{Classifier, Feature, Features, PowerDifference};
-use positioning_core::{Area, Blocked, Noise};
+use positioning_core::nlos::{Classifier, Feature, Features};
+use positioning_core::{Area, Blocked, Noise, POWER_DOUBT};
 
 use crate::recording::{Anchor, Epoch, Measured, Place};
 use crate::solve::{Half, Height, NoPosition, Position, Setup, Solved, Space, middle_m};
 
 /// Standard deviation of a DW1000 range's noise in line of sight, metres; what else it errs by, the engine knows.
 const DEVIATION_M: f32 = 0.03;
-/// What powers say of a link. Gentler than the chip maker's rule, which finds a blocked path; this one tells how far a range may
-/// be off, and was fitted to that.
-const SIGHT: PowerDifference = PowerDifference { middle_db: 11.0, slope: 0.5 };
 /// Between epochs of which nobody noted the time, seconds.
 const USUAL_S: f64 = 0.1;
 /// The engine's time of the first epoch, seconds: times a little earlier are still times.
@@ -49,7 +46,7 @@ pub fn settings(setup: &Setup, weighting: Weighting) -> Settings<f32> {
         Weighting::Ignore => Blocked::Ignore { threshold: 0.5, at_least: 4 },
         Weighting::Alike => Blocked::Alike,
     };
-    Settings { blocked, noise: Noise::indoors(), ..Settings::track(dimensions) }
+    Settings { blocked, noise: Noise::by_powers(), ..Settings::track(dimensions) }
 }
 
 /// Follows a tag through a recording.
@@ -148,5 +145,5 @@ fn blocked(measured: &Measured) -> Option<f32> {
     let difference = measured.received_dbm? - measured.first_path_dbm?;
     let mut features = Features::default();
     features.set(Feature::PowerDifference, difference as f32);
-    SIGHT.nlos_probability(&features)
+    POWER_DOUBT.nlos_probability(&features)
 }

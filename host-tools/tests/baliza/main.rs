@@ -11,4 +11,5 @@ mod simulate;
 mod streams;
 mod support;
 mod thesis;
+mod track;
 mod wrong_input;

@@ -3,6 +3,7 @@
 
 mod budget;
 mod desktop;
+mod engine;
 mod printed;
 mod size;
 mod tables;
@@ -27,6 +28,8 @@ struct Measured {
     exchange: Printed,
     /// What the image `nlos` printed.
     sight: Printed,
+    /// What the image `engine` printed.
+    engine: Printed,
     sizes: Sizes,
     /// The greatest distance between a position of the chip and the desktop's, metres.
     disagreement_m: f32,
@@ -45,6 +48,7 @@ pub fn bench() -> Result<()> {
     document::remake(&file, "budgets", &tables.budgets)?;
     document::remake(&file, "frames", &tables.frames)?;
     document::remake(&file, "sight on the chip", &tables.sight)?;
+    document::remake(&file, "engine", &tables.engine)?;
     document::remake(&file, "libraries", &tables.algebra)?;
     tables.judge()
 }
@@ -56,6 +60,7 @@ struct Tables {
     algebra: String,
     frames: String,
     sight: String,
+    engine: String,
     within: bool,
 }
 
@@ -67,8 +72,9 @@ impl Tables {
         let algebra = measured.iter().map(tables::algebra).collect::<Result<String>>()?;
         let frames = measured.iter().map(tables::frames).collect::<Result<String>>()?;
         let sight = tables::sight(&measured)?;
-        println!("{costs}{frames}{sight}{algebra}{budgets}");
-        Ok(Self { costs, budgets, algebra, frames, sight, within })
+        let engine = measured.iter().map(engine::table).collect::<String>();
+        println!("{costs}{frames}{sight}{engine}{algebra}{budgets}");
+        Ok(Self { costs, budgets, algebra, frames, sight, engine, within })
     }
 
     fn judge(&self) -> Result<()> {
@@ -85,9 +91,11 @@ fn measure(chip: Chip) -> Result<Measured> {
     let exchange = run(&toolchain, chip, "exchange", "image,exchange")?;
     let sight = run(&toolchain, chip, "nlos", "image")?;
     desktop::compare_sight(&sight)?;
+    let engine = run(&toolchain, chip, "engine", "image")?;
+    engine::compare(&engine.engine)?;
     let sizes = Sizes::measure(&toolchain)?;
     let compiler = toolchain.version().unwrap_or_default();
-    Ok(Measured { chip, compiler, solvers, algebra, exchange, sight, sizes, disagreement_m })
+    Ok(Measured { chip, compiler, solvers, algebra, exchange, sight, engine, sizes, disagreement_m })
 }
 
 /// Builds and runs an image.

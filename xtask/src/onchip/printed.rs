@@ -61,6 +61,19 @@ pub struct Sight {
     pub value: f32,
 }
 
+/// One step of the engine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EngineStep {
+    pub what: String,
+    pub dims: usize,
+    pub anchors: u16,
+    pub instructions: u32,
+    /// Bytes.
+    pub stack: usize,
+    /// Metres.
+    pub position: [f32; 3],
+}
+
 /// Everything that one image printed.
 #[derive(Clone, Debug, Default)]
 pub struct Printed {
@@ -71,6 +84,7 @@ pub struct Printed {
     pub steps: Vec<Step>,
     pub frames: Vec<Frame>,
     pub sights: Vec<Sight>,
+    pub engine: Vec<EngineStep>,
     /// Of the round of the image `exchange`, metres.
     pub ranges: Vec<f32>,
 }
@@ -131,6 +145,14 @@ impl Printed {
                 stack: stack.parse()?,
                 value: float(value)?,
             }),
+            ["engine", what, dims, anchors, instructions, stack, x, y, z] => self.engine.push(EngineStep {
+                what: (*what).to_owned(),
+                dims: dims.parse()?,
+                anchors: anchors.parse()?,
+                instructions: instructions.parse()?,
+                stack: stack.parse()?,
+                position: [float(x)?, float(y)?, float(z)?],
+            }),
             ["range", _, metres] => self.ranges.push(float(metres)?),
             ["done"] => return Ok(true),
             _ => bail!("unknown line"),
@@ -165,6 +187,7 @@ mod tests {
                     step hand core 428 32 3fc00000 c0000000\n\
                     frame poll 21 2136 920\n\
                     nlos features 9935 592 3fc00000\n\
+                    engine range 2 8 3416 1356 3fc00000 c0000000 3fc00000\n\
                     range 3 3fc00000\n\
                     done\n";
         let printed = Printed::parse(text).expect("well formed");
@@ -173,6 +196,7 @@ mod tests {
         assert_eq!(printed.solves[1].answer, Err("diverged".to_owned()));
         assert_eq!(printed.worst(Method::BWls, 2, 8), (1499, 352));
         assert_eq!(printed.steps[0].position, [1.5, -2.0]);
+        assert_eq!((printed.engine[0].anchors, printed.engine[0].position), (8, [1.5, -2.0, 1.5]));
         let poll = Frame { name: "poll".to_owned(), length: 21, instructions: 2136, stack: 920 };
         assert_eq!((&printed.frames[..], &printed.ranges[..]), (&[poll][..], &[1.5][..]));
         let features = Sight { what: "features".to_owned(), instructions: 9935, stack: 592, value: 1.5 };

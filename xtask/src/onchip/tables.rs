@@ -7,8 +7,8 @@ use onchip_bench::cases::ANCHORS;
 use onchip_bench::{cases, step};
 use positioning_core::Method;
 
-use super::Measured;
 use super::budget::{ALL_METHODS_2D, CALLS, FEATURES};
+use super::{Measured, engine};
 use crate::chip::Chip;
 
 /// Every method with every number of anchors.
@@ -60,6 +60,10 @@ pub fn budgets(measured: &[Measured]) -> Result<(String, bool)> {
         features.instructions.into(),
         FEATURES,
     )?;
+    let (instructions, stack) = engine::worst(&chip.engine.engine, "range", 2, engine::BUDGET_ANCHORS);
+    let case = format!("engine, a range, {} links followed", engine::BUDGET_ANCHORS);
+    row(format!("{case}: instructions"), instructions, engine::STEP_INSTRUCTIONS)?;
+    row(format!("{case}: bytes of stack"), stack, engine::STEP_STACK)?;
     row("all methods in 2D: bytes of code".to_owned(), chip.sizes.of_all(2), ALL_METHODS_2D)?;
     Ok((table, within))
 }
@@ -152,7 +156,7 @@ fn title(library: &str) -> &str {
 }
 
 /// 12345 as 12,345.
-fn grouped(number: u64) -> String {
+pub fn grouped(number: u64) -> String {
     let digits = number.to_string();
     let mut text = String::new();
     for (place, digit) in digits.chars().enumerate() {

@@ -1,0 +1,53 @@
+//! Our figures beside the tables', in Markdown.
+
+use std::fmt::Write as _;
+
+use super::{Algorithm, Configuration, Row};
+
+impl Algorithm {
+    /// As the table has it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Iekf => "IEKF",
+            Self::Nls => "NLS",
+            Self::Engine => "engine",
+        }
+    }
+}
+
+impl Configuration {
+    /// As the table has it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::NoIgnore => "no ignore",
+            Self::Ignore => "ignore NLOS",
+            Self::IgnoreMin4 => "ignore NLOS, min. 4",
+            Self::IgnoreMitigate => "ignore NLOS, mitigate",
+            Self::IgnoreMin4Mitigate => "ignore NLOS, min. 4, mitigate",
+            Self::Mitigate => "no ignore, mitigate",
+            Self::Weigh => "weigh",
+        }
+    }
+}
+
+/// A row an algorithm and configuration.
+pub fn to_markdown(rows: &[Row]) -> String {
+    let mut text = String::from(
+        "| algorithm | blocked ranges | MAE, m | P90, m | as printed, measured | as printed, simulated |\n\
+         |---|---|---:|---:|---:|---:|\n",
+    );
+    for (score, _) in rows {
+        let printed = |figure: Option<f64>| figure.map_or_else(String::new, |metres| format!("{metres:.3}"));
+        let _ = writeln!(
+            text,
+            "| {} | {} | {:.3} | {:.3} | {} | {} |",
+            score.algorithm.as_str(),
+            score.configuration.as_str(),
+            score.mae_m,
+            score.p90_m,
+            printed(score.printed_measured_m),
+            printed(score.printed_simulated_m)
+        );
+    }
+    text
+}

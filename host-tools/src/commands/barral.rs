@@ -1,0 +1,73 @@
+//! `baliza bench barral`: what positioning makes of classifiers and mitigators, beside the printed figures.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use host_tools::barral::{self, Row, hall};
+use host_tools::output;
+use host_tools::plot::{Format, Picture, Track};
+
+/// Ranges from five anchors with blocked ranges ignored, corrected or weighted, by filter and by least squares
+///
+/// The configurations of V. Barral et al. (Sensors 19, 2019, tables 4 and 5), on ranges drawn with statistics that the documentation
+/// of the library's module `barral::hall` states; mean errors beside the tables'.
+#[derive(clap::Args)]
+#[command(after_help = "Examples:\n  baliza bench barral\n  baliza bench barral --halls 100 --json\n  \
+                        baliza bench barral --plot barral.svg")]
+pub struct Arguments {
+    /// How many halls to draw, each with obstacles of its own
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    halls: u32,
+    /// Seed of the random numbers: equal seeds give equal figures
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Print JSON: a list of objects with algorithm, configuration, mae_m, p90_m, printed_measured_m, printed_simulated_m
+    #[arg(long)]
+    json: bool,
+    /// Draw how the errors are distributed, as .svg or .png
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let picture = match &arguments.plot {
+        Some(file) => {
+            output::check("--plot", file)?;
+            Some((file, Format::of("--plot", file)?))
+        }
+        None => None,
+    };
+    let rows = barral::run(arguments.halls, arguments.seed);
+    if arguments.json {
+        let scores = rows.iter().map(|(score, _)| barral::Score {
+            mae_m: super::rounded(score.mae_m),
+            p90_m: super::rounded(score.p90_m),
+            ..score.clone()
+        });
+        super::print_json(&scores.collect::<Vec<_>>())?;
+    } else {
+        super::print(barral::to_markdown(&rows).as_bytes())?;
+    }
+    if let Some((file, format)) = picture {
+        super::write_picture(file, format, draw(&rows).to_svg()?)?;
+        super::tell(&format!("picture: {}\n", file.display()));
+    }
+    Ok(())
+}
+
+/// Anchors and grid, and the distribution of the errors as in the paper's figure 4.
+fn draw(rows: &[Row]) -> Picture {
+    Picture {
+        anchors: hall::ANCHORS_M.iter().zip(1..).map(|([x, y, _], n)| (n.to_string(), [*x, *y])).collect(),
+        walls_m: Vec::new(),
+        truth_m: hall::grid_m().map(|[x, y, _]| vec![[x, y]]).collect(),
+        tracks: rows
+            .iter()
+            .map(|(score, errors_m)| Track {
+                method: format!("{}, {}", score.algorithm.as_str(), score.configuration.as_str()),
+                dots: Vec::new(),
+                errors_m: errors_m.clone(),
+            })
+            .collect(),
+    }
+}

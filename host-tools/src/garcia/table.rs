@@ -1,0 +1,32 @@
+//! Our figures beside the paper's, as a Markdown table.
+
+use std::fmt::Write as _;
+
+use super::Outcome;
+
+/// A row a way.
+pub fn to_markdown(outcome: &Outcome) -> String {
+    let mut text = String::from(
+        "| way | RMSE x, m | as printed | RMSE y, m | as printed | less than without |\n|---|---:|---:|---:|---:|---:|\n",
+    );
+    for score in &outcome.scores {
+        let printed = |figure: Option<f64>| figure.map_or_else(String::new, |metres| format!("{metres:.2}"));
+        let _ = writeln!(
+            text,
+            "| {} | {:.2} | {} | {:.2} | {} | {:.0} % |",
+            score.way.as_str(),
+            score.rmse_x_m,
+            printed(score.printed_x_m),
+            score.rmse_y_m,
+            printed(score.printed_y_m),
+            100.0 * score.reduction
+        );
+    }
+    let _ = writeln!(
+        text,
+        "\nλ = {:.2} (as printed 1.99), {:.0} % of the receptions told rightly.",
+        outcome.threshold,
+        100.0 * outcome.detected
+    );
+    text
+}

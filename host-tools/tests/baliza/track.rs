@@ -1,0 +1,120 @@
+//! `baliza track`, and the benchmarks of tracks.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use crate::support::{Folder, root};
+
+const ANCHORS: &str = "anchor,x_m,y_m,z_m\na,100,200,2.5\nb,110,200,2.5\nc,110,208,0.5\nd,100,208,0.5\n";
+
+/// A tag that goes east at 1 m/s from (102, 203, 1), 20 rounds a second, its ranges right to the millimetre; the third round is lost.
+fn recording() -> (String, String) {
+    let anchors = [[100.0, 200.0, 2.5], [110.0, 200.0, 2.5], [110.0, 208.0, 0.5], [100.0, 208.0, 0.5]];
+    let (mut ranges, mut truth) = ("epoch,t_s,anchor,range_m\n".to_owned(), "epoch,t_s,x_m,y_m,z_m\n".to_owned());
+    for k in 0..60 {
+        let t = 0.05 * f64::from(k);
+        let at = [102.0 + t, 203.0, 1.0];
+        let _ = writeln!(truth, "{k},{t},{},{},{}", at[0], at[1], at[2]);
+        for (name, anchor) in ["a", "b", "c", "d"].iter().zip(anchors) {
+            let square: f64 = at.iter().zip(anchor).map(|(t, a)| (t - a) * (t - a)).sum();
+            if k != 2 {
+                let _ = writeln!(ranges, "{k},{t},{name},{:.3}", square.sqrt());
+            }
+        }
+    }
+    (ranges, truth)
+}
+
+#[test]
+fn a_walk_is_followed_and_a_lost_round_is_bridged() {
+    let (ranges, truth) = recording();
+    let folder = Folder::with(&[("a.csv", ANCHORS), ("r.csv", &ranges), ("t.csv", &truth)]);
+    let arguments = "track --anchors a.csv --ranges r.csv --truth t.csv --dims 2 --height-m 1";
+    let run = folder.run(arguments).ok();
+    assert_eq!(run.column("method"), ["track"; 60]);
+    assert_eq!(run.column("used")[2..4], ["0", "4"]);
+    assert!(run.numbers("error_m").iter().skip(10).all(|error| *error < 0.03), "{:?}", run.numbers("error_m"));
+    assert!(run.numbers("sigma_x_m").iter().all(|sigma| (0.001..0.5).contains(sigma)));
+    let json = folder.run(&format!("{arguments} --json")).ok().json();
+    let object = json[0].as_object().expect("an object");
+    let mut keys: Vec<_> = object.keys().map(String::as_str).collect();
+    keys.sort_unstable();
+    assert_eq!(keys, ["epochs", "fixed", "mae_m", "method", "p50_m", "p90_m", "rmse_m"]);
+    assert_eq!((&object["method"], &object["epochs"], &object["fixed"]), (&"track".into(), &60.into(), &60.into()));
+    let json = folder.run(&format!("{arguments} --consistency --json")).ok().json();
+    assert!(json[0]["inside_1_sigma"].is_number() && json[0]["nees"].is_number());
+}
+
+#[test]
+fn without_enough_ranges_there_is_a_row_with_a_reason() {
+    let ranges = "epoch,t_s,anchor,range_m\n0,0,a,5\n0,0,b,5\n1,nan,a,5\n";
+    let folder =
+        Folder::with(&[("a.csv", ANCHORS), ("r.csv", "epoch,t_s,anchor,range_m\n0,0,a,5\n0,0,b,5\n1,-7,a,5\n")]);
+    let run = folder.run("track --anchors a.csv --ranges r.csv --dims 2 --height-m 1").ok();
+    assert_eq!((run.column("x_m"), run.column("reason")), (vec![""; 2], vec!["too-few-anchors"; 2]));
+    folder.write("r.csv", ranges.as_bytes());
+    let run = folder.run("track --anchors a.csv --ranges r.csv");
+    assert_eq!((run.code, run.stdout.as_str()), (Some(2), ""));
+    assert!(run.stderr.starts_with("r.csv:4:"), "{}", run.stderr);
+}
+
+/// Root mean square errors to reach with the tag's height known, metres.
+const REACH_M: [(&str, f64); 4] = [
+    ("leiria_128_los_pos1", 0.085),
+    ("leiria_128_nlos_pos1", 0.09),
+    ("leiria_128_move_slow", 0.075),
+    ("cuhk_dynamic_mid", 0.125),
+];
+
+#[test]
+fn the_engine_reaches_its_accuracy_on_recorded_ranges() {
+    let data = std::env::var_os("BALIZA_DATA").map_or_else(|| root().join("../shared/data"), PathBuf::from);
+    for (name, reach) in REACH_M {
+        let recording = data.join(name);
+        if !recording.is_dir() {
+            eprintln!("{name} is not in {}: not replayed", data.display());
+            continue;
+        }
+        let file = |name: &str| recording.join(name).display().to_string();
+        let files = format!("{} --ranges {} --truth {}", file("anchors.csv"), file("ranges.csv"), file("truth.csv"));
+        let run = Folder::with(&[]).run(&format!("track --anchors {files} --dims 2 --height-from-truth --json"));
+        let summary = &run.ok().json()[0];
+        assert_eq!(summary["epochs"], summary["fixed"], "{name}: {summary}");
+        let rmse = summary["rmse_m"].as_f64().expect("a number");
+        assert!(rmse <= reach, "{name}: {rmse} m is more than {reach} m");
+    }
+}
+
+#[test]
+fn detection_in_the_papers_filter_takes_two_thirds_of_the_error_away() {
+    let folder = Folder::with(&[]);
+    let json = folder.run("bench garcia --rooms 4 --seed 2 --json").ok().json();
+    let score = |way: &str| {
+        let list = json["scores"].as_array().expect("a list");
+        list.iter().find(|score| score["way"] == way).unwrap_or_else(|| panic!("no {way}")).clone()
+    };
+    // Four rooms of 48 points of 100 measurements; table II.
+    assert_eq!(score("ekf")["positions"], 19_200);
+    assert_eq!((&score("ekf")["printed_x_m"], &score("no-mitigation")["printed_y_m"]), (&0.43.into(), &0.85.into()));
+    assert!(score("ekf")["reduction"].as_f64().expect("a number") >= 0.67, "{json}");
+    assert_eq!(
+        folder.run("bench garcia --rooms 1 --json").ok().stdout,
+        folder.run("bench garcia --rooms 1 --json").ok().stdout
+    );
+}
+
+#[test]
+fn leaving_blocked_ranges_out_brings_the_iterated_filter_to_the_printed_error() {
+    let json = Folder::with(&[]).run("bench barral --seed 3 --json").ok().json();
+    let mae = |algorithm: &str, configuration: &str| {
+        let list = json.as_array().expect("a list");
+        let row = list.iter().find(|row| row["algorithm"] == algorithm && row["configuration"] == configuration);
+        row.and_then(|row| row["mae_m"].as_f64()).unwrap_or_else(|| panic!("no {algorithm} {configuration}"))
+    };
+    // Table 4: 0.381 m with all ranges, 0.084 m without those judged blocked.
+    assert!((0.25..0.55).contains(&mae("iekf", "no-ignore")), "{json}");
+    assert!(mae("iekf", "ignore") <= 0.084, "{json}");
+    // Corrections from elsewhere spoil it.
+    assert!(mae("iekf", "ignore-mitigate") > mae("iekf", "ignore"));
+    assert!(mae("engine", "weigh") < 0.5 * mae("engine", "no-ignore"));
+}

@@ -1,0 +1,76 @@
+//! The engine's steps on the chip: compared with the desktop's, and their table.
+
+use anyhow::{Result, ensure};
+use onchip_bench::walk::{ANCHORS, Step, WARM_UP, walk};
+
+use super::Measured;
+use super::printed::EngineStep;
+use super::tables::grouped;
+
+/// Chip and desktop may differ by so much, metres: errors of rounding go on from step to step.
+const TOLERANCE_M: f32 = 5.0e-3;
+
+/// The most that a step with one range may take, with [`BUDGET_ANCHORS`] links followed.
+pub const STEP_INSTRUCTIONS: u64 = 4_000;
+/// Its stack, bytes.
+pub const STEP_STACK: u64 = 1_536;
+/// How many.
+pub const BUDGET_ANCHORS: u16 = 8;
+
+/// Compares every position of the chip with the desktop's.
+pub fn compare(steps: &[EngineStep]) -> Result<()> {
+    let mut here = Vec::new();
+    for space in [false, true] {
+        for anchors in ANCHORS {
+            let warm_up = WARM_UP * (u32::from(anchors) + 1);
+            let mut count = 0;
+            walk(anchors, space, |engine, step, now, measurement| {
+                count += 1;
+                let output = engine.step(now, measurement);
+                if count > warm_up || step == Step::Start {
+                    let position = output.fix.map_or([f32::NAN; 3], |fix| fix.position);
+                    here.push((step.as_str(), if space { 3 } else { 2 }, anchors, position));
+                }
+                output
+            });
+        }
+    }
+    ensure!(here.len() == steps.len(), "the chip made {} of {} steps", steps.len(), here.len());
+    for (there, (what, dims, anchors, position)) in steps.iter().zip(here) {
+        let same = (there.what.as_str(), there.dims, there.anchors) == (what, dims, anchors);
+        let distance = there.position.iter().zip(position).map(|(t, h)| (t - h).powi(2)).sum::<f32>().sqrt();
+        ensure!(same && distance <= TOLERANCE_M, "chip and desktop disagree: {there:?}, here {position:?}");
+    }
+    Ok(())
+}
+
+/// The worst instructions and the worst stack of a kind of step.
+pub fn worst(steps: &[EngineStep], what: &str, dims: usize, anchors: u16) -> (u64, u64) {
+    let steps = steps.iter().filter(|step| (step.what.as_str(), step.dims, step.anchors) == (what, dims, anchors));
+    steps.fold((0, 0), |(instructions, stack), step| {
+        (instructions.max(step.instructions.into()), stack.max(step.stack as u64))
+    })
+}
+
+/// The table of one chip.
+pub fn table(measured: &Measured) -> String {
+    let links = ANCHORS.map(|anchors| format!("instructions, {anchors} links")).join(" | ");
+    let stacks = ANCHORS.map(|anchors| format!("stack, {anchors}")).join(" | ");
+    let mut table = format!("### {}\n\n| step | {links} | {stacks} |\n|---|", measured.chip.title());
+    table += &"---:|".repeat(2 * ANCHORS.len());
+    table.push('\n');
+    for (what, title) in [
+        ("range", "a range"),
+        ("round-end", "the end of a round"),
+        ("start", "the end of the first round: solved, and its ranges let in"),
+    ] {
+        for dims in [2, 3] {
+            let costs = ANCHORS.map(|anchors| worst(&measured.engine.engine, what, dims, anchors));
+            let instructions = costs.map(|(instructions, _)| grouped(instructions)).join(" | ");
+            let stack = costs.map(|(_, stack)| grouped(stack)).join(" | ");
+            table += &format!("| {title}, {dims}D | {instructions} | {stack} |\n");
+        }
+    }
+    table.push('\n');
+    table
+}

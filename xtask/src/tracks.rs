@@ -1,0 +1,88 @@
+//! How good tracks are: runs `baliza track`, `bench garcia` and `bench barral`, and takes their tables and figures into
+//! `docs/performance.md`.
+
+use std::ffi::OsStr;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use serde::Deserialize;
+
+use crate::accuracy::{baliza, name, recordings};
+use crate::{document, root};
+
+/// One recording, as `baliza track --consistency --json` prints it.
+#[derive(Clone, Debug, Deserialize)]
+struct Score {
+    epochs: u64,
+    rmse_m: Option<f64>,
+    p90_m: Option<f64>,
+    inside_1_sigma: Option<f64>,
+    nees: Option<f64>,
+}
+
+/// What is compared: a title, and the arguments behind the recording's.
+const ROWS: [(&str, &[&str]); 4] = [
+    ("`baliza solve`", &["solve"]),
+    ("`baliza track`", &["track", "--consistency"]),
+    ("`baliza track --nlos alike`", &["track", "--consistency", "--nlos", "alike"]),
+    ("`baliza track --nlos ignore`", &["track", "--consistency", "--nlos", "ignore"]),
+];
+
+/// Remakes the tables; the one of recordings only where there are recordings.
+pub fn bench() -> Result<()> {
+    let file = root().join("docs/performance.md");
+    for (name, figure) in [("garcia", "docs/garcia.svg"), ("barral", "docs/barral.svg")] {
+        let table = baliza(["bench", name, "--seed", "1", "--plot", figure])?;
+        println!("{table}");
+        document::remake(&file, name, &table)?;
+    }
+    let folders = recordings();
+    if folders.is_empty() {
+        return Ok(());
+    }
+    let mut table = String::from("| RMSE (P90), m; inside 1σ; NEES |");
+    let columns = folders.iter().map(|folder| format!(" {} |", name(folder))).collect::<String>();
+    table += &format!("{columns}\n|---|{}\n", "---:|".repeat(folders.len()));
+    for (title, arguments) in ROWS {
+        let cells = folders.iter().map(|folder| Ok(format!(" {} |", cell(&score(folder, arguments)?))));
+        table += &format!("| {title} |{}\n", cells.collect::<Result<String>>()?);
+    }
+    println!("{table}");
+    document::remake(&file, "tracks", &table)
+}
+
+/// One command on one recording, in the plane.
+fn score(folder: &Path, arguments: &[&str]) -> Result<Score> {
+    let [anchors, ranges, truth] = ["anchors.csv", "ranges.csv", "truth.csv"].map(|name| folder.join(name));
+    let files = [("--anchors", &anchors), ("--ranges", &ranges), ("--truth", &truth)];
+    let files = files.iter().flat_map(|(option, file)| [OsStr::new(option), file.as_os_str()]);
+    let rest = ["--dims", "2", "--height-from-truth", "--json"].map(OsStr::new);
+    let printed = baliza(arguments.iter().map(OsStr::new).chain(files).chain(rest))?;
+    let scores: Vec<Score> = serde_json::from_str(&printed).context("baliza prints something else")?;
+    scores.into_iter().next().context("baliza prints no score")
+}
+
+fn cell(score: &Score) -> String {
+    if score.epochs == 0 {
+        return "none".to_owned();
+    }
+    let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.3}"));
+    let consistency = score.inside_1_sigma.zip(score.nees);
+    let consistency =
+        consistency.map_or_else(String::new, |(inside, nees)| format!("; {:.0} %; {nees:.1}", 100.0 * inside));
+    format!("{} ({}){consistency}", number(score.rmse_m), number(score.p90_m))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cell_tells_consistency_where_there_is_some() {
+        let mut score =
+            Score { epochs: 9, rmse_m: Some(0.0749), p90_m: Some(0.1), inside_1_sigma: Some(0.394), nees: Some(2.04) };
+        assert_eq!(cell(&score), "0.075 (0.100); 39 %; 2.0");
+        score.nees = None;
+        assert_eq!(cell(&score), "0.075 (0.100)");
+    }
+}
