@@ -21,6 +21,8 @@ static REPORTER: StaticCell<Reporter> = StaticCell::new();
 static HANDOVER: StaticCell<Handover> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
 static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
+static TAG: StaticCell<TagMachine> = StaticCell::new();
+static ANCHOR: StaticCell<AnchorMachine> = StaticCell::new();
 static PANEL: StaticCell<SharedPanel> = StaticCell::new();
 
 /// A tag's results, told and shown.
@@ -89,14 +91,6 @@ async fn anchor_ranging(
     firmware_anchor::run(radio, Delay, machine, Shown { listener, panel }).await;
 }
 
-/// Either machine: a board is one of both.
-enum Machine {
-    Tag(TagMachine),
-    Anchor(AnchorMachine),
-}
-
-static MACHINE: StaticCell<Machine> = StaticCell::new();
-
 /// What the tasks of either role have.
 struct Parts {
     radio: &'static mut Radio,
@@ -112,17 +106,14 @@ fn spawn(spawner: Spawner, above: SendSpawner, parts: Parts, record: &Record, se
             let handover: &_ = HANDOVER.init_with(Handover::new);
             let sink = TagShown { told: Told::new(reporter, tag.report_ranges), panel };
             let anchors = ANCHORS.init_with(|| firmware_tag::places(record));
-            if let Machine::Tag(machine) = MACHINE.init_with(|| Machine::Tag(TagMachine::new(settings, &tag))) {
-                above.spawn(tag_ranging(radio, machine, handover, sink).unwrap());
-                spawner.spawn(engine(handover, tag, anchors, sink).unwrap());
-            }
+            let machine = TAG.init_with(|| TagMachine::new(settings, &tag));
+            above.spawn(tag_ranging(radio, machine, handover, sink).unwrap());
+            spawner.spawn(engine(handover, tag, anchors, sink).unwrap());
             Tasks::RangingAndEngine
         }
         Role::Anchor { position_m } => {
-            let machine = MACHINE.init_with(|| Machine::Anchor(AnchorMachine::new(settings, position_m)));
-            if let Machine::Anchor(machine) = machine {
-                above.spawn(anchor_ranging(radio, machine, reporter, panel).unwrap());
-            }
+            let machine = ANCHOR.init_with(|| AnchorMachine::new(settings, position_m));
+            above.spawn(anchor_ranging(radio, machine, reporter, panel).unwrap());
             Tasks::Ranging
         }
         Role::Advertiser(_) => {
