@@ -32,7 +32,7 @@ pub use bounding_box::bounding_box;
 pub use constraints::{Area, Constraints, Side};
 pub use fix::{AnchorSet, Fix, NoFix};
 pub use linear::{b_wls, b_wls_c, b_wls_r, lls};
-pub use method::{Method, UnknownMethod, solve};
+pub use method::{Method, Solver, UnknownMethod, solve};
 pub use nonlinear::{bb_nls, bb_nls_c, bb_nls_r, nls, nls_ccv};
 pub use real::Real;
 pub use robust::robust;

@@ -97,6 +97,28 @@ impl core::fmt::Display for UnknownMethod {
 
 impl core::error::Error for UnknownMethod {}
 
+/// A method as a function of samples and constraints.
+pub type Solver<T, const D: usize> = fn(&[RangeSample<T, D>], &Constraints<T, D>) -> Result<Fix<T, D>, NoFix>;
+
+impl Method {
+    /// The method's function.
+    pub fn solver<T: Real, const D: usize>(self) -> Solver<T, D> {
+        match self {
+            Self::BoundingBox => crate::bounding_box,
+            Self::Lls => crate::lls,
+            Self::Nls => crate::nls,
+            Self::NlsCcv => crate::nls_ccv,
+            Self::BWls => crate::b_wls,
+            Self::BWlsC => crate::b_wls_c,
+            Self::BWlsR => crate::b_wls_r,
+            Self::BbNls => crate::bb_nls,
+            Self::BbNlsC => crate::bb_nls_c,
+            Self::BbNlsR => crate::bb_nls_r,
+            Self::Robust => crate::robust,
+        }
+    }
+}
+
 /// The position that explains `samples` (in any order) best by `method`.
 ///
 /// # Errors
@@ -106,17 +128,5 @@ pub fn solve<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
 ) -> Result<Fix<T, D>, NoFix> {
-    match method {
-        Method::BoundingBox => crate::bounding_box(samples, constraints),
-        Method::Lls => crate::lls(samples, constraints),
-        Method::Nls => crate::nls(samples, constraints),
-        Method::NlsCcv => crate::nls_ccv(samples, constraints),
-        Method::BWls => crate::b_wls(samples, constraints),
-        Method::BWlsC => crate::b_wls_c(samples, constraints),
-        Method::BWlsR => crate::b_wls_r(samples, constraints),
-        Method::BbNls => crate::bb_nls(samples, constraints),
-        Method::BbNlsC => crate::bb_nls_c(samples, constraints),
-        Method::BbNlsR => crate::bb_nls_r(samples, constraints),
-        Method::Robust => crate::robust(samples, constraints),
-    }
+    method.solver()(samples, constraints)
 }

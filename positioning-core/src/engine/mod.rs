@@ -12,7 +12,7 @@ mod settings;
 
 pub use measurement::{BleRange, Measurement, Range, Tdoa};
 pub use output::{Missing, Output, Start, TrackFix, Verdict};
-pub use settings::{Dimensions, Mode, Settings};
+pub use settings::{Dimensions, Mode, Settings, Solvers};
 
 use crate::track::{Blocked, Fate, Filter, Supervisor};
 use crate::{Fix, Real};
@@ -163,10 +163,10 @@ impl<T: Real> Engine<T> {
     /// Takes a difference into the track, unless it is to be ignored.
     fn admit_tdoa(&mut self, tdoa: &Tdoa<T>) -> Verdict {
         let blocked = tdoa.blocked.map(probability);
-        if let Blocked::Ignore { threshold, .. } = self.settings.blocked {
-            if blocked.iter().any(|&blocked| blocked >= threshold) {
-                return Verdict::Ignored;
-            }
+        if let Blocked::Ignore { threshold, .. } = self.settings.blocked
+            && blocked.iter().any(|&blocked| blocked >= threshold)
+        {
+            return Verdict::Ignored;
         }
         let fate = self.filter.tdoa(tdoa, blocked, &self.settings);
         self.judge(fate, None)
@@ -317,10 +317,10 @@ impl<T: Real> Engine<T> {
         }
         let more = self.round.with_least_blocked(kept, at_least.into()) & !kept;
         for place in 0..self.round.ranges.len() {
-            if more >> place & 1 == 1 {
-                if let Some(range) = self.round.ranges.get(place).copied() {
-                    self.track_range(&range, Some(place));
-                }
+            if more >> place & 1 == 1
+                && let Some(range) = self.round.ranges.get(place).copied()
+            {
+                self.track_range(&range, Some(place));
             }
         }
     }
@@ -329,14 +329,15 @@ impl<T: Real> Engine<T> {
     #[inline(never)]
     fn go_on(&mut self) -> Output<T> {
         self.keep_enough();
-        if self.settings.supervised && self.supervisor.doubts() {
-            if let Ok(fix) = self.round.solve(&self.settings) {
-                let covariance = self.filter.state.position_covariance();
-                if self.supervisor.condemns(self.filter.state.position(), &covariance, &fix) {
-                    self.give_up(Start::Contradicted);
-                    let start = self.begin_at(&fix);
-                    return Output { verdict: Verdict::Started(start), fix: self.fix() };
-                }
+        if self.settings.supervised
+            && self.supervisor.doubts()
+            && let Ok(fix) = self.round.solve(&self.settings)
+        {
+            let covariance = self.filter.state.position_covariance();
+            if self.supervisor.condemns(self.filter.state.position(), &covariance, &fix) {
+                self.give_up(Start::Contradicted);
+                let start = self.begin_at(&fix);
+                return Output { verdict: Verdict::Started(start), fix: self.fix() };
             }
         }
         Output { verdict: Verdict::Concluded, fix: self.fix() }

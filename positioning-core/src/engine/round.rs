@@ -5,7 +5,7 @@ use heapless::Vec;
 use super::measurement::{BleRange, Range, Tdoa, probability};
 use super::settings::{Dimensions, Settings};
 use crate::track::{Blocked, TdoaSample, hyperbolic};
-use crate::{AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, NoFix, RangeSample, Real, Side, flatten, solve};
+use crate::{AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, NoFix, RangeSample, Real, Side, Solver, flatten};
 
 /// The measurements of a round.
 #[derive(Clone, Debug)]
@@ -94,10 +94,11 @@ impl<T: Real> Round<T> {
     #[inline(never)]
     fn solve_plane(&self, settings: &Settings<T>, height: T) -> Result<Fix<T, 3>, NoFix> {
         let area = settings.area.map(|area| Area { min: [area.min[0], area.min[1]], max: [area.max[0], area.max[1]] });
-        let fix = self.solve_in(settings, &Constraints { side: Side::Unknown, area }, |range| {
-            let distance = flatten(length(range, settings), range.place[2] - height);
-            RangeSample::new([range.place[0], range.place[1]], distance)
-        })?;
+        let fix =
+            self.solve_in(settings, settings.solvers.plane, &Constraints { side: Side::Unknown, area }, |range| {
+                let distance = flatten(length(range, settings), range.place[2] - height);
+                RangeSample::new([range.place[0], range.place[1]], distance)
+            })?;
         let [x, y] = fix.position;
         let mut covariance = [[T::ZERO; 3]; 3];
         for (row, of) in covariance.iter_mut().zip(&fix.covariance) {
@@ -115,7 +116,7 @@ impl<T: Real> Round<T> {
 
     #[inline(never)]
     fn solve_space(&self, settings: &Settings<T>, side: Side<T, 3>) -> Result<Fix<T, 3>, NoFix> {
-        self.solve_in(settings, &Constraints { side, area: settings.area }, |range| {
+        self.solve_in(settings, settings.solvers.space, &Constraints { side, area: settings.area }, |range| {
             RangeSample::new(range.place, length(range, settings))
         })
     }
@@ -123,6 +124,7 @@ impl<T: Real> Round<T> {
     fn solve_in<const D: usize>(
         &self,
         settings: &Settings<T>,
+        solver: Solver<T, D>,
         constraints: &Constraints<T, D>,
         sample: impl Fn(&Range<T>) -> RangeSample<T, D>,
     ) -> Result<Fix<T, D>, NoFix> {
@@ -134,7 +136,7 @@ impl<T: Real> Round<T> {
                 let _ = samples.push(RangeSample { sigma: deviation(range, settings), ..sample(range) });
             }
         }
-        let mut fix = solve(settings.method, &samples, constraints)?;
+        let mut fix = solver(&samples, constraints)?;
         fix.used = spread(fix.used, chosen);
         Ok(fix)
     }

@@ -1,7 +1,7 @@
 //! How the engine is to work.
 
 use crate::track::{Blocked, Motion, Noise};
-use crate::{Area, Method, Real, Side};
+use crate::{Area, Method, Real, Side, Solver};
 
 /// Whether there is a memory between rounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,16 +29,36 @@ pub enum Dimensions<T> {
     },
 }
 
+/// How a round is solved. Functions, and no [`Method`]: an image holds the methods that it names, and no other.
+#[derive(Clone, Copy, Debug)]
+pub struct Solvers<T> {
+    /// In the plane.
+    pub plane: Solver<T, 2>,
+    /// In space.
+    pub space: Solver<T, 3>,
+}
+
+impl<T: Real> Solvers<T> {
+    /// By `robust`.
+    pub fn robust() -> Self {
+        Self { plane: crate::robust, space: crate::robust }
+    }
+
+    /// By any method.
+    pub fn of(method: Method) -> Self {
+        Self { plane: method.solver(), space: method.solver() }
+    }
+}
+
 /// How the engine is to work.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[derive(Clone, Copy, Debug)]
 pub struct Settings<T> {
     /// With a memory or without.
     pub mode: Mode,
     /// What is to be found.
     pub dimensions: Dimensions<T>,
     /// How a round is solved: the first position, and in [`Mode::Solve`] each.
-    pub method: Method,
+    pub solvers: Solvers<T>,
     /// Where a solved position can be at all.
     pub area: Option<Area<T, 3>>,
     /// How the tag moves.
@@ -74,7 +94,7 @@ impl<T: Real> Settings<T> {
         Self {
             mode: Mode::Track,
             dimensions,
-            method: Method::Robust,
+            solvers: Solvers::robust(),
             area: None,
             motion: Motion::Adaptive { calm: T::of(0.3), brisk: T::of(1.5) },
             noise: Noise::indoors(),
@@ -93,8 +113,8 @@ impl<T: Real> Settings<T> {
 
     /// A tag that solves every round by itself. A range is taken to err by its own deviation and by its link's: solvers that
     /// hear of the radio's noise alone trust single links too much (`robust` on a recording: 0.15 m against 0.09 m).
-    pub fn solve(dimensions: Dimensions<T>, method: Method) -> Self {
-        Self { mode: Mode::Solve, method, ..Self::track(dimensions) }
+    pub fn solve(dimensions: Dimensions<T>, solvers: Solvers<T>) -> Self {
+        Self { mode: Mode::Solve, solvers, ..Self::track(dimensions) }
     }
 
     /// The textbook's filter: white noise, no gates, no supervisor, only what `motion`, `blocked` and `iterations` say.

@@ -121,7 +121,7 @@ impl<T: Real> State<T> {
 
     /// Multiplies a state by a factor.
     fn scale(&mut self, state: usize, factor: T) {
-        self.mean[state] = self.mean[state] * factor;
+        self.mean[state] *= factor;
         for element in &mut self.packed[row(state)..=row(state) + state] {
             *element *= factor;
         }
@@ -256,7 +256,7 @@ impl<T: Real> State<T> {
 }
 
 // Chunks reach over the whole of a vector of states.
-const _: () = assert!(STATES % CHUNK == 0);
+const _: () = assert!(STATES.is_multiple_of(CHUNK));
 
 #[cfg(test)]
 mod tests {

@@ -39,7 +39,7 @@ impl Supervisor {
         self.rounds = self.rounds.wrapping_add(1);
         let much = refused > 0 && refused.saturating_mul(REFUSED_THIRDS) >= taken.saturating_add(refused);
         if !much && self.strikes == 0 {
-            return self.rounds % AUDIT == 0;
+            return self.rounds.is_multiple_of(AUDIT);
         }
         true
     }

@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix3;
 use positioning_core::engine::{
-    BleRange, Dimensions, Engine, Measurement, Missing, Range, Settings, Start, Tdoa, Verdict,
+    BleRange, Dimensions, Engine, Measurement, Missing, Range, Settings, Solvers, Start, Tdoa, Verdict,
 };
 use positioning_core::{Blocked, Constraints, Method, Motion, Noise, RangeSample, Side, flatten, robust};
 use rand::Rng;
@@ -220,7 +220,7 @@ fn a_clock_that_begins_anew_ends_the_track_and_a_little_disorder_does_not() {
 
 #[test]
 fn a_tag_without_memory_gets_what_the_solver_says() {
-    let settings = Settings { noise: Noise::white(), ..Settings::solve(PLANE, Method::Robust) };
+    let settings = Settings { noise: Noise::white(), ..Settings::solve(PLANE, Solvers::of(Method::Robust)) };
     let mut engine = Engine::new(settings);
     let mut rng = rng(5);
     for k in 1..50 {
@@ -252,7 +252,7 @@ fn a_tag_without_memory_gets_what_the_solver_says() {
 fn blocked_ranges_are_ignored_unless_a_round_would_keep_too_few() {
     let run = |at_least: u8, mode_solve: bool| {
         let blocked = Blocked::Ignore { threshold: 0.5, at_least };
-        let base = if mode_solve { Settings::solve(PLANE, Method::Nls) } else { Settings::track(PLANE) };
+        let base = if mode_solve { Settings::solve(PLANE, Solvers::of(Method::Nls)) } else { Settings::track(PLANE) };
         let mut engine = Engine::new(Settings { blocked, ..base });
         let mut used = 0;
         for k in 1..4 {
@@ -274,7 +274,7 @@ fn blocked_ranges_are_ignored_unless_a_round_would_keep_too_few() {
 #[test]
 fn a_range_is_corrected_only_where_the_settings_say_so() {
     for (mitigate, expected) in [(false, 0.5), (true, 0.0)] {
-        let mut engine = Engine::new(Settings { mitigate, ..Settings::solve(PLANE, Method::Nls) });
+        let mut engine = Engine::new(Settings { mitigate, ..Settings::solve(PLANE, Solvers::of(Method::Nls)) });
         for anchor in [0, 2, 4] {
             let place = ANCHORS[anchor].map(|c| c as f32);
             let distance = true_range(anchor, [4.0, 3.0]) as f32 + 0.5;
