@@ -9,7 +9,7 @@
 pub mod hall;
 mod table;
 
-use positioning_core::engine::{Dimensions, Engine, Measurement, Range, Settings};
+use positioning_core::engine::{Dimensions, Engine, Measurement, Range, Settings, Solvers};
 use positioning_core::{Blocked, Method, Motion};
 
 use hall::{ANCHORS_M, Round};
@@ -121,8 +121,10 @@ fn settings(algorithm: Algorithm, configuration: Configuration) -> Settings<f32>
     let dimensions = Dimensions::Plane { height: hall::HEIGHT_M as f32 };
     let motion = Motion::ConstantVelocity { acceleration: hall::ACCELERATION };
     let base = match algorithm {
-        Algorithm::Iekf => Settings { solvers: Solvers::of(Method::Nls), ..Settings::plain(dimensions, motion, blocked, 5) },
-        Algorithm::Nls => Settings { blocked, ..Settings::solve(dimensions, Method::Nls) },
+        Algorithm::Iekf => {
+            Settings { solvers: Solvers::of(Method::Nls), ..Settings::plain(dimensions, motion, blocked, 5) }
+        }
+        Algorithm::Nls => Settings { blocked, ..Settings::solve(dimensions, Solvers::of(Method::Nls)) },
         Algorithm::Engine => Settings { blocked, ..Settings::track(dimensions) },
     };
     Settings { mitigate, ..base }
