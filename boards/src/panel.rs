@@ -58,9 +58,9 @@ impl Switches {
         };
         record.network.phy = self.phy();
         record.network.mode = match (self.native, record.network.mode) {
-            (true, _) => Mode::Native,
-            (false, mode @ Mode::DecaRanging { .. }) => mode,
-            (false, Mode::Native) => Mode::DecaRanging { fast: false },
+            (true, mode @ (Mode::Native | Mode::Listening { .. })) | (false, mode @ Mode::DecaRanging { .. }) => mode,
+            (true, Mode::DecaRanging { .. }) => Mode::Native,
+            (false, Mode::Native | Mode::Listening { .. }) => Mode::DecaRanging { fast: false },
         };
         record
     }

@@ -19,6 +19,8 @@ pub enum TagMachine {
     Native(native::Tag),
     /// DecaRanging.
     DecaRanging(decaranging::Tag),
+    /// Listening to rounds among anchors.
+    Listening(native::ListeningTag),
 }
 
 /// An anchor's side.
@@ -36,7 +38,8 @@ pub fn rate(chz: Option<u32>) -> Rate {
     chz.map_or(Rate::Greedy, |chz| Rate::Every(period(chz)))
 }
 
-fn period(chz: u32) -> RadioDuration {
+/// From one round to the next, of so many in 100 s.
+pub(crate) fn period(chz: u32) -> RadioDuration {
     RadioDuration::from_micros(
         100_000_000_u32.checked_div(chz).map_or(LONGEST_PERIOD_US, |us| us.min(LONGEST_PERIOD_US)),
     )
@@ -68,6 +71,10 @@ impl TagMachine {
                 antenna_delay: settings.antenna_delay(),
                 period: period(tag.rate_chz.unwrap_or(DECARANGING_CHZ)),
             })),
+            Exchange::Listening { .. } => Self::Listening(native::ListeningTag::new(native::ListeningTagConfig {
+                network,
+                period: tag.rate_chz.map(period),
+            })),
         }
     }
 }
@@ -76,13 +83,18 @@ impl AnchorMachine {
     /// That of an anchor with these settings, at this place in metres.
     pub fn new(settings: &Settings, position_m: Option<[f32; 3]>) -> Self {
         let (network, antenna_delay) = (settings.network, settings.antenna_delay());
-        match settings.exchange {
-            Exchange::Native => Self::Native(native::Anchor::new(native::AnchorConfig {
+        let native = |rounds| {
+            Self::Native(native::Anchor::new(native::AnchorConfig {
                 address: settings.address,
                 network,
                 antenna_delay,
                 position_m,
-            })),
+                rounds,
+            }))
+        };
+        match settings.exchange {
+            Exchange::Native => native(None),
+            Exchange::Listening { period } => native(Some(Rate::Every(period))),
             // An anchor answers in the tag's variant.
             Exchange::DecaRanging(_) => Self::DecaRanging(decaranging::Anchor::new(decaranging::AnchorConfig {
                 address: settings.address,
@@ -100,6 +112,7 @@ impl Machine for TagMachine {
         match self {
             Self::Native(tag) => tag.step(now, event),
             Self::DecaRanging(tag) => tag.step(now, event),
+            Self::Listening(tag) => tag.step(now, event),
         }
     }
 
@@ -107,6 +120,7 @@ impl Machine for TagMachine {
         match self {
             Self::Native(tag) => tag.may_sleep(),
             Self::DecaRanging(tag) => tag.may_sleep(),
+            Self::Listening(tag) => tag.may_sleep(),
         }
     }
 
@@ -114,6 +128,7 @@ impl Machine for TagMachine {
         match self {
             Self::Native(tag) => tag.guide(guidance),
             Self::DecaRanging(tag) => tag.guide(guidance),
+            Self::Listening(tag) => tag.guide(guidance),
         }
     }
 }

@@ -67,6 +67,8 @@ impl<M: RawMutex, const BYTES: usize> Reporter<M, BYTES> {
                     self.journal.range(Range::new(now, round.number, range));
                 }
             }
+            // Nobody but a tag listens to rounds of others, and it makes positions of them.
+            Report::Differences(_) => {}
             Report::Link(link) => self.journal.link(now, link),
         }
     }

@@ -7,6 +7,8 @@ use ranging::frame::decaranging::Variant;
 use ranging::native::Network;
 use telemetry::RecordFault;
 
+use crate::machines;
+
 /// What a node is configured with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -32,6 +34,11 @@ pub enum Exchange {
     Native,
     /// DecaRanging, in this variant.
     DecaRanging(Variant),
+    /// Native mode among anchors, to which tags listen.
+    Listening {
+        /// From one round of an anchor to its next.
+        period: RadioDuration,
+    },
 }
 
 impl Settings {
@@ -50,6 +57,7 @@ impl Settings {
             Mode::Native => Exchange::Native,
             Mode::DecaRanging { fast: false } => Exchange::DecaRanging(Variant::Standard),
             Mode::DecaRanging { fast: true } => Exchange::DecaRanging(Variant::Fast),
+            Mode::Listening { rounds_chz } => Exchange::Listening { period: machines::period(rounds_chz) },
         };
         let calibration = &record.calibration;
         let antenna_delay = calibration.antenna_delay.unwrap_or(dw1000::DEFAULT_ANTENNA_DELAY);
@@ -63,10 +71,14 @@ impl Settings {
             pan: network.pan,
             short_address: address,
             eui,
-            filter: match exchange {
-                Exchange::Native => FrameFilter::DATA,
+            filter: match (exchange, &record.role) {
+                (Exchange::Native, _) | (Exchange::Listening { .. }, Role::Anchor { .. } | Role::Advertiser(_)) => {
+                    FrameFilter::DATA
+                }
+                // Answers to others are what there is to hear.
+                (Exchange::Listening { .. }, Role::Tag(_)) => FrameFilter::OFF,
                 // Blinks, and addresses that a tag learns when it is taken: everything is heard.
-                Exchange::DecaRanging(_) => FrameFilter::OFF,
+                (Exchange::DecaRanging(_), _) => FrameFilter::OFF,
             },
             sleeps: matches!(record.role, Role::Tag(Tag { sleep: true, .. })),
             ..dw1000::Config::new(network.phy)
@@ -142,6 +154,26 @@ mod tests {
         assert_eq!(settings.radio.crystal_trim, Some(17));
         assert_eq!(settings.radio.tx_power, TxPower::Calibrated { register: 0x1F1F_1F1F, smart: true });
         assert_eq!(settings.radio.filter, FrameFilter::OFF);
+    }
+
+    #[test]
+    fn a_listening_tag_hears_answers_to_others_and_an_anchor_only_its_own() {
+        let mut record = record();
+        record.network.mode = Mode::Listening { rounds_chz: 1_000 };
+        let anchor = Settings::of(&record, 1).unwrap();
+        let period = RadioDuration::from_micros(100_000);
+        assert_eq!((anchor.exchange, anchor.radio.filter), (Exchange::Listening { period }, FrameFilter::DATA));
+        record.role = Role::Tag(Tag {
+            height_m: None,
+            rate_chz: None,
+            still_rate_chz: None,
+            sleep: false,
+            anchors_per_round: 8,
+            tell_distances: false,
+            scan: None,
+            report_ranges: false,
+        });
+        assert_eq!(Settings::of(&record, 1).unwrap().radio.filter, FrameFilter::OFF);
     }
 
     #[test]

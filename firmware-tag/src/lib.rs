@@ -182,6 +182,7 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
                 let dropped = self.handover.put_round(Round::of(&round, poll_us, self.life));
                 (0..dropped).for_each(|_| self.sink.round_dropped());
             }
+            Report::Differences(_) => {}
             Report::Link(link) => self.sink.link(link),
         }
         self.handover.take_guidance()

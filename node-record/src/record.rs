@@ -139,6 +139,11 @@ pub enum Mode {
         /// The variant with short payloads, of `ranging::frame::decaranging`.
         fast: bool,
     },
+    /// In the superframe of native mode, anchors ask each other; tags only listen, any number of them.
+    Listening {
+        /// Rounds a second that each anchor begins, 0.01 Hz.
+        rounds_chz: u32,
+    },
 }
 
 /// How frames are put on the air, in the numbers of the standard.

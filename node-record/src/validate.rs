@@ -16,6 +16,8 @@ const FARTHEST_ON_AIR_M: f32 = 8_388.0;
 const SLOWEST_US: u16 = 20_000;
 /// Rounds a second, 0.01 Hz: the radio's clock tells instants apart that lie less than 8.6 s from each other.
 const RATES_CHZ: core::ops::RangeInclusive<u32> = 13..=100_000;
+/// The same in words.
+const RATES: &str = "0.13 to 1000";
 /// The first short address that means nobody or, one later, everybody.
 const NO_ADDRESS: u16 = 0xFFFE;
 
@@ -168,14 +170,22 @@ impl Record {
             "answer_us at most, which counts it in",
         )?;
         let network = self.network()?;
-        match mode {
-            Mode::Native => ensure(
+        let rounds_fit = || {
+            ensure(
                 Timing::of(&network).round_slots > 0,
                 "network.turnaround.listen_again_us",
                 integer(turnaround.listen_again_us),
                 "less, so that a round fits into a superframe",
-            ),
+            )
+        };
+        match mode {
+            Mode::Native => rounds_fit(),
             Mode::DecaRanging { fast: _ } => Ok(()),
+            Mode::Listening { rounds_chz } => {
+                let value = Value::Real(rounds_chz as f32 / 100.0);
+                ensure(RATES_CHZ.contains(&rounds_chz), "network.rounds_hz", value, RATES)?;
+                rounds_fit()
+            }
         }
     }
 
@@ -331,7 +341,7 @@ impl Tag {
         let rates = [("tag.rate_hz", self.rate_chz), ("tag.still_rate_hz", self.still_rate_chz)];
         for (field, rate) in rates {
             let rate = rate.unwrap_or(100);
-            ensure(RATES_CHZ.contains(&rate), field, Value::Real(rate as f32 / 100.0), "0.13 to 1000")?;
+            ensure(RATES_CHZ.contains(&rate), field, Value::Real(rate as f32 / 100.0), RATES)?;
         }
         if let (Some(rate), Some(still)) = (self.rate_chz, self.still_rate_chz) {
             let value = Value::Real(still as f32 / 100.0);

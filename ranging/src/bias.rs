@@ -7,7 +7,7 @@
 //! measured − [`RangeBias::metres`].
 
 use crate::PhyConfig;
-use crate::phy::Prf;
+use crate::phy::{Channel, Prf};
 
 /// Power of the tables' first entry, dBm.
 const FIRST_DBM: f32 = -61.0;
@@ -50,6 +50,8 @@ const ESTIMATES_64: Estimates =
 pub struct RangeBias {
     table: &'static [f32; 18],
     estimates: &'static Estimates,
+    /// Power received over one clear metre, dBm.
+    first_metre_dbm: f32,
 }
 
 impl RangeBias {
@@ -61,7 +63,21 @@ impl RangeBias {
             (true, Prf::Mhz16) => (&WIDE_16, &ESTIMATES_16),
             (true, Prf::Mhz64) => (&WIDE_64, &ESTIMATES_64),
         };
-        Self { table, estimates }
+        // −41.3 dBm/MHz sent, isotropic antennas, Friis (APS011, 3.2).
+        let first_metre_dbm = match phy.channel() {
+            Channel::Ch1 => -57.6,
+            Channel::Ch2 => -58.8,
+            Channel::Ch3 => -59.8,
+            Channel::Ch4 => -56.2,
+            Channel::Ch5 => -63.0,
+            Channel::Ch7 => -60.4,
+        };
+        Self { table, estimates, first_metre_dbm }
+    }
+
+    /// What a distance reads too long over a clear way of this length, metres: the power is reckoned and not measured.
+    pub fn expected(&self, distance_m: f32) -> f32 {
+        self.at_power(self.first_metre_dbm - 20.0 * libm::log10f(distance_m.max(0.1)))
     }
 
     /// What a distance reads too long at this received power, as [`Diagnostics`](crate::Diagnostics) have it, metres; 0
@@ -128,6 +144,17 @@ mod tests {
     fn bias(channel: Channel, prf: Prf, dbm: f32) -> f32 {
         let phy = PhyConfig::new(channel, prf, DataRate::Kbps6810, PreambleLength::Symbols128).unwrap();
         RangeBias::of(&phy).at_power(dbm)
+    }
+
+    #[test]
+    fn a_clear_way_has_the_bias_of_the_power_that_comes_through_it() {
+        // Channel 5: −41.3 + 10·log 500 = −14.3 dBm sent, 20·log(4π·6489.6 MHz/c) = 48.7 dB over a metre: −63.0 dBm; 14 dB less at
+        // 5.0119 m, −77 dBm, where the table has none; 6 dB less than that at 10 m, −83 dBm, where it has 42 mm.
+        let phy = PhyConfig::new(Channel::Ch5, Prf::Mhz64, DataRate::Kbps6810, PreambleLength::Symbols128).unwrap();
+        let bias = RangeBias::of(&phy);
+        assert!(bias.expected(5.0119).abs() < 1e-4, "{}", bias.expected(5.0119));
+        assert!((bias.expected(10.0) - 0.042).abs() < 1e-4, "{}", bias.expected(10.0));
+        assert!(bias.expected(0.0).is_finite());
     }
 
     #[test]

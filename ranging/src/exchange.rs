@@ -85,6 +85,8 @@ pub enum Action<'m> {
 pub enum Report<'m> {
     /// A round of ranging is over: the ranges had, at most one an anchor, perhaps none.
     Round(Round<'m>),
+    /// A round among anchors was heard: by how much they are farther than the one that asked, perhaps for none of them.
+    Differences(Differences<'m>),
     /// A change of state.
     Link(Link),
 }
@@ -116,6 +118,42 @@ pub struct Range {
     /// Where the peer says it stands, metres: anchors that know it.
     pub position_m: Option<[f32; 3]>,
     /// What the receiver measured on the peer's last frame of the exchange.
+    pub diagnostics: Diagnostics,
+}
+
+/// One round among anchors, heard by a tag that only listens.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Differences<'m> {
+    /// Counts the rounds heard, wrapping.
+    pub number: u16,
+    /// When the poll came, in this radio's clock.
+    pub poll: RadioInstant,
+    /// Anchors that were asked.
+    pub asked: u8,
+    /// Short address of the anchor that asked.
+    pub reference: u16,
+    /// Where it stands, metres.
+    pub reference_m: [f32; 3],
+    /// Standard deviation that all differences of the round have in common, metres: that of the poll's stamp.
+    pub reference_deviation_m: f32,
+    /// The differences had, at most one an anchor asked.
+    pub differences: &'m [Difference],
+}
+
+/// How much farther an anchor is than the one that asked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Difference {
+    /// Short address of the anchor.
+    pub peer: u16,
+    /// Its distance less that of the reference, metres.
+    pub difference_m: f32,
+    /// Standard deviation beside what all differences of the round have in common, metres.
+    pub deviation_m: f32,
+    /// Where it stands, metres.
+    pub position_m: [f32; 3],
+    /// What the receiver measured on its answer.
     pub diagnostics: Diagnostics,
 }
 

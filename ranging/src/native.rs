@@ -9,11 +9,17 @@
 //! **Superframe.** Anchors repeat a beacon (time, coordinator, members, position); tags learn from it where they are in time,
 //! who is there, and which slots are theirs.
 //!
+//! **Listening.** Anchors may ask each other as tags do, in slots of their own. Tags that only listen position themselves by the
+//! differences of arrival, any number of them.
+//!
 //! All nodes of a network are built with one [`Network`], from which all times follow.
 
 mod anchor;
+mod asking;
 mod clock;
 mod coordination;
+mod following;
+mod listening;
 mod neighbours;
 mod plan;
 mod round;
@@ -22,8 +28,9 @@ mod timing;
 
 pub use anchor::{Anchor, AnchorConfig};
 pub use clock::{ClockModel, STAMP_DEVIATION_TICKS};
-pub use plan::NOTICE_SUPERFRAMES;
-pub use tag::{Rate, Tag, TagConfig};
+pub use listening::{ListeningTag, ListeningTagConfig};
+pub use plan::{NOTICE_SUPERFRAMES, Rate};
+pub use tag::{Tag, TagConfig};
 pub use timing::{Network, Timing, Turnaround};
 
 /// The most anchors of one round.

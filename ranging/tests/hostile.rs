@@ -98,7 +98,7 @@ fn torment(mut machine: impl Machine, seed: u64) {
             (_, 4) if wild => Event::Timeout,
             (Owned::Transmit { .. }, _) => Event::Sent(now),
             (Owned::WaitUntil(_), _) => Event::Woken,
-            (Owned::Round { .. } | Owned::Link(_), _) => Event::Reported,
+            (Owned::Round { .. } | Owned::Differences { .. } | Owned::Link(_), _) => Event::Reported,
             (Owned::Receive { .. }, 0) => Event::Timeout,
             (Owned::Receive { .. }, _) => {
                 frame = bytes(&mut rng);
@@ -126,6 +126,7 @@ fn torment(mut machine: impl Machine, seed: u64) {
                 assert!((0..LONGEST_WAIT_US).contains(&ahead), "step {step}: wait of {ahead} µs");
             }
             Owned::Round { ranges, .. } => assert!(ranges.len() <= 8),
+            Owned::Differences { differences, .. } => assert!(differences.len() <= 8),
             Owned::Link(_) => {}
         }
     }
@@ -146,7 +147,24 @@ fn a_native_anchor_survives_anything() {
     use ranging::native::{Anchor, AnchorConfig};
     for seed in 10..13 {
         let (antenna_delay, position_m) = (RadioDuration::from_ticks(16_436), Some([1.0, f32::NAN, 2.0]));
-        torment(Anchor::new(AnchorConfig { address: ADDRESS, network: NETWORK, antenna_delay, position_m }), seed);
+        torment(
+            Anchor::new(AnchorConfig {
+                address: ADDRESS,
+                network: NETWORK,
+                antenna_delay,
+                position_m,
+                rounds: (seed == 11).then_some(Rate::Greedy),
+            }),
+            seed,
+        );
+    }
+}
+
+#[test]
+fn a_listening_tag_survives_anything() {
+    use ranging::native::{ListeningTag, ListeningTagConfig};
+    for (seed, period) in [(40, None), (41, Some(RadioDuration::from_micros(200_000)))] {
+        torment(ListeningTag::new(ListeningTagConfig { network: NETWORK, period }), seed);
     }
 }
 

@@ -22,6 +22,7 @@ fn anchor_of(network: Network, address: u16, position: [f64; 3]) -> Boxed {
         network,
         antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
         position_m: Some(position.map(|m| m as f32)),
+        rounds: None,
     }))
 }
 

@@ -101,8 +101,13 @@ pub fn lazy_tag(world: &World) -> Option<AirRadio<'_>> {
 pub async fn anchors(world: &World, network: native::Network) -> [Infallible; ANCHORS] {
     let anchors = core::array::from_fn(|i| {
         let position_m = PLACES_MM[i].map(|mm| mm as f32 / 1000.0);
-        let config =
-            AnchorConfig { address: i as u16 + 1, network, antenna_delay: ANTENNA_DELAY, position_m: Some(position_m) };
+        let config = AnchorConfig {
+            address: i as u16 + 1,
+            network,
+            antenna_delay: ANTENNA_DELAY,
+            position_m: Some(position_m),
+            rounds: None,
+        };
         // Counts far from each other.
         let crystal = Crystal { start: (i as u64 + 1) << 37, fast_ppb: FAST_PPB[i] };
         anchor(world, Place::Fixed(PLACES_MM[i]), crystal, config)

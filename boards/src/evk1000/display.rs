@@ -62,6 +62,8 @@ impl<L: Listener> Listener for Shown<L> {
     async fn report(&mut self, report: Report<'_>, present: RadioInstant) -> Guidance {
         match report {
             Report::Round(round) => self.panel.measured(round.ranges.iter().map(|range| range.distance_m)),
+            // Of what an anchor hears: it listens to no rounds of others.
+            Report::Differences(_) => {}
             Report::Link(link) => self.panel.link(link),
         }
         self.listener.report(report, present).await

@@ -8,9 +8,10 @@ use super::document::{Section, nearest};
 use crate::Wrong;
 
 /// The keys of `[network]`.
-const KEYS: [&str; 11] = [
+const KEYS: [&str; 12] = [
     "pan",
     "mode",
+    "rounds_hz",
     "channel",
     "prf_mhz",
     "rate_kbps",
@@ -23,11 +24,24 @@ const KEYS: [&str; 11] = [
 ];
 
 /// How nodes range, as the file says it.
-pub(super) const MODES: [(&str, Mode); 3] = [
-    ("native", Mode::Native),
-    ("decaranging", Mode::DecaRanging { fast: false }),
-    ("decaranging-fast", Mode::DecaRanging { fast: true }),
-];
+const MODES: [&str; 4] = ["native", "decaranging", "decaranging-fast", "listening"];
+/// Rounds a second of an anchor that tags listen to, where the file says nothing, 0.01 Hz: one a superframe.
+const ROUNDS_CHZ: u32 = 1000;
+
+/// A mode as the file says it.
+pub(super) const fn name(mode: Mode) -> &'static str {
+    match mode {
+        Mode::Native => "native",
+        Mode::DecaRanging { fast: false } => "decaranging",
+        Mode::DecaRanging { fast: true } => "decaranging-fast",
+        Mode::Listening { rounds_chz: _ } => "listening",
+    }
+}
+
+/// A rate in Hz as the record has it, 0.01 Hz. What does not fit saturates, and is refused as a rate.
+pub(super) fn centihertz(hertz: f32) -> u32 {
+    (f64::from(hertz) * 100.0).round() as u32
+}
 
 /// What stands in the place of a key that is not shown.
 pub(super) const HIDDEN: &str = "hidden";
@@ -73,21 +87,42 @@ impl Shared {
         };
         section.required("pan")?;
         let pan = number("pan", "network.pan", 0, u16::MAX)?;
-        let network = Network { pan, mode: mode(section)?, phy, turnaround };
+        let mode = mode(section)?;
+        if let Some(given) = section.optional("rounds_hz") {
+            lines.insert("network.rounds_hz".to_owned(), given.line);
+        }
+        let network = Network { pan, mode, phy, turnaround };
         let beacon_key = beacon_key(section)?;
         Ok(Self { network, beacon_key, lines })
     }
 }
 
 fn mode(section: &Section<'_>) -> Result<Mode, Wrong> {
-    let Some(given) = section.optional("mode") else { return Ok(Mode::Native) };
-    let names = MODES.map(|(name, _)| name);
-    let must = format!("\"{}\"", names.join("\", \""));
-    let said = given.text(&must)?;
-    MODES.into_iter().find(|(name, _)| *name == said).map(|(_, mode)| mode).ok_or_else(|| match nearest(said, &names) {
-        Some(near) => given.refuse(&format!("{must}; {near} is near it")),
-        None => given.refuse(&must),
-    })
+    let rounds = section.optional("rounds_hz");
+    let must = format!("\"{}\"", MODES.join("\", \""));
+    let mode = match section.optional("mode") {
+        None => Mode::Native,
+        Some(given) => match given.text(&must)? {
+            "native" => Mode::Native,
+            "decaranging" => Mode::DecaRanging { fast: false },
+            "decaranging-fast" => Mode::DecaRanging { fast: true },
+            "listening" => Mode::Listening {
+                rounds_chz: rounds.map(|given| given.real().map(centihertz)).transpose()?.unwrap_or(ROUNDS_CHZ),
+            },
+            other => {
+                return Err(match nearest(other, &MODES) {
+                    Some(near) => given.refuse(&format!("{must}; {near} is near it")),
+                    None => given.refuse(&must),
+                });
+            }
+        },
+    };
+    match (mode, rounds) {
+        (Mode::Listening { .. }, _) | (_, None) => Ok(mode),
+        (Mode::Native | Mode::DecaRanging { .. }, Some(given)) => {
+            Err(given.wrong("rounds_hz is for mode = \"listening\": in others, anchors begin no rounds"))
+        }
+    }
 }
 
 fn beacon_key(section: &Section<'_>) -> Result<Option<[u8; 16]>, Wrong> {

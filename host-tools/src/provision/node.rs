@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use node_record::{Advertiser, Board, Calibration, Identity, Invalid, Pins, Record, Role, Scan, Tag};
 
 use super::document::{Field, Section, nearest};
-use super::network::Lines;
+use super::network::{Lines, centihertz};
 use crate::Wrong;
 
 const COMMON_KEYS: [&str; 9] =
@@ -208,9 +208,7 @@ impl<'d> Reader<'_, 'd> {
     /// A rate in Hz as hundredths.
     fn rate(&mut self, key: &'static str, name: &str) -> Result<Option<u32>, Wrong> {
         let Some(field) = self.field(key, name) else { return Ok(None) };
-        let hundredths = f64::from(field.real()?) * 100.0;
-        // What does not fit saturates, and is refused as a rate.
-        Ok(Some(hundredths.round() as u32))
+        field.real().map(|hertz| Some(centihertz(hertz)))
     }
 
     fn tag(&mut self) -> Result<Tag, Wrong> {

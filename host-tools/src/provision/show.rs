@@ -2,10 +2,10 @@
 
 use std::fmt::{Display, Write};
 
-use node_record::{Advertiser, Anchor, Beacon, Board, Record, Role, Tag, VERSION};
+use node_record::{Advertiser, Anchor, Beacon, Board, Mode, Record, Role, Tag, VERSION};
 
 use super::image::Held;
-use super::network::{HIDDEN, MODES};
+use super::network::{self, HIDDEN};
 
 /// What is shown of a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,8 +87,10 @@ impl Text {
     fn network(&mut self, record: &Record, keys: Keys) {
         let network = &record.network;
         self.line("pan", format_args!("0x{:04X}", network.pan));
-        if let Some((mode, _)) = MODES.into_iter().find(|(_, mode)| *mode == network.mode) {
-            self.text("mode", mode);
+        self.text("mode", network::name(network.mode));
+        match network.mode {
+            Mode::Listening { rounds_chz } => self.line("rounds_hz", hertz(rounds_chz)),
+            Mode::Native | Mode::DecaRanging { fast: _ } => (),
         }
         self.line("channel", network.phy.channel);
         self.line("prf_mhz", network.phy.prf_mhz);
@@ -138,7 +140,6 @@ impl Text {
     fn tag(&mut self, tag: &Tag) {
         // A float keeps its point, so that it stays one.
         self.line_if("height_m", tag.height_m.map(|height| format!("{height:?}")));
-        let hertz = |hundredths: u32| format!("{:?}", f64::from(hundredths) / 100.0);
         self.line_if("rate_hz", tag.rate_chz.map(hertz));
         self.line_if("still_rate_hz", tag.still_rate_chz.map(hertz));
         self.line("sleep", tag.sleep);
@@ -187,6 +188,11 @@ fn role(role: &Role) -> &'static str {
         Role::Anchor { position_m: _ } => "anchor",
         Role::Advertiser(_) => "beacon",
     }
+}
+
+/// A rate of the record, Hz.
+fn hertz(hundredths: u32) -> String {
+    format!("{:?}", f64::from(hundredths) / 100.0)
 }
 
 fn hex(bytes: &[u8]) -> String {

@@ -92,7 +92,7 @@ fn told(mut lists: Lists, owns: &[Own], mode: Mode) -> Lists {
                 (Mode::DecaRanging { fast: _ }, Some(address)) => {
                     lists.add_anchor(Anchor { address, position_m }, own.line);
                 }
-                (Mode::DecaRanging { fast: _ }, None) | (Mode::Native, _) => (),
+                (Mode::DecaRanging { fast: _ }, None) | (Mode::Native | Mode::Listening { .. }, _) => (),
             },
             (Role::Advertiser(advertiser), Some(position_m)) => {
                 let (major, minor) = (advertiser.major, advertiser.minor);

@@ -218,6 +218,16 @@ fn native_anchors_tell_their_places_themselves() {
 }
 
 #[test]
+fn a_network_to_listen_to_has_rounds() {
+    for (said, rounds_hz) in [("listening\"", 10.0), ("listening\"\nrounds_hz = 6.25", 6.25)] {
+        let text = EVERYTHING.replace("decaranging-fast\"", said);
+        let tag = provisioned(&text).run("provision --show records/tag.bin --json").ok().json();
+        assert_eq!(tag["network"]["mode"], "listening");
+        assert_eq!(tag["network"]["rounds_hz"], rounds_hz);
+    }
+}
+
+#[test]
 fn keys_are_hidden_and_a_hidden_key_is_none() {
     let folder = provisioned(EVERYTHING);
     let shown = folder.run("provision --show records/beacon.bin").ok();
@@ -240,6 +250,12 @@ fn what_is_wrong_is_said_with_its_line() {
         ("pan = 0xDECA", "pan = 1\nzzz = 5", "site.toml:4: unknown key zzz; there are pan, mode, "),
         ("pan = 0xDECA", "pan = 1\nmode = \"nativ\"", "site.toml:4: mode is \"nativ\": it must be \"native\", "),
         ("pan = 0xDECA", "pan = 1\nrate_kbps = 110", "site.toml:2: preamble_symbols is 128: it must be 1024 or more"),
+        ("pan = 0xDECA", "pan = 1\nrounds_hz = 5", "site.toml:4: rounds_hz is for mode = \"listening\""),
+        (
+            "pan = 0xDECA",
+            "pan = 1\nmode = \"listening\"\nrounds_hz = 0",
+            "site.toml:5: rounds_hz is 0: it must be 0.13 to 1000",
+        ),
         ("pan = 0xDECA", "pan = 1\nprf_mhz = 32", "site.toml:4: prf_mhz is 32: it must be 16 or 64"),
         ("pan = 0xDECA", "pan = 1\ntransmit_us = 300", "site.toml:4: transmit_us is 300: it must be answer_us at most"),
         ("pan = 0xDECA", "pan = 1\npan = 2", "site.toml:4: duplicate key"),

@@ -40,6 +40,16 @@ fn a_tag_s_page_has_these_bytes() {
 }
 
 #[test]
+fn a_network_to_listen_to_has_these_bytes() {
+    let mut listening = tag();
+    listening.network.mode = Mode::Listening { rounds_chz: 1000 };
+    // 1000 is E8 07.
+    let body = "00 01 81 04  00 01 9a 99 99 3f 01 e8 07 01 64 01 04 00 01 64 32 01 \
+                ca bd 03 02 e8 07 05 40 9a 35 80 01 00 fa 01 28 96 01  00 00 00 00 00 00 00";
+    assert_eq!(page(&listening, 1)[HEADER_BYTES..], from_hex(body));
+}
+
+#[test]
 fn a_beacon_s_page_has_these_bytes() {
     let bytes = "42 4c 5a 52 01 00 71 00 ff ff ff ff 3e a0 0c 71 \
                  00 00  02 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f 01 ac 02 c5 64 fc 07 84 07 \
@@ -64,9 +74,9 @@ fn the_bytes_are_those_of_the_documentation() {
 fn the_longest_record_fits() {
     let record = longest();
     assert_eq!(record.validate(), Ok(()));
-    // Identity 11 + 4; role 1 + 16 + 3 + 3 + 1 + 2 + 1 + 1 + 3; network 3 + 2 + 1 + 1 + 2 + 2 + 2 + 9; calibration 4 +
+    // Identity 11 + 4; role 1 + 16 + 3 + 3 + 1 + 2 + 1 + 1 + 3; network 3 + 4 + 1 + 1 + 2 + 2 + 2 + 9; calibration 4 +
     // 2 + 6; pins 7; 24 anchors of 3 + 12, 24 beacons of 3 + 3 + 12 + 5 + 5, a byte for each list's length; the key 17.
-    let longest = 15 + 31 + 22 + 12 + 7 + (1 + 24 * 15) + (1 + 24 * 28) + 17;
+    let longest = 15 + 31 + 24 + 12 + 7 + (1 + 24 * 15) + (1 + 24 * 28) + 17;
     assert_eq!(page(&record, 1).len(), HEADER_BYTES + longest);
     assert_eq!(decode(&page(&record, 1)), Ok((record, 1)));
 }
@@ -182,16 +192,24 @@ prop_compose! {
     }
 }
 
+fn a_mode() -> impl Strategy<Value = Mode> {
+    prop_oneof![
+        Just(Mode::Native),
+        any::<bool>().prop_map(|fast| Mode::DecaRanging { fast }),
+        (13..=100_000_u32).prop_map(|rounds_chz| Mode::Listening { rounds_chz }),
+    ]
+}
+
 prop_compose! {
     fn a_network()(
-        pan in 0..0xFFFF_u16, fast in of(any::<bool>()), channel in prop::sample::select(vec![1_u8, 2, 3, 4, 5, 7]),
+        pan in 0..0xFFFF_u16, mode in a_mode(), channel in prop::sample::select(vec![1_u8, 2, 3, 4, 5, 7]),
         prf_mhz in prop::sample::select(vec![16_u8, 64]), rate_kbps in prop::sample::select(vec![110_u16, 850, 6810]),
         preamble in prop::sample::select(vec![1024_u16, 1536, 2048, 4096]),
         answer_us in 1000..=20_000_u16, listen_again_us in 1..=1000_u16, transmit_us in 1..=1000_u16,
     ) -> Network {
         Network {
             pan,
-            mode: fast.map_or(Mode::Native, |fast| Mode::DecaRanging { fast }),
+            mode,
             phy: Phy { channel, prf_mhz, rate_kbps, preamble, code: None },
             turnaround: Turnaround { answer_us, listen_again_us, transmit_us },
         }

@@ -92,6 +92,7 @@ pub fn longest() -> Record {
         ..*advertiser
     };
     record.network.pan = 0xFFFE;
+    record.network.mode = Mode::Listening { rounds_chz: 100_000 };
     record.network.phy = Phy { rate_kbps: 6810, preamble: 4096, code: Some(4), ..record.network.phy };
     record.network.turnaround = Turnaround { answer_us: 20_000, listen_again_us: 20_000, transmit_us: 20_000 };
     record.calibration =

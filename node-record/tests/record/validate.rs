@@ -148,6 +148,18 @@ fn a_round_must_fit_into_a_superframe() {
     alone.network.turnaround = slow;
     alone.network.mode = Mode::DecaRanging { fast: true };
     assert_eq!(alone.validate(), Ok(()), "DecaRanging has no superframe");
+    alone.network.mode = Mode::Listening { rounds_chz: 1000 };
+    let said = alone.validate().unwrap_err().to_string();
+    assert!(said.starts_with("network.turnaround.listen_again_us is 13000: "), "{said}");
+}
+
+#[test]
+fn rounds_to_listen_to_are_within_a_clock_s_range() {
+    let said = refusal(anchor(), |record| record.network.mode = Mode::Listening { rounds_chz: 12 });
+    assert!(said.starts_with("network.rounds_hz is 0.12: "), "{said}");
+    let mut slow = anchor();
+    slow.network.mode = Mode::Listening { rounds_chz: 13 };
+    assert_eq!(slow.validate(), Ok(()));
 }
 
 #[test]

@@ -69,6 +69,7 @@ fn main() -> ! {
             network: NETWORK,
             antenna_delay: ANTENNA_DELAY,
             position_m: None,
+            rounds: None,
         });
         settle(anchor.step(departure, Event::Started));
         let before = anchor.clone();

@@ -1,6 +1,8 @@
 //! The anchor in native mode: answers polls, keeps and relays time, and coordinates when nobody else does.
 
+use super::asking::Asking;
 use super::coordination::{Coordination, Heard};
+use super::plan::Rate;
 use super::timing::{BEACON_SLOTS, Phase, Timing};
 use super::{Network, STAMP_DEVIATION_TICKS, WAKE, spread};
 use crate::exchange::{Action, Event, Link, Machine, Range, Report, Round};
@@ -22,6 +24,8 @@ pub struct AnchorConfig {
     pub antenna_delay: RadioDuration,
     /// Where it stands, metres, once surveyed.
     pub position_m: Option<[f32; 3]>,
+    /// How often it asks the other anchors, for tags that only listen; `None`: never.
+    pub rounds: Option<Rate>,
 }
 
 /// Superframes to listen for a network before founding one …
@@ -42,6 +46,7 @@ pub struct Anchor {
     /// Without a network: when to found one.
     found_at: Option<RadioInstant>,
     answer: Option<Answer>,
+    asking: Asking,
     link: Option<Link>,
     told: Option<Told>,
     /// The one that the node is reading.
@@ -69,13 +74,15 @@ struct Told {
 impl Anchor {
     /// An anchor that has heard nobody yet.
     pub fn new(config: AnchorConfig) -> Self {
+        let timing = Timing::of(&config.network);
         Self {
             config,
-            timing: Timing::of(&config.network),
+            timing,
             position: config.position_m.and_then(Position::from_metres),
             network: None,
             found_at: None,
             answer: None,
+            asking: Asking::new(config.rounds, &timing),
             link: None,
             told: None,
             reported: None,
@@ -100,6 +107,7 @@ impl Anchor {
                 if usize::from(beacon.slot) >= BEACON_SLOTS || told.source == self.config.address {
                     return;
                 }
+                self.asking.hear(told.source);
                 match &mut self.network {
                     Some(network) => match network.hear(&self.timing, told.source, &beacon, frame.rx_time) {
                         Heard::Ignored | Heard::Followed => {}
@@ -179,7 +187,7 @@ impl Anchor {
         network.advance(&timing, present.plus(early));
         let passed = present.since(network.phase.start).ticks();
         let rest = RadioDuration::from_ticks(timing.superframe.ticks() - passed - early.ticks());
-        let Some(slot) = network.due() else { return Self::listen(rest) };
+        let Some(slot) = network.due() else { return self.among_rounds(RadioDuration::from_ticks(passed), rest) };
         let rmarker = timing.beacon(slot.into());
         let ready = passed + timing.transmit.ticks() + timing.to_rmarker.ticks();
         let spare = RadioDuration::from_ticks(rmarker.ticks() - ready);
@@ -197,6 +205,26 @@ impl Anchor {
         }
         self.write(BROADCAST, Message::Beacon(beacon));
         Action::Transmit { frame: self.out.bytes(), start: Start::At(start), listen: true }
+    }
+
+    /// In the round slots: asks the other anchors in slots of its own, else listens.
+    fn among_rounds(&mut self, passed: RadioDuration, rest: RadioDuration) -> Action<'_> {
+        let timing = self.timing;
+        let Some(network) = &mut self.network else { return Self::listen(rest) };
+        self.asking.plan(network, self.config.address, &timing);
+        let earliest = RadioDuration::from_ticks(passed.ticks() + timing.transmit.ticks());
+        let Some(pulse) = self.asking.next(&timing, network.phase, earliest) else { return Self::listen(rest) };
+        let spare = pulse.ticks() - earliest.ticks();
+        if spare > 2 * WAKE.ticks() {
+            return Self::listen(RadioDuration::from_ticks(spare - WAKE.ticks()));
+        }
+        let rmarker = network.phase.at(RadioDuration::from_ticks(pulse.ticks() + timing.to_rmarker.ticks()));
+        // Its own lease.
+        network.hear_tag(self.config.address);
+        let poll = self.asking.poll(&timing, network.phase.at(pulse));
+        self.write(BROADCAST, Message::Poll(poll));
+        let start = if spare > 0 { Start::At(rmarker) } else { Start::Now };
+        Action::Transmit { frame: self.out.bytes(), start, listen: true }
     }
 }
 

@@ -5,11 +5,22 @@
 
 use heapless::Vec;
 
+use super::timing::{MAX_ROUND_SLOTS, Timing};
+use crate::RadioDuration;
 use crate::frame::native::{MAX_MEMBERS, Member, Share};
-use crate::native::timing::MAX_ROUND_SLOTS;
 
 /// A changed list counts this many superframes after it was first told.
 pub const NOTICE_SUPERFRAMES: u8 = 4;
+
+/// How often a node ranges.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Rate {
+    /// A fair share of all slots: a lone member uses every one.
+    Greedy,
+    /// At least once in this time, as long as there are slots for it.
+    Every(RadioDuration),
+}
 
 /// Members by address, each once.
 pub type Members = Vec<Member, MAX_MEMBERS>;
@@ -114,6 +125,47 @@ pub fn owned_slots(members: &Members, tag: u16, superframe: u16, slots: u8) -> u
         turn = (turn + 1) % wanted.len();
     }
     owned
+}
+
+/// From the superframe's beginning to the first pulse of the next round of so many anchors that fits into owned slots and begins
+/// no sooner than `earliest`.
+pub fn next_round(owned: u64, timing: &Timing, earliest: RadioDuration, anchors: usize) -> Option<RadioDuration> {
+    let half_guard = timing.guard.ticks() / 2;
+    let length = timing.round(anchors).ticks() + half_guard;
+    runs(owned).find_map(|(begin, end)| {
+        let pulse = earliest.ticks().max(timing.round_slot_begin(begin).ticks() + half_guard);
+        (pulse + length <= timing.round_slot_begin(end).ticks()).then_some(RadioDuration::from_ticks(pulse))
+    })
+}
+
+/// Runs of set bits: (first, one past the last).
+fn runs(bits: u64) -> impl Iterator<Item = (usize, usize)> {
+    let mut from = 0;
+    core::iter::from_fn(move || {
+        let rest = bits.checked_shr(from)?;
+        if rest == 0 {
+            return None;
+        }
+        let begin = from + rest.trailing_zeros();
+        let end = begin + (bits >> begin).trailing_ones();
+        from = end;
+        Some((begin as usize, end as usize))
+    })
+}
+
+/// What a rate needs of a superframe.
+pub fn share_of(rate: Rate, timing: &Timing) -> Share {
+    match rate {
+        Rate::Greedy => Share::Greedy,
+        Rate::Every(period) => {
+            let (period, superframe) = (period.ticks().max(1), timing.superframe.ticks());
+            // At least as often as wanted: slots rounded up, superframes down.
+            match (period / superframe).min(127) as u8 {
+                0 | 1 => Share::Slots(((superframe + period - 1) / period).min(126) as u8),
+                superframes => Share::OneIn(superframes),
+            }
+        }
+    }
 }
 
 #[cfg(test)]

@@ -1,24 +1,15 @@
 //! The tag in native mode: hears beacons, asks for slots, ranges in its own.
 
+use super::following::{Following, Heard};
 use super::neighbours::Neighbours;
-use super::plan::{Membership, lists, owned_slots};
+use super::plan::{Rate, lists, next_round, owned_slots, share_of};
 use super::round::Exchange;
-use super::timing::{BEACON_SLOTS, HOLDOVER_SUPERFRAMES, Phase, Timing};
-use super::{Network, WAKE, prevails, spread};
+use super::timing::{BEACON_SLOTS, Timing};
+use super::{Network, WAKE, spread};
 use crate::exchange::{Action, Event, Guidance, Link, Machine, Report};
 use crate::frame::native::{Beacon, Frame, MAX_MEMBERS, Message, Position, Share};
 use crate::frame::{BROADCAST, FrameBuffer};
 use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
-
-/// How often a tag ranges.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Rate {
-    /// A fair share of all slots: a lone tag uses every one.
-    Greedy,
-    /// At least once in this time, as long as there are slots for it.
-    Every(RadioDuration),
-}
 
 /// What a tag is told at its start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,14 +72,7 @@ pub struct Tag {
 /// The network that the tag follows.
 #[derive(Clone, Debug)]
 struct Followed {
-    phase: Phase,
-    /// Since when the phase is not known any more, after a doze: the next beacon tells it.
-    adrift: Option<RadioInstant>,
-    term: u8,
-    coordinator: u16,
-    /// The superframe of the last beacon heard.
-    heard: u16,
-    membership: Membership,
+    following: Following,
     /// From this superframe on slots may be asked for.
     request_from: u16,
     /// Requests without effect.
@@ -157,58 +141,26 @@ impl Tag {
         if usize::from(beacon.slot) >= BEACON_SLOTS {
             return;
         }
-        let phase = Phase::from_beacon(&self.timing, beacon.superframe, beacon.slot, frame.rx_time);
-        let told = (beacon.term, beacon.coordinator);
-        let anew = match &mut self.network {
-            None => true,
-            Some(network) => {
-                let mut expected = network.phase;
-                expected.advance(&self.timing, frame.rx_time);
-                let silent = expected.number.wrapping_sub(network.heard);
-                let followed = (network.term, network.coordinator);
-                // In step: the same superframe, begun at the same time. A beacon repeated later is neither.
-                let off = phase.start.since(expected.start).ticks().unsigned_abs();
-                let in_step = phase.number == expected.number && off <= self.timing.guard.ticks().unsigned_abs();
-                if network.adrift.is_some() && told == followed {
-                    (network.phase, network.heard, network.adrift) = (phase, phase.number, None);
-                    network.membership.hear(beacon.version, beacon.countdown, &beacon.members, true);
-                    false
-                } else if in_step && prevails(told, followed) {
-                    network.phase = phase;
-                    network.heard = phase.number;
-                    (network.term, network.coordinator) = told;
-                    network.membership.hear(beacon.version, beacon.countdown, &beacon.members, false);
-                    if told.1 != followed.1 {
-                        self.link = Some(Link::Synchronised(told.1));
-                    }
-                    false
-                } else if network.adrift.is_some()
-                    || silent > HOLDOVER_SUPERFRAMES
-                    || (told != followed && prevails(told, followed))
-                {
-                    true
-                } else {
-                    return;
-                }
-            }
+        let heard = match &mut self.network {
+            None => Heard::Anew,
+            Some(network) => network.following.hear(&self.timing, beacon, frame.rx_time),
         };
-        if anew {
-            let mut membership = Membership::default();
-            membership.hear(beacon.version, beacon.countdown, &beacon.members, true);
-            self.link = Some(Link::Synchronised(beacon.coordinator));
-            self.network = Some(Followed {
-                phase,
-                adrift: None,
-                term: beacon.term,
-                coordinator: beacon.coordinator,
-                heard: phase.number,
-                membership,
-                request_from: phase.number,
-                requests: 0,
-                planned: None,
-                owned: 0,
-                joined: false,
-            });
+        match heard {
+            Heard::Ignored => return,
+            Heard::Followed => {}
+            Heard::Changed => self.link = Some(Link::Synchronised(beacon.coordinator)),
+            Heard::Anew => {
+                self.link = Some(Link::Synchronised(beacon.coordinator));
+                let following = Following::new(&self.timing, beacon, frame.rx_time);
+                self.network = Some(Followed {
+                    request_from: following.phase.number,
+                    following,
+                    requests: 0,
+                    planned: None,
+                    owned: 0,
+                    joined: false,
+                });
+            }
         }
         if let Some(anchor) = self.neighbours.hear(source, frame.diagnostics.rx_power_dbm) {
             anchor.position_m = beacon.position.map(Position::metres);
@@ -236,7 +188,7 @@ impl Tag {
     fn schedule(&mut self, present: RadioInstant) -> Action<'_> {
         let timing = self.timing;
         let Some(network) = &mut self.network else { return Self::listen(timing.superframe) };
-        if let Some(since) = network.adrift {
+        if let Some(since) = network.following.adrift {
             let patience = RadioDuration::from_ticks(i64::from(LOST_AFTER) * timing.superframe.ticks());
             if present.since(since) <= patience {
                 return Self::listen(timing.superframe);
@@ -244,27 +196,25 @@ impl Tag {
             self.network = None;
             return Action::Report(Report::Link(Link::Unsynchronised));
         }
-        let begun = network.phase.advance(&timing, present.plus(RadioDuration::from_ticks(2 * WAKE.ticks())));
-        network.membership.advance(begun);
+        let begun = network.following.advance(&timing, present.plus(RadioDuration::from_ticks(2 * WAKE.ticks())));
         self.neighbours.advance(begun);
-        let silent = network.phase.number.wrapping_sub(network.heard);
-        if silent > LOST_AFTER {
+        if network.following.silent() > LOST_AFTER {
             self.network = None;
             return Action::Report(Report::Link(Link::Unsynchronised));
         }
-        let passed = present.since(network.phase.start);
+        let passed = present.since(network.following.phase.start);
         if passed < timing.rounds() {
             return self.among_beacons(passed);
         }
-        network.plan(&self.config, &timing, silent);
-        let listed = network.membership.in_force().is_some_and(|members| lists(members, self.config.address));
+        network.plan(&self.config, &timing);
+        let listed = network.following.membership.in_force().is_some_and(|members| lists(members, self.config.address));
         if listed && !network.joined {
             network.joined = true;
             let slots = network.owned.count_ones().max(1) as u8;
             return Action::Report(Report::Link(Link::Joined(slots)));
         }
         network.joined &= listed;
-        if network.planned.replace(network.phase.number) != Some(network.phase.number) {
+        if network.planned.replace(network.following.phase.number) != Some(network.following.phase.number) {
             self.round.set_team(self.neighbours.choose(self.config.anchors.into(), self.position_m));
         }
         self.among_rounds(passed)
@@ -275,10 +225,10 @@ impl Tag {
         let timing = self.timing;
         let rest = RadioDuration::from_ticks(timing.rounds().ticks() - passed.ticks());
         let Some(network) = &mut self.network else { return Self::listen(rest) };
-        let (address, number) = (self.config.address, network.phase.number);
-        let listed = network.membership.members().iter().find(|member| member.tag == address);
+        let (address, number) = (self.config.address, network.following.phase.number);
+        let listed = network.following.membership.members().iter().find(|member| member.tag == address);
         let settled = listed.map_or(Share::Release, |member| member.share) == self.share;
-        let full = listed.is_none() && network.membership.members().len() == MAX_MEMBERS;
+        let full = listed.is_none() && network.following.membership.members().len() == MAX_MEMBERS;
         if settled {
             network.requests = 0;
         }
@@ -298,7 +248,7 @@ impl Tag {
         if spare < RadioDuration::ZERO {
             return Self::listen(rest);
         }
-        let start = Start::At(network.phase.at(rmarker));
+        let start = Start::At(network.following.phase.at(rmarker));
         self.write(Message::Request(self.share));
         Action::Transmit { frame: self.out.bytes(), start, listen: true }
     }
@@ -307,21 +257,17 @@ impl Tag {
     fn among_rounds(&mut self, passed: RadioDuration) -> Action<'_> {
         let timing = self.timing;
         let Some(network) = &self.network else { return Self::listen(timing.superframe) };
-        let phase = network.phase;
-        let half_guard = timing.guard.ticks() / 2;
-        let length = timing.round(self.round.asked()).ticks() + half_guard;
-        let earliest = passed.ticks() + timing.transmit.ticks();
-        for (begin, end) in runs(network.owned) {
-            let pulse = earliest.max(timing.round_slot_begin(begin).ticks() + half_guard);
-            if self.round.asked() == 0 || pulse + length > timing.round_slot_begin(end).ticks() {
-                continue;
-            }
-            if pulse - earliest > 2 * WAKE.ticks() {
-                let wake = pulse - timing.transmit.ticks() - WAKE.ticks();
+        let phase = network.following.phase;
+        let earliest = RadioDuration::from_ticks(passed.ticks() + timing.transmit.ticks());
+        let anchors = self.round.asked();
+        let next = next_round(network.owned, &timing, earliest, anchors).filter(|_| anchors > 0);
+        if let Some(pulse) = next {
+            if pulse.ticks() - earliest.ticks() > 2 * WAKE.ticks() {
+                let wake = pulse.ticks() - timing.transmit.ticks() - WAKE.ticks();
                 return Action::WaitUntil(phase.at(RadioDuration::from_ticks(wake)));
             }
             let start = if pulse > earliest {
-                Start::At(phase.at(RadioDuration::from_ticks(pulse + timing.to_rmarker.ticks())))
+                Start::At(phase.at(RadioDuration::from_ticks(pulse.ticks() + timing.to_rmarker.ticks())))
             } else {
                 Start::Now
             };
@@ -343,27 +289,25 @@ impl Tag {
 impl Followed {
     /// In how many superframes the next one with slots of ours begins, as far as that is settled, or how long a doze may be.
     fn next_turn(&self, config: &TagConfig, timing: &Timing, share: Share) -> Option<u16> {
-        let members = self.membership.in_force().filter(|_| self.membership.countdown() == 0)?;
+        let membership = &self.following.membership;
+        let members = membership.in_force().filter(|_| membership.countdown() == 0)?;
         members.iter().find(|member| member.tag == config.address && member.share == share)?;
         let most = (LONGEST_DOZE.ticks() / timing.superframe.ticks()).max(1) as u16;
         let owns = |turn: &u16| {
-            owned_slots(members, config.address, self.phase.number.wrapping_add(*turn), timing.round_slots) != 0
+            owned_slots(members, config.address, self.following.phase.number.wrapping_add(*turn), timing.round_slots)
+                != 0
         };
         Some((1..most).find(owns).unwrap_or(most))
     }
 
     /// Finds out which slots are ours in this superframe: none where the plan may have changed unheard.
-    fn plan(&mut self, config: &TagConfig, timing: &Timing, silent: u16) {
-        let number = self.phase.number;
+    fn plan(&mut self, config: &TagConfig, timing: &Timing) {
+        let number = self.following.phase.number;
         if self.planned == Some(number) {
             return;
         }
-        self.owned = match self.membership.in_force() {
-            Some(members) if silent <= HOLDOVER_SUPERFRAMES => {
-                owned_slots(members, config.address, number, timing.round_slots)
-            }
-            Some(_) | None => 0,
-        };
+        let owned = |members| owned_slots(members, config.address, number, timing.round_slots);
+        self.owned = self.following.members().map_or(0, owned);
     }
 }
 
@@ -383,7 +327,7 @@ impl Machine for Tag {
         let mut present = now;
         let dozed = core::mem::take(&mut self.dozing);
         if let Some(network) = self.network.as_mut().filter(|_| dozed) {
-            network.adrift = Some(now);
+            network.following.adrift = Some(now);
         }
         match event {
             Event::Started => {
@@ -421,36 +365,6 @@ impl Machine for Tag {
         match self.link.take() {
             Some(link) => Action::Report(Report::Link(link)),
             None => self.schedule(present),
-        }
-    }
-}
-
-/// Runs of set bits: (first, one past the last).
-fn runs(bits: u64) -> impl Iterator<Item = (usize, usize)> {
-    let mut from = 0;
-    core::iter::from_fn(move || {
-        let rest = bits.checked_shr(from)?;
-        if rest == 0 {
-            return None;
-        }
-        let begin = from + rest.trailing_zeros();
-        let end = begin + (bits >> begin).trailing_ones();
-        from = end;
-        Some((begin as usize, end as usize))
-    })
-}
-
-/// What a rate needs of a superframe.
-fn share_of(rate: Rate, timing: &Timing) -> Share {
-    match rate {
-        Rate::Greedy => Share::Greedy,
-        Rate::Every(period) => {
-            let (period, superframe) = (period.ticks().max(1), timing.superframe.ticks());
-            // At least as often as wanted: slots rounded up, superframes down.
-            match (period / superframe).min(127) as u8 {
-                0 | 1 => Share::Slots(((superframe + period - 1) / period).min(126) as u8),
-                superframes => Share::OneIn(superframes),
-            }
         }
     }
 }

@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 use rand::{Rng, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
-use ranging::exchange::{Action, Event, Link, Machine, Range, Report};
+use ranging::exchange::{Action, Difference, Event, Link, Machine, Range, Report};
 use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
 
 pub const TICKS: f64 = 63_897_600_000.0;
@@ -34,6 +34,7 @@ pub enum Owned {
     Receive { start: Start, window: RadioDuration, keep_listening: bool },
     WaitUntil(RadioInstant),
     Round { number: u16, asked: u8, ranges: Vec<Range> },
+    Differences { reference: u16, differences: Vec<Difference> },
     Link(Link),
 }
 
@@ -45,6 +46,9 @@ impl From<Action<'_>> for Owned {
             Action::WaitUntil(instant) => Self::WaitUntil(instant),
             Action::Report(Report::Round(round)) => {
                 Self::Round { number: round.number, asked: round.asked, ranges: round.ranges.to_vec() }
+            }
+            Action::Report(Report::Differences(round)) => {
+                Self::Differences { reference: round.reference, differences: round.differences.to_vec() }
             }
             Action::Report(Report::Link(link)) => Self::Link(link),
         }
@@ -109,6 +113,7 @@ pub struct Reported {
 #[derive(Clone, Debug)]
 pub enum What {
     Round { number: u16, asked: u8, ranges: Vec<Range> },
+    Differences { reference: u16, differences: Vec<Difference> },
     Link(Link),
 }
 
@@ -353,6 +358,10 @@ impl Air {
                 self.reports.push(Reported { time: now, node, what: What::Round { number, asked, ranges } });
                 State::Step(now, Plain::Reported)
             }
+            Owned::Differences { reference, differences } => {
+                self.reports.push(Reported { time: now, node, what: What::Differences { reference, differences } });
+                State::Step(now, Plain::Reported)
+            }
             Owned::Link(link) => {
                 self.reports.push(Reported { time: now, node, what: What::Link(link) });
                 State::Step(now, Plain::Reported)
@@ -465,7 +474,18 @@ impl Air {
             What::Round { ranges, .. } if report.node == node && report.time >= from => {
                 Some((report.time, ranges.clone()))
             }
-            What::Round { .. } | What::Link(_) => None,
+            What::Round { .. } | What::Differences { .. } | What::Link(_) => None,
+        };
+        self.reports.iter().filter_map(of).collect()
+    }
+
+    /// Rounds that a listening node reported from then on: (reference, differences).
+    pub fn heard(&self, node: usize, from: f64) -> Vec<(u16, Vec<Difference>)> {
+        let of = |report: &Reported| match &report.what {
+            What::Differences { reference, differences } if report.node == node && report.time >= from => {
+                Some((*reference, differences.clone()))
+            }
+            What::Differences { .. } | What::Round { .. } | What::Link(_) => None,
         };
         self.reports.iter().filter_map(of).collect()
     }
@@ -474,7 +494,7 @@ impl Air {
     pub fn links(&self, node: usize) -> Vec<(f64, Link)> {
         let of = |report: &Reported| match report.what {
             What::Link(link) if report.node == node => Some((report.time, link)),
-            What::Link(_) | What::Round { .. } => None,
+            What::Link(_) | What::Round { .. } | What::Differences { .. } => None,
         };
         self.reports.iter().filter_map(of).collect()
     }

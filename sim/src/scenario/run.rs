@@ -166,6 +166,7 @@ impl Firmware for AnchorFirmware {
                         network: native_network(&network),
                         antenna_delay,
                         position_m: Some(at.map(|metres| metres as f32)),
+                        rounds: None,
                     });
                     firmware_anchor::run(radio, delay, machine, sink).await
                 }

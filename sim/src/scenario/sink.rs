@@ -51,7 +51,7 @@ impl Listener for AnchorSink {
     async fn report(&mut self, report: Report<'_>, _: RadioInstant) -> Guidance {
         match report {
             // What tags tell is recorded where it is measured.
-            Report::Round(_) => {}
+            Report::Round(_) | Report::Differences(_) => {}
             Report::Link(link) => self.0.write(What::Link(link)),
         }
         Guidance::default()

@@ -1,0 +1,269 @@
+//! The listening tag: hears the rounds that anchors make among themselves, and finds from each how much farther every anchor
+//! is than the one that asked. It never sends, so that any number of tags share the rounds.
+//!
+//! An anchor P at a known place polls; anchor i answers, and tells how long after the poll's arrival in its own clock (`reply`).
+//! Heard by the tag at t_P and t_i of the tag's clock,
+//!
+//! d_i − d_P = c · (t_i − t_P − reply · (1 + r_i)) − |P − i|,
+//!
+//! r_i the rate of the tag's clock against anchor i's, which successive answers give: their departures in the anchor's clock
+//! against their arrivals in the tag's ([`ClockModel`](super::ClockModel)). No wires keep the anchors' time, and no long intervals are compared:
+//! a reply lasts 3 ms at most. The stamp t_P is common to all differences of a round: their errors are correlated (seed 003,
+//! equation 6).
+
+use heapless::Vec;
+
+use super::following::{Following, Heard};
+use super::neighbours::{Neighbours, Team};
+use super::plan::{Rate, owned_slots};
+use super::timing::{BEACON_SLOTS, Timing};
+use super::{MAX_ROUND, Network, STAMP_DEVIATION_TICKS};
+use crate::exchange::{Action, Difference, Differences, Event, Guidance, Link, Machine, Report};
+use crate::frame::BROADCAST;
+use crate::frame::native::{Beacon, Frame, Message, Poll, Position, Response};
+use crate::time::METRES_PER_TICK;
+use crate::{Diagnostics, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
+
+/// A response may come this much off its slot, ticks (10 µs): the ways of both frames, and the clocks' drift.
+const SLOT_TOLERANCE_TICKS: u64 = 640_000;
+/// Without a beacon for this many superframes there is no network here.
+const LOST_AFTER: u16 = 5;
+/// One stamp, metres.
+const STAMP_DEVIATION_M: f32 = STAMP_DEVIATION_TICKS * METRES_PER_TICK as f32;
+
+/// What a listening tag is told at its start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ListeningTagConfig {
+    /// The network.
+    pub network: Network,
+    /// From one round heard to the next, at least; in between the radio is off. `None`: every round is heard.
+    pub period: Option<RadioDuration>,
+}
+
+/// A tag that only listens. Its reports are the differences of distances of each round heard, and changes of its link.
+#[derive(Clone, Debug)]
+pub struct ListeningTag {
+    config: ListeningTagConfig,
+    timing: Timing,
+    bias: RangeBias,
+    neighbours: Neighbours,
+    link: Option<Link>,
+    network: Option<Following>,
+    round: Option<Round>,
+    /// Counts the rounds heard.
+    number: u16,
+    differences: Vec<Difference, MAX_ROUND>,
+    /// The radio is off until then.
+    rest_until: Option<RadioInstant>,
+}
+
+/// A round being heard.
+#[derive(Clone, Debug)]
+struct Round {
+    /// As the anchors count it.
+    number: u16,
+    reference: u16,
+    reference_m: [f32; 3],
+    poll: RadioInstant,
+    diagnostics: Diagnostics,
+    team: Team,
+    /// Slots whose response may still come.
+    pending: u8,
+}
+
+impl ListeningTag {
+    /// A tag that has heard nobody yet.
+    pub fn new(config: ListeningTagConfig) -> Self {
+        Self {
+            config,
+            timing: Timing::of(&config.network),
+            bias: RangeBias::of(&config.network.phy),
+            neighbours: Neighbours::new(),
+            link: None,
+            network: None,
+            round: None,
+            number: 0,
+            differences: Vec::new(),
+            rest_until: None,
+        }
+    }
+
+    fn hear(&mut self, frame: &RxFrame<'_>) {
+        let Some(told) = Frame::parse(frame.bytes).filter(|told| told.pan == self.config.network.pan) else { return };
+        match told.message {
+            Message::Beacon(beacon) if told.destination == BROADCAST => self.hear_beacon(told.source, &beacon, frame),
+            Message::Poll(poll) if told.destination == BROADCAST => self.hear_poll(told.source, &poll, frame),
+            Message::Response(response) => self.hear_response(told.source, told.destination, response, frame),
+            Message::Beacon(_) | Message::Poll(_) | Message::Request(_) => {}
+        }
+    }
+
+    fn hear_beacon(&mut self, source: u16, beacon: &Beacon, frame: &RxFrame<'_>) {
+        if usize::from(beacon.slot) >= BEACON_SLOTS {
+            return;
+        }
+        self.advance(frame.rx_time);
+        let heard = match &mut self.network {
+            None => {
+                self.network = Some(Following::new(&self.timing, beacon, frame.rx_time));
+                Heard::Anew
+            }
+            Some(network) => network.hear(&self.timing, beacon, frame.rx_time),
+        };
+        match heard {
+            Heard::Ignored => return,
+            Heard::Followed => {}
+            Heard::Changed | Heard::Anew => self.link = Some(Link::Synchronised(beacon.coordinator)),
+        }
+        if let Some(anchor) = self.neighbours.hear(source, frame.diagnostics.rx_power_dbm) {
+            anchor.position_m = beacon.position.map(Position::metres);
+        }
+    }
+
+    /// A round begins that serves us, where an anchor asks in a slot of its own and its place is known.
+    fn hear_poll(&mut self, source: u16, poll: &Poll, frame: &RxFrame<'_>) {
+        let Some(reference_m) = self.neighbours.get_mut(source).and_then(|anchor| anchor.position_m) else { return };
+        if !self.may_poll(source, frame.rx_time) {
+            return;
+        }
+        let team: Team = poll.anchors.iter().map(|asked| asked.address).collect();
+        self.differences.clear();
+        self.round = Some(Round {
+            number: poll.round,
+            reference: source,
+            reference_m,
+            poll: frame.rx_time,
+            diagnostics: frame.diagnostics,
+            pending: u8::MAX >> MAX_ROUND.saturating_sub(team.len()).min(7),
+            team,
+        });
+    }
+
+    /// An answer within the round makes a difference; any answer tells of its sender's clock.
+    fn hear_response(&mut self, source: u16, destination: u16, response: Response, frame: &RxFrame<'_>) {
+        let Some(round) = &mut self.round else { return };
+        let Some(slot) = round.team.iter().position(|&anchor| anchor == source) else { return };
+        let awaited =
+            destination == round.reference && response.round == round.number && round.pending >> slot & 1 == 1;
+        let between = frame.rx_time.since(round.poll);
+        let due = self.timing.reply_in(slot).ticks();
+        let in_slot = |time: RadioDuration| time.ticks().abs_diff(due) <= SLOT_TOLERANCE_TICKS;
+        if !awaited || !in_slot(between) || !in_slot(response.reply) {
+            return;
+        }
+        // Responses come in the order of their slots: those before have been lost.
+        round.pending &= !(u8::MAX >> (MAX_ROUND - 1 - slot));
+        let diagnostics = frame.diagnostics;
+        let Some(anchor) = self.neighbours.hear(source, diagnostics.rx_power_dbm) else { return };
+        // The model's sender is the anchor, its receiver this tag: the rate is the tag's against the anchor's.
+        anchor.clock.poll(response.poll_rx.plus(response.reply), frame.rx_time);
+        anchor.clock.carrier(-diagnostics.clock_offset_ppm);
+        let Some(position_m) = anchor.position_m else { return };
+        let reply = response.reply.ticks() as f32;
+        let excess = (between.ticks() - response.reply.ticks()) as f32 - reply * anchor.clock.rate();
+        let apart_m = distance(round.reference_m, position_m);
+        // Each stamp is late by what its frame's power makes of it; that of the poll at the anchor is known by their distance.
+        let bias_m = self.bias.metres(diagnostics.rx_power_dbm) - self.bias.metres(round.diagnostics.rx_power_dbm)
+            + self.bias.expected(apart_m);
+        let difference_m = excess * METRES_PER_TICK as f32 - apart_m - bias_m;
+        // The stamps of this frame and of the poll at the anchor, and the rate over the reply; that of the poll is common.
+        let rate_m = reply * METRES_PER_TICK as f32;
+        let variance = 2.0 * STAMP_DEVIATION_M * STAMP_DEVIATION_M + rate_m * rate_m * anchor.clock.rate_variance();
+        let deviation_m = libm::sqrtf(variance);
+        // One a slot at most: it fits.
+        let _ = self.differences.push(Difference { peer: source, difference_m, deviation_m, position_m, diagnostics });
+    }
+
+    /// Whether a poll whose RMARKER came then is in a slot of its sender: one that was repeated later is not, as a rule.
+    fn may_poll(&mut self, anchor: u16, rx_time: RadioInstant) -> bool {
+        let Some(network) = &mut self.network else { return false };
+        let pulse = rx_time.plus(RadioDuration::from_ticks(-self.timing.to_rmarker.ticks()));
+        let begun = network.advance(&self.timing, pulse);
+        self.neighbours.advance(begun);
+        let into = pulse.since(network.phase.start).ticks() - self.timing.rounds().ticks();
+        let Some(slot) = u32::try_from(into.div_euclid(self.timing.round_slot.ticks())).ok() else { return false };
+        let owned = |members| owned_slots(members, anchor, network.phase.number, self.timing.round_slots);
+        network.members().map_or(0, owned).checked_shr(slot).is_some_and(|slots| slots & 1 == 1)
+    }
+
+    /// Superframes pass, whether a beacon is heard or not.
+    fn advance(&mut self, present: RadioInstant) {
+        let Some(network) = &mut self.network else { return };
+        let begun = network.advance(&self.timing, present);
+        self.neighbours.advance(begun);
+        if network.silent() > LOST_AFTER {
+            self.network = None;
+            self.link = Some(Link::Unsynchronised);
+        }
+    }
+
+    /// What is left of the round being heard: a window to its end, nothing where it is over.
+    fn rest_of_round(&self, present: RadioInstant) -> Option<RadioDuration> {
+        let round = self.round.as_ref()?;
+        let last = round.team.len().checked_sub(1)?;
+        let end = self.timing.reply_in(last).ticks() + self.timing.response_tail.ticks() + self.timing.guard.ticks();
+        let rest = round.poll.plus(RadioDuration::from_ticks(end)).since(present);
+        (round.pending != 0 && rest > RadioDuration::ZERO).then_some(rest)
+    }
+}
+
+impl Machine for ListeningTag {
+    fn guide(&mut self, guidance: Guidance) {
+        match guidance.rate {
+            Some(Rate::Every(period)) => self.config.period = Some(period),
+            Some(Rate::Greedy) => self.config.period = None,
+            None => {}
+        }
+    }
+
+    fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
+        let mut present = now;
+        match event {
+            Event::Started => {
+                (self.network, self.round, self.rest_until) = (None, None, None);
+                self.neighbours.forget_clocks();
+            }
+            Event::Received(frame) => {
+                self.hear(&frame);
+                let tail = self.config.network.phy.time_after_rmarker(frame.bytes.len() as u16 + 2);
+                present = frame.rx_time.plus(tail).plus(self.timing.reading);
+            }
+            Event::Sent(_)
+            | Event::NotSent
+            | Event::Corrupt
+            | Event::Timeout
+            | Event::Late
+            | Event::Woken
+            | Event::Reported => {}
+        }
+        self.advance(present);
+        if let Some(link) = self.link.take() {
+            return Action::Report(Report::Link(link));
+        }
+        if let Some(window) = self.rest_of_round(present) {
+            return Action::Receive { start: Start::Now, window, keep_listening: true };
+        }
+        if let Some(round) = self.round.take() {
+            self.number = self.number.wrapping_add(1);
+            self.rest_until = self.config.period.map(|period| round.poll.plus(period));
+            return Action::Report(Report::Differences(Differences {
+                number: self.number,
+                poll: round.poll,
+                asked: round.team.len() as u8,
+                reference: round.reference,
+                reference_m: round.reference_m,
+                reference_deviation_m: STAMP_DEVIATION_M,
+                differences: &self.differences,
+            }));
+        }
+        if let Some(instant) = self.rest_until.take().filter(|instant| instant.since(present) > super::WAKE) {
+            return Action::WaitUntil(instant);
+        }
+        Action::Receive { start: Start::Now, window: self.timing.superframe, keep_listening: true }
+    }
+}
+
+fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
+    libm::sqrtf(a.into_iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum())
+}
