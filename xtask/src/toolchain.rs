@@ -65,8 +65,9 @@ impl Toolchain {
     /// not make the desktop's builds stale.
     pub fn cargo(&self, subcommand: &str) -> Command {
         let mut command = Command::new(self.cargo);
-        // RUSTFLAGS, if set, were meant for the desktop.
-        command.current_dir(root()).env("RUSTC", self.rustc).env_remove("RUSTFLAGS");
+        command.current_dir(root()).env("RUSTC", self.rustc);
+        // RUSTFLAGS, if set, were meant for the desktop. An image that says where it panicked names no folder of this machine.
+        command.env("CARGO_ENCODED_RUSTFLAGS", remapped());
         command.args([subcommand, "--profile", PROFILE, "--target", self.target.triple(), "--target-dir"]);
         command.arg(build_directory());
         match self.core {
@@ -121,6 +122,22 @@ fn build_directory() -> PathBuf {
 
 fn linker_variable(target: Target) -> String {
     format!("CARGO_TARGET_{}_LINKER", target.variable())
+}
+
+/// Flags by which sources are named from the root of the repository and of the registry, and not of the machine.
+fn remapped() -> OsString {
+    let home = env::var_os("CARGO_HOME").map(PathBuf::from);
+    let home = home.or_else(|| env::home_dir().map(|home| home.join(".cargo")));
+    let registry = home.map(|home| home.join("registry/src")).and_then(|sources| fs::read_dir(sources).ok());
+    let registries = registry.into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut flags = OsString::new();
+    for directory in registries.chain([root().to_owned()]) {
+        flags.push(if flags.is_empty() { "" } else { "\u{1f}" });
+        flags.push("--remap-path-prefix=");
+        flags.push(directory);
+        flags.push("/=");
+    }
+    flags
 }
 
 /// Where the headers of Debian's newest libclang are.
