@@ -153,7 +153,7 @@ mod tests {
 
     #[test]
     fn the_ranges_have_the_statistics_that_are_stated() {
-        let rounds: Vec<Round> = (0..40).flat_map(draw).filter(|round| round.counts).collect();
+        let rounds: Vec<Round> = (0..160).flat_map(draw).filter(|round| round.counts).collect();
         let heard = rounds.iter().flat_map(|round| {
             round.ranges.iter().enumerate().map(|(i, heard)| {
                 let distance = round.at_m.iter().zip(ANCHORS_M[i]).map(|(t, a)| (t - a).powi(2)).sum::<f64>().sqrt();

@@ -116,5 +116,5 @@ fn leaving_blocked_ranges_out_brings_the_iterated_filter_to_the_printed_error() 
     assert!(mae("iekf", "ignore") <= 0.084, "{json}");
     // Corrections from elsewhere spoil it.
     assert!(mae("iekf", "ignore-mitigate") > mae("iekf", "ignore"));
-    assert!(mae("engine", "weigh") < 0.75 * mae("engine", "no-ignore"));
+    assert!(mae("engine", "weigh") < 0.9 * mae("engine", "no-ignore"));
 }
