@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use host_tools::barral::{self, Row, hall};
+use host_tools::barral::{self, Row};
 use host_tools::output;
-use host_tools::plot::{Format, Picture, Track};
+use host_tools::plot::{self, Format, Track};
 
 /// Ranges from five anchors with blocked ranges ignored, corrected or weighted, by filter and by least squares
 ///
@@ -49,25 +49,29 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         super::print(barral::to_markdown(&rows).as_bytes())?;
     }
     if let Some((file, format)) = picture {
-        super::write_picture(file, format, draw(&rows).to_svg()?)?;
+        super::write_picture(file, format, draw(&rows)?)?;
         super::tell(&format!("picture: {}\n", file.display()));
     }
     Ok(())
 }
 
-/// Anchors and grid, and the distribution of the errors as in the paper's figure 4.
-fn draw(rows: &[Row]) -> Picture {
-    Picture {
-        anchors: hall::ANCHORS_M.iter().zip(1..).map(|([x, y, _], n)| (n.to_string(), [*x, *y])).collect(),
-        walls_m: Vec::new(),
-        truth_m: hall::grid_m().map(|[x, y, _]| vec![[x, y]]).collect(),
-        tracks: rows
-            .iter()
-            .map(|(score, errors_m)| Track {
-                method: format!("{}, {}", score.algorithm.as_str(), score.configuration.as_str()),
-                dots: Vec::new(),
-                errors_m: errors_m.clone(),
-            })
-            .collect(),
-    }
+/// The rows that are drawn; the others lie between them.
+const DRAWN: [&str; 7] = [
+    "IEKF, no ignore",
+    "IEKF, ignore NLOS",
+    "IEKF, ignore NLOS, mitigate",
+    "NLS, ignore NLOS",
+    "NLS, ignore NLOS, min. 4",
+    "engine, no ignore",
+    "engine, weigh",
+];
+
+/// The distribution of the errors, as in the paper's figure 4.
+fn draw(rows: &[Row]) -> Result<String> {
+    let tracks = rows.iter().map(|(score, errors_m)| Track {
+        method: format!("{}, {}", score.algorithm.as_str(), score.configuration.as_str()),
+        dots: Vec::new(),
+        errors_m: errors_m.clone(),
+    });
+    plot::distribution(&tracks.filter(|track| DRAWN.contains(&track.method.as_str())).collect::<Vec<_>>())
 }

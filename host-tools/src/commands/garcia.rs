@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use host_tools::garcia::{self, BEACONS_M, COLUMNS_M, Outcome, ROWS_M, Score, Way};
+use host_tools::garcia::{self, Outcome, Score};
 use host_tools::output;
-use host_tools::plot::{Format, Picture, Track};
+use host_tools::plot::{self, Format, Track};
 
 /// Differences of arrival from four beacons, with and without detection of blocked paths
 ///
@@ -65,23 +65,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         super::print(garcia::to_markdown(&outcome).as_bytes())?;
     }
     if let Some((file, format)) = picture {
-        super::write_picture(file, format, draw(&outcome).to_svg()?)?;
+        super::write_picture(file, format, draw(&outcome)?)?;
         super::tell(&format!("picture: {}\n", file.display()));
     }
     Ok(())
 }
 
-/// Beacons and points, and the distribution of the horizontal errors.
-fn draw(outcome: &Outcome) -> Picture {
-    let track = |way: Way, errors: &[[f64; 2]]| Track {
+/// The distribution of the horizontal errors.
+fn draw(outcome: &Outcome) -> Result<String> {
+    let tracks = outcome.errors_m.iter().map(|(way, errors)| Track {
         method: way.as_str().to_owned(),
         dots: Vec::new(),
         errors_m: errors.iter().map(|[x, y]| x.hypot(*y)).collect(),
-    };
-    Picture {
-        anchors: BEACONS_M.iter().zip(1..).map(|([x, y, _], n)| (n.to_string(), [*x, *y])).collect(),
-        walls_m: Vec::new(),
-        truth_m: ROWS_M.iter().flat_map(|&y| COLUMNS_M.map(|x| vec![[x, y]])).collect(),
-        tracks: outcome.errors_m.iter().map(|(way, errors)| track(*way, errors)).collect(),
-    }
+    });
+    plot::distribution(&tracks.collect::<Vec<_>>())
 }

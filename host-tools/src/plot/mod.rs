@@ -3,6 +3,7 @@
 //! A [`Picture`] becomes SVG text, drawn by `plotters`; PNG is that SVG, rendered by `resvg` with a font of its own.
 
 mod cdf;
+mod distribution;
 mod format;
 mod legend;
 mod map;
@@ -15,6 +16,7 @@ use plotters::prelude::{DrawingArea, SVGBackend};
 
 use crate::Statistics;
 
+pub use distribution::distribution;
 pub use format::Format;
 pub use thesis::thesis;
 

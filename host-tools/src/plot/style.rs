@@ -93,6 +93,15 @@ pub fn pen(method: &str) -> Pen {
         "bb-nls-c" => (PURPLE, Dash::Dashed),
         "bb-nls-r" => (PURPLE, Dash::Dotted),
         "robust" => (BLUE, Dash::Solid),
+        // The benchmarks of tracks.
+        "no mitigation" | "IEKF, no ignore" => (GREY, Dash::Solid),
+        "EKF without detection" => (ORANGE, Dash::Dashed),
+        "EKF" | "IEKF, ignore NLOS" => (VERMILION, Dash::Solid),
+        "IEKF, ignore NLOS, mitigate" => (VERMILION, Dash::Dashed),
+        "NLS, ignore NLOS" => (GREEN, Dash::Solid),
+        "NLS, ignore NLOS, min. 4" => (GREEN, Dash::Dashed),
+        "engine, no ignore" => (BLUE, Dash::Dashed),
+        "calibrated" | "engine, weigh" => (BLUE, Dash::Solid),
         _ => (SKY, Dash::Solid),
     };
     Pen { color, dash, width: if method == "robust" { 2.5 } else { 1.6 } }
