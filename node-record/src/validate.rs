@@ -27,11 +27,11 @@ const NO_ADDRESS: u16 = 0xFFFE;
 pub struct Invalid {
     /// The list that the field's owner is in, and its place from 0.
     pub within: Option<(&'static str, u8)>,
-    /// The field, from the record or from the list's element, with points.
+    /// The field, from the record or from the list's element, with points; on a node no words.
     pub field: &'static str,
     /// What it is.
     pub value: Value,
-    /// What it must be.
+    /// What it must be; on a node no words.
     pub must: &'static str,
 }
 
@@ -71,16 +71,30 @@ impl fmt::Display for Value {
 
 impl core::error::Error for Invalid {}
 
+/// Inlined, so that no words are left on a node.
+#[inline(always)]
 fn ensure(holds: bool, field: &'static str, value: Value, must: &'static str) -> Result<(), Invalid> {
-    if holds { Ok(()) } else { Err(Invalid { within: None, field, value, must }) }
+    if holds { Ok(()) } else { Err(invalid(field, value, must)) }
+}
+
+#[inline(always)]
+fn invalid(field: &'static str, value: Value, must: &'static str) -> Invalid {
+    Invalid { within: None, field: words(field), value, must: words(must) }
+}
+
+/// Words are for the host: on a node they would cost two kilobytes of flash, and it has nobody to tell them to.
+#[inline(always)]
+const fn words(words: &'static str) -> &'static str {
+    if cfg!(target_os = "none") { "" } else { words }
 }
 
 fn integer(value: impl Into<u64>) -> Value {
     Value::Integer(value.into())
 }
 
+#[inline(always)]
 fn within(list: &'static str, place: usize) -> impl Fn(Invalid) -> Invalid {
-    move |invalid| Invalid { within: Some((list, place as u8)), ..invalid }
+    move |invalid| Invalid { within: Some((words(list), place as u8)), ..invalid }
 }
 
 impl Record {
@@ -273,19 +287,18 @@ impl Identity {
 impl Network {
     fn phy(&self) -> Result<PhyConfig, Invalid> {
         let phy = self.phy;
-        let refuse = |field, value, must| Invalid { within: None, field, value, must };
         let channel = Channel::from_number(phy.channel)
-            .ok_or_else(|| refuse("network.phy.channel", integer(phy.channel), "1, 2, 3, 4, 5 or 7"))?;
+            .ok_or_else(|| invalid("network.phy.channel", integer(phy.channel), "1, 2, 3, 4, 5 or 7"))?;
         let prf = match phy.prf_mhz {
             16 => Prf::Mhz16,
             64 => Prf::Mhz64,
-            other => return Err(refuse("network.phy.prf_mhz", integer(other), "16 or 64")),
+            other => return Err(invalid("network.phy.prf_mhz", integer(other), "16 or 64")),
         };
         let rate = match phy.rate_kbps {
             110 => DataRate::Kbps110,
             850 => DataRate::Kbps850,
             6810 => DataRate::Kbps6810,
-            other => return Err(refuse("network.phy.rate_kbps", integer(other), "110, 850 or 6810")),
+            other => return Err(invalid("network.phy.rate_kbps", integer(other), "110, 850 or 6810")),
         };
         let preamble = match phy.preamble {
             64 => PreambleLength::Symbols64,
@@ -298,21 +311,21 @@ impl Network {
             4096 => PreambleLength::Symbols4096,
             other => {
                 let must = "64, 128, 256, 512, 1024, 1536, 2048 or 4096";
-                return Err(refuse("network.phy.preamble", integer(other), must));
+                return Err(invalid("network.phy.preamble", integer(other), must));
             }
         };
         let config = PhyConfig::new(channel, prf, rate, preamble);
         let config = config.and_then(|config| phy.code.map_or(Ok(config), |code| config.with_preamble_code(code)));
         config.map_err(|error| match error {
             PhyError::PreambleCode(code) => {
-                refuse("network.phy.code", integer(code), "one that the standard gives the channel at this pulse rate")
+                invalid("network.phy.code", integer(code), "one that the standard gives the channel at this pulse rate")
             }
             PhyError::PreambleTooShort(length) => {
-                refuse("network.phy.preamble", integer(length.symbols()), "1024 or more at 110 kbit/s")
+                invalid("network.phy.preamble", integer(length.symbols()), "1024 or more at 110 kbit/s")
             }
             // Delimiter and acquisition chunk are the recommended ones, which fit.
             PhyError::SfdUndefined | PhyError::PacTooLong(_) => {
-                refuse("network.phy.rate_kbps", integer(phy.rate_kbps), "one that delimiter and preamble fit")
+                invalid("network.phy.rate_kbps", integer(phy.rate_kbps), "one that delimiter and preamble fit")
             }
         })
     }
