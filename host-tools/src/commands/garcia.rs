@@ -49,12 +49,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let outcome = garcia::run(arguments.rooms as usize, arguments.seed);
     if arguments.json {
-        let scores = outcome.scores.iter().cloned().map(|score| Score {
+        let scores = outcome.scores.iter().map(|score| Score {
             rmse_x_m: super::rounded(score.rmse_x_m),
             rmse_y_m: super::rounded(score.rmse_y_m),
             rmse_m: super::rounded(score.rmse_m),
             reduction: super::rounded(score.reduction),
-            ..score
+            ..score.clone()
         });
         super::print_json(&Document {
             threshold: super::rounded(outcome.threshold),

@@ -1,7 +1,6 @@
 //! The distribution of errors alone, with a key: how many positions err less than so much.
 
 use anyhow::Result;
-use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::style::{pen, pixels, text};
