@@ -1,6 +1,6 @@
 //! Trains and scores what tells blocked ranges from direct ones: files in, models and figures out.
 //!
-//! [`Samples`] reads receptions, [`train`] makes a [`Trained`] of every [`Recipe`] whose features they know,
+//! [`Samples`] reads receptions, [`train`] makes a classifier of every [`Recipe`] whose features they know,
 //! [`cross_validate`] scores recipes on placements held out, [`score`] scores models. The classifiers themselves are
 //! `positioning_core::nlos`, the same on the node.
 

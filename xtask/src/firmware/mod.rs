@@ -13,7 +13,7 @@ use anyhow::{Context, Result, ensure};
 use crate::toolchain::{self, Toolchain};
 use crate::{document, root, succeed, target_directory};
 use inspect::Takes;
-use matrix::{IMAGES, Image};
+use matrix::{Budget, IMAGES, Image};
 
 /// What `cargo xtask firmware` is asked for.
 #[derive(clap::Args)]
@@ -139,7 +139,7 @@ fn table(rows: &[Row<'_>]) -> String {
             if row.is_within() { "" } else { " **over**" },
             image.board.target().triple(),
             kib(Some(takes.flash)),
-            kib(image.budget.flash),
+            flash_budget(&image.budget),
             kib(Some(takes.ram)),
             kib(image.budget.ram),
             kib(takes.heap),
@@ -147,6 +147,13 @@ fn table(rows: &[Row<'_>]) -> String {
         );
     }
     text
+}
+
+fn flash_budget(budget: &Budget) -> String {
+    match budget.missed {
+        Some(meant) => format!("{} (meant: {})", kib(budget.flash), kib(Some(meant))),
+        None => kib(budget.flash),
+    }
 }
 
 /// Binary kilobytes with one digit.
