@@ -11,7 +11,7 @@ use embassy_sync::signal::Signal;
 use firmware_common::counts::Tally;
 use heapless::Vec;
 use ranging::RadioInstant;
-use ranging::exchange::{self, Guidance, Range};
+use ranging::exchange::{self, Difference, Guidance, Range};
 use ranging::native::MAX_ROUND;
 
 /// Rounds that may wait for the engine: it is late by two at most, then the oldest go.
@@ -19,28 +19,94 @@ const ROUNDS: usize = 2;
 /// Sightings that may wait.
 const SIGHTINGS: usize = 8;
 
-/// A round that owns its ranges.
+/// What a round measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Measured<'a> {
+    /// Ranges to the anchors that were asked.
+    Ranges(exchange::Round<'a>),
+    /// Differences of arrivals among anchors that asked each other.
+    Differences(exchange::Differences<'a>),
+}
+
+impl<'a> Measured<'a> {
+    /// Counts the rounds, wrapping.
+    pub const fn number(&self) -> u16 {
+        match self {
+            Self::Ranges(round) => round.number,
+            Self::Differences(round) => round.number,
+        }
+    }
+
+    /// Anchors that were asked.
+    pub const fn asked(&self) -> u8 {
+        match self {
+            Self::Ranges(round) => round.asked,
+            Self::Differences(round) => round.asked,
+        }
+    }
+
+    /// How many ranges, or differences, there are.
+    pub const fn count(&self) -> usize {
+        match self {
+            Self::Ranges(round) => round.ranges.len(),
+            Self::Differences(round) => round.differences.len(),
+        }
+    }
+
+    /// The ranges, if it is those that were measured.
+    pub const fn ranges(&self) -> &'a [Range] {
+        match self {
+            Self::Ranges(round) => round.ranges,
+            Self::Differences(_) => &[],
+        }
+    }
+
+    /// When the poll left or came, in the radio's clock.
+    pub(crate) const fn poll(&self) -> RadioInstant {
+        match self {
+            Self::Ranges(round) => round.poll,
+            Self::Differences(round) => round.poll,
+        }
+    }
+}
+
+/// A round that owns what it measured.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Round {
-    pub(crate) number: u16,
-    /// When the poll left, in the radio's clock …
-    pub(crate) poll: RadioInstant,
-    /// … and since the node started, microseconds.
+    /// When the poll left or came, since the node started, microseconds.
     pub(crate) poll_us: u64,
-    pub(crate) asked: u8,
-    pub(crate) ranges: Vec<Range, MAX_ROUND>,
-    /// How often the radio's clock has begun anew: rounds of different lives have nothing in common but the place.
-    pub(crate) life: u8,
+    owned: Owned,
+}
+
+/// A round with nothing in it, and beside it what belongs there.
+#[derive(Clone, Debug, PartialEq)]
+enum Owned {
+    Ranges(exchange::Round<'static>, Vec<Range, MAX_ROUND>),
+    Differences(exchange::Differences<'static>, Vec<Difference, MAX_ROUND>),
 }
 
 impl Round {
-    pub(crate) fn of(round: &exchange::Round<'_>, poll_us: u64, life: u8) -> Self {
-        let ranges = round.ranges.iter().take(MAX_ROUND).copied().collect();
-        Self { number: round.number, poll: round.poll, poll_us, asked: round.asked, ranges, life }
+    pub(crate) fn of(measured: &Measured<'_>, poll_us: u64) -> Self {
+        let owned = match *measured {
+            Measured::Ranges(round) => Owned::Ranges(
+                exchange::Round { ranges: &[], ..round },
+                round.ranges.iter().take(MAX_ROUND).copied().collect(),
+            ),
+            Measured::Differences(round) => Owned::Differences(
+                exchange::Differences { differences: &[], ..round },
+                round.differences.iter().take(MAX_ROUND).copied().collect(),
+            ),
+        };
+        Self { poll_us, owned }
     }
 
-    pub(crate) fn borrowed(&self) -> exchange::Round<'_> {
-        exchange::Round { number: self.number, poll: self.poll, asked: self.asked, ranges: &self.ranges }
+    pub(crate) fn measured(&self) -> Measured<'_> {
+        match &self.owned {
+            Owned::Ranges(round, ranges) => Measured::Ranges(exchange::Round { ranges, ..*round }),
+            Owned::Differences(round, differences) => {
+                Measured::Differences(exchange::Differences { differences, ..*round })
+            }
+        }
     }
 }
 
@@ -147,7 +213,8 @@ mod tests {
     use ranging::native::Rate;
 
     fn round(number: u16) -> Round {
-        Round { number, poll: RadioInstant::default(), poll_us: 0, asked: 4, ranges: Vec::new(), life: 0 }
+        let measured = exchange::Round { number, poll: RadioInstant::default(), asked: 4, ranges: &[] };
+        Round::of(&Measured::Ranges(measured), 0)
     }
 
     #[test]
@@ -155,8 +222,8 @@ mod tests {
         let handover = Handover::<NoopRawMutex>::new();
         let dropped: std::vec::Vec<u32> = (1..=4).map(|number| handover.put_round(round(number))).collect();
         assert_eq!(dropped, [0, 0, 1, 1]);
-        assert_eq!(block_on(handover.next_round()).number, 3);
-        assert_eq!(block_on(handover.next_round()).number, 4);
+        assert_eq!(block_on(handover.next_round()).measured().number(), 3);
+        assert_eq!(block_on(handover.next_round()).measured().number(), 4);
     }
 
     #[test]

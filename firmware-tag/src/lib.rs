@@ -1,19 +1,19 @@
 //! The tag, whole, in two tasks: [`ranging()`] owns the radio and the machine of the exchange, [`engine()`] makes positions. A board
 //! spawns them at two priorities; [`run`] and [`run_as_told`] join them where there is one.
 //!
-//! Radio → machine → a round of ranges → [`Handover`] → [`Memory`] → [`Locator`] → an [`Epoch`]: a position with its covariance,
-//! or the reason why there is none. Ranging never waits for the engine: where that is late, the oldest round goes, and is counted.
+//! Radio → machine → a round of ranges, or of differences → [`Handover`] → [`Tracker`] → an [`Epoch`]: a position with its
+//! covariance, or the reason why there is none. Ranging never waits for the engine: where that is late, the oldest round goes, and is counted.
 //! Back flow the position, by which a tag chooses its anchors, and its [`Pace`]. A Bluetooth scan ([`scan`]) runs beside.
 #![no_std]
 #![forbid(unsafe_code)]
 
 mod handover;
 mod locator;
-mod memory;
 mod pace;
 pub mod scan;
 mod sightings;
 mod told;
+mod tracker;
 
 #[cfg(test)]
 extern crate std;
@@ -32,12 +32,12 @@ use telemetry::{Board, Hello, Role, Sighting};
 
 use handover::{Quiet, Round};
 
-pub use handover::{Handover, Heard};
-pub use locator::{AnchorPlace, Dimensions, Epoch, Locator, Position, places};
-pub use memory::Memory;
+pub use handover::{Handover, Heard, Measured};
+pub use locator::{AnchorPlace, Epoch, Locator, Position, places};
 pub use pace::Pace;
 pub use sightings::{KnownBeacons, tell_sightings};
 pub use told::Told;
+pub use tracker::Tracker;
 
 /// The engine's sign of life while no rounds come, milliseconds.
 const IDLE_MS: u32 = 1000;
@@ -134,7 +134,7 @@ pub async fn ranging<R: Restart, M: RawMutex>(
     handover: &Handover<M>,
     sink: &impl Sink,
 ) -> Infallible {
-    node::run(&mut radio, &mut delay, &mut machine, &mut Ranging { handover, sink, life: 0 }).await
+    node::run(&mut radio, &mut delay, &mut machine, &mut Ranging { handover, sink }).await
 }
 
 /// The task that makes positions, sole owner of whatever that needs.
@@ -145,19 +145,14 @@ pub async fn engine<M: RawMutex>(
     mut pace: Pace,
     sink: &impl Sink,
 ) -> Infallible {
-    let mut memory = Memory::default();
-    let mut life = 0;
+    let mut tracker = Tracker::new(locator);
     loop {
         sink.alive(Task::Engine);
         let round = match select(handover.next_round(), delay.delay_ms(IDLE_MS)).await {
             Either::First(round) => round,
             Either::Second(()) => continue,
         };
-        if core::mem::replace(&mut life, round.life) != round.life {
-            memory.forget();
-        }
-        let borrowed = round.borrowed();
-        let epoch = locator.locate(borrowed, round.poll_us, &memory.complete(&borrowed));
+        let epoch = tracker.follow(round.measured(), round.poll_us);
         let position = epoch.outcome.as_ref().ok();
         let rate = pace.after(sink.now_us(), position);
         handover.guide(Guidance { position_m: position.map(|position| position.position_m), rate });
@@ -169,20 +164,22 @@ pub async fn engine<M: RawMutex>(
 struct Ranging<'a, M: RawMutex, S> {
     handover: &'a Handover<M>,
     sink: &'a S,
-    /// Counts the radio's lives.
-    life: u8,
+}
+
+impl<M: RawMutex, S: Sink> Ranging<'_, M, S> {
+    fn hand_over(&self, measured: &Measured<'_>, present: RadioInstant) {
+        let age_us = u64::try_from(present.since(measured.poll()).as_micros()).unwrap_or(0);
+        let poll_us = self.sink.now_us().saturating_sub(age_us);
+        let dropped = self.handover.put_round(Round::of(measured, poll_us));
+        (0..dropped).for_each(|_| self.sink.round_dropped());
+    }
 }
 
 impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
     async fn report(&mut self, report: Report<'_>, present: RadioInstant) -> Guidance {
         match report {
-            Report::Round(round) => {
-                let age_us = u64::try_from(present.since(round.poll).as_micros()).unwrap_or(0);
-                let poll_us = self.sink.now_us().saturating_sub(age_us);
-                let dropped = self.handover.put_round(Round::of(&round, poll_us, self.life));
-                (0..dropped).for_each(|_| self.sink.round_dropped());
-            }
-            Report::Differences(_) => {}
+            Report::Round(round) => self.hand_over(&Measured::Ranges(round), present),
+            Report::Differences(round) => self.hand_over(&Measured::Differences(round), present),
             Report::Link(link) => self.sink.link(link),
         }
         self.handover.take_guidance()
@@ -196,9 +193,6 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
                 self.handover.tell_quiet(Quiet { until_us: self.sink.now_us() + micros });
             }
             Action::Transmit { .. } | Action::Receive { .. } | Action::Report(_) => {}
-        }
-        if matches!(event, Event::Started) {
-            self.life = self.life.wrapping_add(1);
         }
     }
 

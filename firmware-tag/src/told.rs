@@ -35,10 +35,10 @@ impl<M: RawMutex, const BYTES: usize> Sink for Told<'_, M, BYTES> {
 
     async fn publish(&self, epoch: Epoch<'_>) {
         let t_us = self.now_us();
-        let (round, journal) = (epoch.round, &self.reporter.journal);
+        let (measured, journal) = (epoch.measured, &self.reporter.journal);
         if self.report_ranges {
-            for range in round.ranges {
-                journal.range(Range::new(t_us, round.number, range));
+            for range in measured.ranges() {
+                journal.range(Range::new(t_us, measured.number(), range));
             }
         }
         let outcome = match epoch.outcome {
@@ -48,7 +48,8 @@ impl<M: RawMutex, const BYTES: usize> Sink for Told<'_, M, BYTES> {
             Err(reason) => Outcome::Reason(reason.into()),
         };
         let age_us = u32::try_from(t_us.saturating_sub(epoch.poll_us)).unwrap_or(u32::MAX);
-        journal.fix(Fix { t_us, round: round.number, age_us, asked: round.asked, outcome }, round.ranges.len() as u8);
+        let (round, asked) = (measured.number(), measured.asked());
+        journal.fix(Fix { t_us, round, age_us, asked, outcome }, measured.count() as u8);
     }
 
     fn step(&self, event: &Event<'_>) {

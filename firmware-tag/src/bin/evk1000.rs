@@ -38,7 +38,7 @@ impl Sink for TagShown {
     }
 
     async fn publish(&self, epoch: Epoch<'_>) {
-        self.panel.measured(epoch.round.ranges.iter().map(|range| range.distance_m));
+        self.panel.measured(epoch.measured.ranges().iter().map(|range| range.distance_m));
         self.told.publish(epoch).await;
     }
 

@@ -10,7 +10,7 @@ use host_tools::plot::Format;
 use host_tools::simulate::{Capture, Logbook, picture, position_header, position_row};
 use host_tools::{Wrong, output};
 use positioning_core::Method;
-use sim::scenario::{Epoch, Level, Record, Scenario, Simulation, Summary, What};
+use sim::scenario::{Epoch, Level, Mode, Record, Scenario, Simulation, Summary, What};
 
 use crate::progress::Progress;
 
@@ -47,9 +47,15 @@ pub struct Arguments {
     /// Positions a second that each tag wants [default: as many as it can get]
     #[arg(long, value_name = "HZ", value_parser = rate)]
     rate: Option<f64>,
-    /// How ranges become a position: any method of `baliza solve`
+    /// Solve each round by itself, by any method of `baliza solve` [default: the scenario's, or as the tag does: by a track]
     #[arg(long, value_name = "METHOD")]
     method: Option<Method>,
+    /// Let all ranges count alike, whatever their powers tell of the line of sight
+    #[arg(long)]
+    ignore_powers: bool,
+    /// How tags find themselves [default: the scenario's, or native]
+    #[arg(long, value_name = "MODE")]
+    mode: Option<ModeName>,
     /// Solve in the plane at the tags' height (2) or in space (3) [default: the scenario's, or 2]
     #[arg(long, value_name = "2|3", value_parser = clap::value_parser!(u8).range(2..=3))]
     dims: Option<u8>,
@@ -76,6 +82,7 @@ Examples:
   baliza simulate
   baliza simulate --tags 15 --anchors 16 --loss 0.1 --plot room.png
   baliza simulate --scenario office.toml --out run --pcap run.pcap
+  baliza simulate --mode tdoa --tags 100 --anchors 8 --level air
   baliza simulate --level air --tags 1000 --anchors 200 --rate 10 --json";
 
 /// The height of tags in the plane that nobody told, metres.
@@ -93,6 +100,16 @@ enum LevelName {
     Spi,
     /// Radios straight on the air: for many nodes
     Air,
+}
+
+/// `--mode`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum ModeName {
+    /// They ask anchors, and range to all that answer
+    Native,
+    /// They only hear anchors ask each other: by differences of arrival, any number of tags in one room
+    #[value(alias = "tdoa")]
+    Listening,
 }
 
 /// As many as addresses allow, which begin at 1 and 4097.
@@ -127,8 +144,20 @@ impl Arguments {
     fn scenario(&self) -> Result<Scenario, Wrong> {
         let mut scenario = match &self.scenario {
             Some(file) => read(file)?,
-            None => Scenario::rooms(self.anchors.into(), self.tags.into()),
+            None => match self.mode {
+                Some(ModeName::Native) | None => Scenario::rooms(self.anchors.into(), self.tags.into()),
+                Some(ModeName::Listening) => Scenario::listening(self.anchors.into(), self.tags.into()),
+            },
         };
+        if let (Some(_), Some(mode)) = (&self.scenario, self.mode) {
+            for network in &mut scenario.networks {
+                network.mode = match (mode, network.mode) {
+                    (ModeName::Native, _) => Mode::Native,
+                    (ModeName::Listening, mode @ Mode::Listening { .. }) => mode,
+                    (ModeName::Listening, Mode::Native | Mode::DecaRanging(_)) => Mode::LISTENING,
+                };
+            }
+        }
         scenario.seconds = self.seconds.unwrap_or(scenario.seconds);
         scenario.seed = self.seed.unwrap_or(scenario.seed);
         scenario.loss = self.loss.unwrap_or(scenario.loss);
@@ -138,7 +167,8 @@ impl Arguments {
             None => scenario.level,
         };
         scenario.tag.rate_hz = self.rate.or(scenario.tag.rate_hz);
-        scenario.tag.method = self.method.unwrap_or(scenario.tag.method);
+        scenario.tag.method = self.method.or(scenario.tag.method);
+        scenario.tag.weigh_nlos &= !self.ignore_powers;
         scenario.tag.height_m = match (self.dims, self.height_m) {
             (Some(3), Some(_)) => return Err(Wrong::flag("--height-m", "only with --dims 2")),
             (Some(3), None) => None,
@@ -243,7 +273,7 @@ impl Show {
         } else if std::io::stdout().is_terminal() {
             Self::Lines { next_s: scenario.tags.iter().take(ROW_TAGS).map(|tag| (tag.address, 0.0)).collect() }
         } else {
-            Self::Rows { method: scenario.tag.method.as_str() }
+            Self::Rows { method: scenario.tag.method_name() }
         }
     }
 

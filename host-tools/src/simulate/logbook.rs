@@ -51,7 +51,7 @@ impl Logbook {
             ranges: with_header(&RANGE_COLUMNS)?,
             truth: with_header(&["epoch", "t_s", "x_m", "y_m", "z_m", "tag"])?,
             positions: with_header(&position_header())?,
-            method: scenario.tag.method.as_str(),
+            method: scenario.tag.method_name(),
         })
     }
 

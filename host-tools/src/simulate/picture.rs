@@ -23,7 +23,7 @@ pub fn picture(scenario: &Scenario, records: &[Record]) -> Picture {
         anchors: scenario.anchors.iter().map(|anchor| (anchor.address.to_string(), flat(anchor.at))).collect(),
         truth_m: scenario.tags.iter().map(|tag| way(tag.address)).collect(),
         tracks: vec![Track {
-            method: scenario.tag.method.to_string(),
+            method: scenario.tag.method_name().to_owned(),
             dots: epochs().filter_map(|(_, epoch)| epoch.outcome.as_ref().ok().map(dot)).collect(),
             errors_m: epochs().filter_map(|(_, epoch)| epoch.error_m()).collect(),
         }],

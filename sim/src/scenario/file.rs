@@ -5,9 +5,9 @@ use std::fmt;
 use std::ops::Range;
 
 use positioning_core::Method;
-use ranging::PhyConfig;
 use ranging::frame::decaranging::Variant;
 use ranging::phy::{Channel, DataRate, PreambleLength, Prf};
+use ranging::{PhyConfig, RadioDuration};
 use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
 use toml::Spanned;
@@ -80,7 +80,8 @@ struct File {
     #[serde(deserialize_with = "optional_finite")]
     height_m: Option<f32>,
     #[serde(deserialize_with = "method")]
-    method: Method,
+    method: Option<Method>,
+    weigh_nlos: bool,
     #[serde(deserialize_with = "optional_rate")]
     rate_hz: Option<f64>,
     #[serde(deserialize_with = "anchors_per_round")]
@@ -104,6 +105,7 @@ impl Default for File {
             clock_ppm: 20.0,
             height_m: tag.height_m,
             method: tag.method,
+            weigh_nlos: tag.weigh_nlos,
             rate_hz: tag.rate_hz,
             anchors_per_round: tag.anchors_per_round,
             board: BoardTable::default(),
@@ -147,6 +149,8 @@ enum BoardName {
 #[serde(deny_unknown_fields, default)]
 struct NetworkTable {
     mode: ModeName,
+    #[serde(deserialize_with = "optional_rate")]
+    rounds_hz: Option<f64>,
     pan: Option<u16>,
     evk1000_mode: Option<u8>,
     channel: Option<u8>,
@@ -163,6 +167,7 @@ enum ModeName {
     Native,
     Decaranging,
     DecarangingFast,
+    Listening,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -286,6 +291,7 @@ impl File {
             tag: TagSettings {
                 height_m: self.height_m,
                 method: self.method,
+                weigh_nlos: self.weigh_nlos,
                 rate_hz: self.rate_hz,
                 anchors_per_round: self.anchors_per_round,
             },
@@ -346,7 +352,17 @@ impl NetworkTable {
             ModeName::Native => Mode::Native,
             ModeName::Decaranging => Mode::DecaRanging(Variant::Standard),
             ModeName::DecarangingFast => Mode::DecaRanging(Variant::Fast),
+            ModeName::Listening => match self.rounds_hz {
+                Some(hz) => Mode::Listening { period: RadioDuration::from_micros((1e6 / hz) as u32) },
+                None => Mode::LISTENING,
+            },
         };
+        match (mode, self.rounds_hz) {
+            (Mode::Native | Mode::DecaRanging(_), Some(_)) => {
+                return Err("rounds_hz is for mode = \"listening\": in others, anchors begin no rounds".to_owned());
+            }
+            (Mode::Listening { .. }, _) | (_, None) => {}
+        }
         Ok(Network { mode, pan: self.pan.unwrap_or(Network::default().pan), phy: self.phy()? })
     }
 
@@ -457,8 +473,9 @@ fn anchors_per_round<'de, D: Deserializer<'de>>(from: D) -> Result<u8, D::Error>
     if (1..=8).contains(&count) { Ok(count) } else { Err(D::Error::custom(format!("{count} is not 1 to 8 anchors"))) }
 }
 
-fn method<'de, D: Deserializer<'de>>(from: D) -> Result<Method, D::Error> {
-    String::deserialize(from)?.parse().map_err(D::Error::custom)
+fn method<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Method>, D::Error> {
+    let name = String::deserialize(from)?;
+    if name == "track" { Ok(None) } else { name.parse().map(Some).map_err(D::Error::custom) }
 }
 
 fn place<'de, D: Deserializer<'de>, const N: usize>(from: D) -> Result<[f64; N], D::Error>
@@ -547,6 +564,7 @@ mod tests {
             ("[[network]]\nevk1000_mode = 9\n", 5, "1 to 8, not 9"),
             ("[[network]]\nevk1000_mode = 5\nchannel = 5\n", 5, "evk1000_mode says it all"),
             ("[[network]]\nchannel = 6\n", 5, "not 6"),
+            ("[[network]]\nrounds_hz = 6\n", 5, "rounds_hz is for mode"),
             ("[[network]]\nrate_kbps = 110\npreamble = 128\n", 5, "at least 1024 symbols, not 128"),
             ("[[network]]\ncode = 3\n", 5, "[9, 10, 11, 12], not 3"),
         ];
@@ -555,6 +573,15 @@ mod tests {
             assert_eq!(found.line, line, "{more:?}: {found}");
             assert!(found.message.contains(message), "{more:?}: {found}");
         }
+    }
+
+    #[test]
+    fn a_network_to_listen_to() {
+        let mode = |more: &str| {
+            Scenario::parse(&format!("{LEAST}[[network]]\nmode = \"listening\"\n{more}")).unwrap().networks[0].mode
+        };
+        assert_eq!(mode(""), Mode::Listening { period: RadioDuration::from_micros(100_000) });
+        assert_eq!(mode("rounds_hz = 6.25\n"), Mode::Listening { period: RadioDuration::from_micros(160_000) });
     }
 
     #[test]

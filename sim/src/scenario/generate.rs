@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use ranging::PhyConfig;
 use ranging::phy::{Channel, DataRate, PreambleLength, Prf};
 
-use super::{Anchor, Board, Level, Network, Scenario, Tag, TagSettings, Walk};
+use super::{Anchor, Board, Level, Mode, Network, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
 
 /// A room, metres.
@@ -29,8 +29,21 @@ impl Scenario {
     /// More than twenty tags fill further rooms, as far as there are four anchors for each, with networks and channels of
     /// their own.
     pub fn rooms(anchors: usize, tags: usize) -> Self {
+        let rooms = tags.max(1).div_ceil(TAGS_A_ROOM).min(anchors / ANCHORS_A_ROOM).max(1);
+        Self::in_rooms(rooms, anchors, tags)
+    }
+
+    /// All in one room, and tags that only listen.
+    pub fn listening(anchors: usize, tags: usize) -> Self {
+        let mut scenario = Self::in_rooms(1, anchors, tags);
+        for network in &mut scenario.networks {
+            network.mode = Mode::LISTENING;
+        }
+        scenario
+    }
+
+    fn in_rooms(rooms: usize, anchors: usize, tags: usize) -> Self {
         let (anchors, tags) = (anchors.max(1), tags.max(1));
-        let rooms = tags.div_ceil(TAGS_A_ROOM).min(anchors / ANCHORS_A_ROOM).max(1);
         let columns = (rooms as f64).sqrt().ceil() as usize;
         let mut scenario = Self {
             seconds: 10.0,

@@ -13,8 +13,8 @@ mod run;
 mod sink;
 
 use positioning_core::Method;
-use ranging::PhyConfig;
 use ranging::frame::decaranging::Variant;
+use ranging::{PhyConfig, RadioDuration};
 
 use crate::air::Wall;
 use crate::board::BoardProfile;
@@ -90,17 +90,26 @@ impl Board {
 pub struct TagSettings {
     /// The height tags are known to be carried at, metres: positions in the plane. Without it, in space.
     pub height_m: Option<f32>,
-    /// How positions are made.
-    pub method: Method,
-    /// Rounds a second that a tag wants; without it, as many as it can get.
+    /// How each round is solved by itself; without it, tags track.
+    pub method: Option<Method>,
+    /// Whether a range counts less where its powers tell of a path that may be blocked.
+    pub weigh_nlos: bool,
+    /// Rounds a second that a tag wants, or hears; without it, as many as it can get.
     pub rate_hz: Option<f64>,
     /// Anchors a round.
     pub anchors_per_round: u8,
 }
 
+impl TagSettings {
+    /// What makes the positions: `track`, or the method's name.
+    pub fn method_name(&self) -> &'static str {
+        self.method.map_or("track", Method::as_str)
+    }
+}
+
 impl Default for TagSettings {
     fn default() -> Self {
-        Self { height_m: None, method: Method::Robust, rate_hz: None, anchors_per_round: 8 }
+        Self { height_m: None, method: None, weigh_nlos: true, rate_hz: None, anchors_per_round: 8 }
     }
 }
 
@@ -121,6 +130,11 @@ impl Default for Network {
     }
 }
 
+impl Mode {
+    /// Listening to anchors that ask once a superframe, ten times a second.
+    pub const LISTENING: Self = Self::Listening { period: RadioDuration::from_micros(100_000) };
+}
+
 /// An exchange.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
@@ -129,6 +143,11 @@ pub enum Mode {
     Native,
     /// That of an EVK1000, a tag and an anchor each.
     DecaRanging(Variant),
+    /// The anchors of native mode ask each other, tags only listen.
+    Listening {
+        /// From one round of an anchor to its next.
+        period: RadioDuration,
+    },
 }
 
 /// An anchor.

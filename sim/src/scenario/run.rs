@@ -5,7 +5,9 @@ use std::collections::HashMap;
 use std::convert::Infallible;
 use std::rc::Rc;
 
-use firmware_tag::{AnchorPlace, Dimensions, Locator, Pace};
+use firmware_tag::{AnchorPlace, Locator, Pace};
+use positioning_core::Blocked;
+use positioning_core::engine::{Settings, Solvers};
 use rand::Rng;
 use ranging::native::{self, Turnaround};
 use ranging::node::Restart;
@@ -14,7 +16,7 @@ use ranging::{RadioDuration, decaranging, dw1000};
 use super::hardware::{Firmware, Hardware, NodePlan};
 use super::record::{Record, Summary};
 use super::sink::{AnchorSink, Log, Notebook, TagSink};
-use super::{Anchor, Level, Mode, Network, Scenario, Tag};
+use super::{Anchor, Level, Mode, Network, Scenario, Tag, TagSettings};
 use crate::air::{Path, PortId, Sniffed};
 use crate::{AirConfig, ClockConfig, SimDelay, TrueTime, World};
 
@@ -39,7 +41,7 @@ impl Simulation {
         let notebook = |node| Notebook { world: world.clone(), scenario: scenario.clone(), node, log: log.clone() };
         let mut nodes = HashMap::new();
         for anchor in &scenario.anchors {
-            let plan = plan(&world, &scenario, anchor.address, Path::Fixed(anchor.at), anchor.network);
+            let plan = plan(&world, &scenario, anchor.address, Path::Fixed(anchor.at), anchor.network, Role::Anchor);
             let firmware = AnchorFirmware { anchor: anchor.clone(), notebook: notebook(anchor.address) };
             let hardware = Hardware::start(&world, scenario.level, &scenario.board, plan, firmware);
             nodes.insert(anchor.address, hardware);
@@ -50,7 +52,7 @@ impl Simulation {
                 Some(place) => Path::Fixed(place),
                 None => Path::Function(Rc::new(move |seconds| walk.at(seconds))),
             };
-            let plan = plan(&world, &scenario, tag.address, path, tag.network);
+            let plan = plan(&world, &scenario, tag.address, path, tag.network, Role::Tag);
             let firmware = TagFirmware { tag: tag.clone(), notebook: notebook(tag.address) };
             nodes.insert(tag.address, Hardware::start(&world, scenario.level, &scenario.board, plan, firmware));
         }
@@ -102,17 +104,26 @@ impl Simulation {
     }
 }
 
-fn plan(world: &World, scenario: &Scenario, address: u16, path: Path, network: usize) -> NodePlan {
+/// What a node does.
+#[derive(Clone, Copy)]
+enum Role {
+    Anchor,
+    Tag,
+}
+
+fn plan(world: &World, scenario: &Scenario, address: u16, path: Path, network: usize, role: Role) -> NodePlan {
     let offset_ppm = world.random(u64::from(address)).random_range(-1.0..=1.0) * scenario.clock_ppm;
     let network = network_of(scenario, network);
     let mut config = dw1000::Config::new(network.phy);
-    match network.mode {
-        Mode::Native => {
+    match (network.mode, role) {
+        (Mode::Native, _) | (Mode::Listening { .. }, Role::Anchor) => {
             config.filter = dw1000::FrameFilter::DATA;
             (config.pan, config.short_address) = (network.pan, address);
         }
+        // Answers to others are what there is to hear.
+        (Mode::Listening { .. }, Role::Tag) => {}
         // Blinks, and addresses that a tag learns when it is taken: everything is heard.
-        Mode::DecaRanging(_) => {}
+        (Mode::DecaRanging(_), _) => {}
     }
     NodePlan { path, clock: ClockConfig::crystal(offset_ppm), config }
 }
@@ -142,6 +153,18 @@ fn eui(address: u16) -> u64 {
     0xDECA_0000_0000_0000 | u64::from(address)
 }
 
+/// How a scenario's tags make positions.
+fn locator<'a>(tag: &TagSettings, anchors: &'a [AnchorPlace]) -> Locator<'a> {
+    let Locator { mut settings, anchors } = Locator::new(tag.height_m, anchors);
+    if let Some(method) = tag.method {
+        settings = Settings { noise: settings.noise, ..Settings::solve(settings.dimensions, Solvers::of(method)) };
+    }
+    if !tag.weigh_nlos {
+        settings.blocked = Blocked::Alike;
+    }
+    Locator { settings, anchors }
+}
+
 /// `firmware-anchor` for one node of a scenario.
 struct AnchorFirmware {
     anchor: Anchor,
@@ -159,14 +182,18 @@ impl Firmware for AnchorFirmware {
         let antenna_delay = antenna_delay(scenario.level);
         let (address, at, sink) = (self.anchor.address, self.anchor.at, AnchorSink(self.notebook.clone()));
         async move {
+            let rounds = match network.mode {
+                Mode::Native | Mode::DecaRanging(_) => None,
+                Mode::Listening { period } => Some(native::Rate::Every(period)),
+            };
             match network.mode {
-                Mode::Native => {
+                Mode::Native | Mode::Listening { .. } => {
                     let machine = native::Anchor::new(native::AnchorConfig {
                         address,
                         network: native_network(&network),
                         antenna_delay,
                         position_m: Some(at.map(|metres| metres as f32)),
-                        rounds: None,
+                        rounds,
                     });
                     firmware_anchor::run(radio, delay, machine, sink).await
                 }
@@ -204,10 +231,6 @@ impl Firmware for TagFirmware {
         let address = self.tag.address;
         let sink = TagSink { notebook: self.notebook.clone(), walk: self.tag.walk.clone() };
         async move {
-            let dimensions = match settings.height_m {
-                Some(height_m) => Dimensions::Plane { height_m },
-                None => Dimensions::Space,
-            };
             match network.mode {
                 Mode::Native => {
                     let rate = match settings.rate_hz {
@@ -222,7 +245,15 @@ impl Firmware for TagFirmware {
                         tell_distances: false,
                     });
                     // Native anchors tell where they are.
-                    let locator = Locator { dimensions, method: settings.method, anchors: &[] };
+                    let locator = locator(&settings, &[]);
+                    firmware_tag::run(radio, delay, machine, locator, Pace::new(rate, None), sink).await
+                }
+                Mode::Listening { .. } => {
+                    let period = settings.rate_hz.map(period);
+                    let network = native_network(&network);
+                    let machine = native::ListeningTag::new(native::ListeningTagConfig { network, period });
+                    let rate = period.map_or(native::Rate::Greedy, native::Rate::Every);
+                    let locator = locator(&settings, &[]);
                     firmware_tag::run(radio, delay, machine, locator, Pace::new(rate, None), sink).await
                 }
                 Mode::DecaRanging(variant) => {
@@ -240,7 +271,7 @@ impl Firmware for TagFirmware {
                         position_m: anchor.at.map(|metres| metres as f32),
                     });
                     let places: Vec<_> = places.collect();
-                    let locator = Locator { dimensions, method: settings.method, anchors: &places };
+                    let locator = locator(&settings, &places);
                     let pace = Pace::new(native::Rate::Every(period), None);
                     firmware_tag::run(radio, delay, machine, locator, pace, sink).await
                 }

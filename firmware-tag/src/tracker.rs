@@ -1,0 +1,288 @@
+//! From rounds to positions: in flow the ranges or differences of a round, through the engine, out flows an [`Epoch`].
+//!
+//! All that a round measured is of the time of its poll. What the received powers say of a link's line of sight goes along.
+
+use heapless::Vec;
+use positioning_core::engine::{Engine, Measurement, Missing, Tdoa, Verdict};
+use positioning_core::nlos::{Classifier, Feature, Features};
+use positioning_core::{NoFix, POWER_DOUBT, Real, engine};
+use ranging::Diagnostics;
+use ranging::exchange::{Difference, Differences, Range, Round};
+use ranging::native::MAX_ROUND;
+
+use crate::{AnchorPlace, Epoch, Locator, Measured, Position};
+
+/// Follows one tag.
+#[derive(Clone, Debug)]
+pub struct Tracker<'a> {
+    engine: Engine<f32>,
+    anchors: &'a [AnchorPlace],
+}
+
+/// What the engine has taken of a round.
+#[derive(Default)]
+struct Taken {
+    /// Which of the round each range is that the engine counts.
+    places: Vec<u8, MAX_ROUND>,
+    /// The differences that were used: bit i is the round's i-th.
+    used: u16,
+    /// Those that wait for the round's end.
+    held: u16,
+}
+
+impl<'a> Tracker<'a> {
+    /// Knows nothing of the tag yet.
+    pub fn new(locator: Locator<'a>) -> Self {
+        Self { engine: Engine::new(locator.settings), anchors: locator.anchors }
+    }
+
+    /// The position at the end of a round, whose poll left or came at `poll_us`. A round that measured nothing, or nothing that
+    /// could belong to the track, has none: where the track would be by itself is no news.
+    pub fn follow<'r>(&mut self, measured: Measured<'r>, poll_us: u64) -> Epoch<'r> {
+        let mut taken = Taken::default();
+        match &measured {
+            Measured::Ranges(round) => self.take_ranges(round, poll_us, &mut taken),
+            Measured::Differences(round) => self.take_differences(round, poll_us, &mut taken),
+        }
+        let end = self.engine.step(poll_us, &Measurement::RoundEnd);
+        if end.fix.is_ok() {
+            taken.used |= taken.held;
+        }
+        let outcome = match end.fix {
+            Ok(fix) if fix.age_us == 0 => {
+                let ranges = taken.places.iter().enumerate().filter(|(bit, _)| fix.used.contains(*bit));
+                Ok(Position {
+                    position_m: fix.position,
+                    covariance_m2: fix.covariance,
+                    used: ranges.fold(taken.used, |set, (_, place)| set | 1 << place),
+                    quality: fix.quality,
+                })
+            }
+            Ok(_) if measured.count() > 0 => Err(NoFix::RangesDisjoint),
+            // A round that has ended has a position or a solver's word.
+            Ok(_) | Err(Missing::RoundOpen | Missing::Lost(_)) => Err(NoFix::TooFewAnchors),
+            Err(Missing::NoFix(reason)) => Err(reason),
+        };
+        Epoch { measured, poll_us, outcome }
+    }
+
+    fn take_ranges(&mut self, round: &Round<'_>, poll_us: u64, taken: &mut Taken) {
+        for (place, range) in (0..MAX_ROUND as u8).zip(round.ranges) {
+            let Some(at) = self.place_of(range) else { continue };
+            let range = engine::Range {
+                anchor: range.peer,
+                place: at,
+                distance: range.distance_m,
+                deviation: range.deviation_m,
+                blocked: blocked(&range.diagnostics),
+                excess: None,
+            };
+            let verdict = self.engine.step(poll_us, &Measurement::Range(range)).verdict;
+            if verdict != Verdict::NotSane {
+                // A place each: it fits.
+                let _ = taken.places.push(place);
+            }
+        }
+    }
+
+    fn take_differences(&mut self, round: &Differences<'_>, poll_us: u64, taken: &mut Taken) {
+        let reference = self.configured(round.reference).unwrap_or(round.reference_m);
+        for (place, difference) in (0..MAX_ROUND as u16).zip(round.differences) {
+            let at = self.configured(difference.peer).unwrap_or(difference.position_m);
+            let tdoa = Tdoa {
+                anchor: difference.peer,
+                place: at,
+                reference: round.reference,
+                reference_place: reference,
+                difference: between(round, difference, [reference, at]),
+                deviations: [round.reference_deviation_m, difference.deviation_m],
+                blocked: [None, blocked(&difference.diagnostics)],
+            };
+            match self.engine.step(poll_us, &Measurement::Tdoa(tdoa)).verdict {
+                Verdict::Used | Verdict::Readmitted => taken.used |= 1 << place,
+                Verdict::Held => taken.held |= 1 << place,
+                Verdict::Refused
+                | Verdict::Ignored
+                | Verdict::NotSane
+                | Verdict::NoTrack
+                | Verdict::Concluded
+                | Verdict::Started(_) => {}
+            }
+        }
+    }
+
+    fn configured(&self, anchor: u16) -> Option<[f32; 3]> {
+        self.anchors.iter().find(|known| known.address == anchor).map(|known| known.position_m)
+    }
+
+    fn place_of(&self, range: &Range) -> Option<[f32; 3]> {
+        self.configured(range.peer).or(range.position_m)
+    }
+}
+
+/// A difference between anchors at these places, metres: it was found with the distance between those that they tell of themselves.
+fn between(round: &Differences<'_>, difference: &Difference, places: [[f32; 3]; 2]) -> f32 {
+    let told = [round.reference_m, difference.position_m];
+    if told == places {
+        return difference.difference_m;
+    }
+    let apart = |[a, b]: [[f32; 3]; 2]| Real::sqrt(a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>());
+    difference.difference_m + apart(told) - apart(places)
+}
+
+/// The probability that what these diagnostics are of came late.
+fn blocked(diagnostics: &Diagnostics) -> Option<f32> {
+    let mut features = Features::default();
+    features.set(Feature::PowerDifference, diagnostics.rx_power_dbm - diagnostics.first_path_power_dbm);
+    POWER_DOUBT.nlos_probability(&features)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ranging::RadioInstant;
+    use std::vec::Vec;
+
+    /// Four anchors at the corners of a room of 3 m × 4 m, 2 m up; their order is their address, 1 to 4.
+    const CORNERS: [[f32; 3]; 4] = [[0.0, 0.0, 2.0], [3.0, 0.0, 2.0], [3.0, 4.0, 2.0], [0.0, 4.0, 2.0]];
+    /// From the tag the corners are √(1+1+4), √(4+1+4), √(4+9+4), √(1+9+4) m away.
+    const TAG: [f32; 3] = [1.0, 1.0, 0.0];
+    const FROM_TAG: [f32; 4] = [2.449_489_7, 3.0, 4.123_105_6, 3.741_657_4];
+
+    fn ranges(positions: impl Fn(usize) -> Option<[f32; 3]>) -> [Range; 4] {
+        core::array::from_fn(|i| Range {
+            peer: i as u16 + 1,
+            distance_m: FROM_TAG[i],
+            deviation_m: 0.03,
+            position_m: positions(i),
+            diagnostics: Diagnostics::default(),
+        })
+    }
+
+    fn round(ranges: &[Range]) -> Measured<'_> {
+        Measured::Ranges(Round { number: 1, poll: RadioInstant::default(), asked: 4, ranges })
+    }
+
+    /// To the others from the first.
+    fn differences(places: [[f32; 3]; 4]) -> Vec<Difference> {
+        let of = |i: usize| Difference {
+            peer: i as u16 + 1,
+            difference_m: FROM_TAG[i] - FROM_TAG[0],
+            deviation_m: 0.04,
+            position_m: places[i],
+            diagnostics: Diagnostics::default(),
+        };
+        (1..4).map(of).collect()
+    }
+
+    fn heard(reference_m: [f32; 3], differences: &[Difference]) -> Measured<'_> {
+        Measured::Differences(Differences {
+            number: 1,
+            poll: RadioInstant::default(),
+            asked: 3,
+            reference: 1,
+            reference_m,
+            reference_deviation_m: 0.03,
+            differences,
+        })
+    }
+
+    fn table() -> [AnchorPlace; 4] {
+        core::array::from_fn(|i| AnchorPlace { address: i as u16 + 1, position_m: CORNERS[i] })
+    }
+
+    fn at_floor(anchors: &[AnchorPlace]) -> Tracker<'_> {
+        Tracker::new(Locator::new(Some(0.0), anchors))
+    }
+
+    /// After twenty rounds, 50 ms each.
+    fn settled(mut tracker: Tracker<'_>, measured: Measured<'_>) -> Position {
+        let outcomes: Vec<_> = (1..=20).map(|k| tracker.follow(measured, 50_000 * k).outcome).collect();
+        outcomes.last().copied().unwrap().unwrap()
+    }
+
+    fn near(found: [f32; 3], expected: [f32; 3]) -> bool {
+        found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 0.01)
+    }
+
+    #[test]
+    fn a_tag_at_a_known_height_is_found_in_the_plane() {
+        let heard = ranges(|i| Some(CORNERS[i]));
+        let position = settled(at_floor(&[]), round(&heard));
+        assert!(near(position.position_m, TAG), "{position:?}");
+        assert_eq!((position.used, position.covariance_m2[2]), (0b1111, [0.0; 3]));
+        assert!(position.covariance_m2[0][0] > 0.0);
+    }
+
+    #[test]
+    fn configured_places_count_more_than_those_from_the_air() {
+        let heard = ranges(|_| Some([9.0, 9.0, 9.0]));
+        let table = table();
+        assert!(near(settled(at_floor(&table), round(&heard)).position_m, TAG));
+    }
+
+    #[test]
+    fn a_range_to_an_anchor_of_unknown_place_is_left_out_and_the_others_keep_their_bits() {
+        let heard = ranges(|i| (i != 1).then_some(CORNERS[i]));
+        let position = settled(at_floor(&[]), round(&heard));
+        assert_eq!(position.used, 0b1101);
+        assert!(near(position.position_m, TAG), "{position:?}");
+    }
+
+    #[test]
+    fn too_few_ranges_give_a_reason_until_there_is_a_track() {
+        let heard = ranges(|i| Some(CORNERS[i]));
+        let mut tracker = at_floor(&[]);
+        assert_eq!(tracker.follow(round(&heard[..2]), 10_000).outcome, Err(NoFix::TooFewAnchors));
+        assert!(tracker.follow(round(&heard), 60_000).outcome.is_ok());
+        let one = tracker.follow(round(&heard[2..3]), 110_000).outcome.unwrap();
+        assert_eq!(one.used, 0b1);
+        assert_eq!(tracker.follow(round(&[]), 160_000).outcome, Err(NoFix::TooFewAnchors));
+    }
+
+    #[test]
+    fn ranges_that_cannot_belong_to_the_track_are_no_position() {
+        let heard = ranges(|i| Some(CORNERS[i]));
+        let mut tracker = at_floor(&[]);
+        for k in 1..=20 {
+            tracker.follow(round(&heard), 50_000 * k).outcome.unwrap();
+        }
+        let wild = heard.map(|range| Range { distance_m: 60.0, ..range });
+        assert_eq!(tracker.follow(round(&wild), 1_050_000).outcome, Err(NoFix::RangesDisjoint));
+    }
+
+    #[test]
+    fn differences_find_a_tag_that_only_listens() {
+        let all = differences(CORNERS);
+        let position = settled(at_floor(&[]), heard(CORNERS[0], &all));
+        assert!(near(position.position_m, TAG), "{position:?}");
+        assert_eq!(position.used, 0b111);
+        let first = at_floor(&[]).follow(heard(CORNERS[0], &all), 10_000).outcome.unwrap();
+        assert_eq!(first.used, 0b111);
+        let two = &all[..1];
+        assert_eq!(at_floor(&[]).follow(heard(CORNERS[0], two), 10_000).outcome, Err(NoFix::TooFewAnchors));
+    }
+
+    #[test]
+    fn differences_between_anchors_that_tell_wrong_places_are_put_right() {
+        // The second says that it is 1 m farther off than it is, 4 m instead of 3 m: 1 m too much was taken off.
+        let mut told = CORNERS;
+        told[1] = [4.0, 0.0, 2.0];
+        let mut all = differences(told);
+        all[0].difference_m -= 1.0;
+        let table = table();
+        let position = settled(at_floor(&table), heard(told[0], &all));
+        assert!(near(position.position_m, TAG), "{position:?}");
+    }
+
+    #[test]
+    fn a_weak_first_path_is_a_doubt() {
+        // 11 dB are even odds, 20 dB 1/(1 + e^-4.5) = 0.989.
+        let of = |rx_power_dbm, first_path_power_dbm| {
+            blocked(&Diagnostics { rx_power_dbm, first_path_power_dbm, ..Diagnostics::default() })
+        };
+        assert!((of(-80.0, -91.0).unwrap() - 0.5).abs() < 1e-5);
+        assert!((of(-75.0, -95.0).unwrap() - 0.989).abs() < 1e-3);
+        assert_eq!(of(f32::NAN, -80.0), None);
+    }
+}
