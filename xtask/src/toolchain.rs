@@ -68,6 +68,11 @@ impl Toolchain {
         command.current_dir(root()).env("RUSTC", self.rustc);
         // RUSTFLAGS, if set, were meant for the desktop. An image that says where it panicked names no folder of this machine.
         command.env("CARGO_ENCODED_RUSTFLAGS", remapped());
+        if let (Some(headers), None) = (clang_headers(), env::var_os("BINDGEN_EXTRA_CLANG_ARGS")) {
+            // The bindings of Nordic's Bluetooth controller are made by libclang, which does not know where its own headers are
+            // where the compiler beside it is not installed.
+            command.env("BINDGEN_EXTRA_CLANG_ARGS", format!("-isystem {} -ffreestanding", headers.display()));
+        }
         command.args([subcommand, "--profile", PROFILE, "--target", self.target.triple(), "--target-dir"]);
         command.arg(build_directory());
         match self.core {
@@ -86,11 +91,6 @@ impl Toolchain {
     /// below the variables, so that an overflow faults.
     pub fn cargo_image(&self, subcommand: &str) -> Result<Command> {
         let mut command = self.cargo(subcommand);
-        if let (Some(headers), None) = (clang_headers(), env::var_os("BINDGEN_EXTRA_CLANG_ARGS")) {
-            // The bindings of Nordic's Bluetooth controller are made by libclang, which does not know where its own headers are
-            // where the compiler beside it is not installed.
-            command.env("BINDGEN_EXTRA_CLANG_ARGS", format!("-isystem {} -ffreestanding", headers.display()));
-        }
         if self.target.is_cortex_m() && is_installed("flip-link") {
             command.env(linker_variable(self.target), "flip-link");
             if !brings_linker(self.rustc) {
