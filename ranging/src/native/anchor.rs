@@ -183,13 +183,13 @@ impl Anchor {
             }
         };
         // Early enough for a beacon in the first slot.
-        let early = RadioDuration::from_ticks(timing.transmit.ticks() + 2 * WAKE.ticks());
+        let early = RadioDuration::from_ticks(timing.transmit_beacon.ticks() + 2 * WAKE.ticks());
         network.advance(&timing, present.plus(early));
         let passed = present.since(network.phase.start).ticks();
         let rest = RadioDuration::from_ticks(timing.superframe.ticks() - passed - early.ticks());
         let Some(slot) = network.due() else { return self.among_rounds(RadioDuration::from_ticks(passed), rest) };
         let rmarker = timing.beacon(slot.into());
-        let ready = passed + timing.transmit.ticks() + timing.to_rmarker.ticks();
+        let ready = passed + timing.transmit_beacon.ticks() + timing.to_rmarker.ticks();
         let spare = RadioDuration::from_ticks(rmarker.ticks() - ready);
         if spare.ticks() > 2 * WAKE.ticks() {
             return Self::listen(RadioDuration::from_ticks(spare.ticks() - WAKE.ticks()));

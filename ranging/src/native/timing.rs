@@ -58,6 +58,8 @@ const BEACON_SHARE: i64 = 4;
 const DRIFT_PPM: i64 = 40;
 /// … for this many superframes without a beacon heard.
 pub const HOLDOVER_SUPERFRAMES: u16 = 2;
+/// What a byte takes on a board's bus, read or written (8 MHz): turnarounds are those of short frames.
+const BYTE: RadioDuration = RadioDuration::from_micros(1);
 /// The longest way to another node and back: 450 m, 3 µs.
 const WAY_THERE_AND_BACK: RadioDuration = RadioDuration::from_micros(3);
 
@@ -89,6 +91,8 @@ pub struct Timing {
     pub superframe: RadioDuration,
     /// From a decision to transmit to the first pulse ([`Turnaround::transmit`]).
     pub transmit: RadioDuration,
+    /// The same of a beacon, which is longer.
+    pub transmit_beacon: RadioDuration,
     /// From the end of a frame until the node has it: the rest of [`Turnaround::answer`].
     pub reading: RadioDuration,
 }
@@ -112,8 +116,10 @@ impl Timing {
         let response_tail = phy.time_after_rmarker(RESPONSE_BYTES);
 
         // The guard follows from the superframe's length, which hardly follows from the guard: one step is enough.
-        // Who has heard the beacon of one slot must be able to send that of the next.
-        let beacon = phy.airtime(BEACON_BYTES).ticks() + turnaround.answer.ticks() + WAY_THERE_AND_BACK.ticks();
+        // Who has heard the beacon of one slot must be able to send that of the next, both as long as can be.
+        let longer = times(BYTE, (BEACON_BYTES - RESPONSE_BYTES) as i64);
+        let answer = sum(turnaround.answer, times(longer, 2));
+        let beacon = phy.airtime(BEACON_BYTES).ticks() + answer.ticks() + WAY_THERE_AND_BACK.ticks();
         let nominal = SUPERFRAME.ticks();
         let slow = (beacon + beacon / 16) * (BEACON_SLOTS as i64) * BEACON_SHARE;
         let superframe = if slow > nominal { slow } else { nominal };
@@ -140,6 +146,7 @@ impl Timing {
             round_slots,
             superframe: RadioDuration::from_ticks(superframe),
             transmit: turnaround.transmit,
+            transmit_beacon: sum(turnaround.transmit, longer),
             reading: RadioDuration::from_ticks(turnaround.answer.ticks() - turnaround.transmit.ticks()),
         }
     }
