@@ -223,8 +223,8 @@ impl Anchor {
         network.hear_tag(self.config.address);
         let poll = self.asking.poll(&timing, network.phase.at(pulse));
         self.write(BROADCAST, Message::Poll(poll));
-        let start = if spare > 0 { Start::At(rmarker) } else { Start::Now };
-        Action::Transmit { frame: self.out.bytes(), start, listen: true }
+        // At once would be before the slot, where the board is quicker than it must be: who listens goes by the slot.
+        Action::Transmit { frame: self.out.bytes(), start: Start::At(rmarker), listen: true }
     }
 }
 
