@@ -3,5 +3,6 @@
 mod accuracy;
 mod captures;
 mod complaints;
+mod listening;
 mod rates;
 mod reproducible;

@@ -52,3 +52,12 @@ fn a_slower_tag_gets_the_rate_it_asks_for() {
     let rate = run.fix_times(TAG, 1.0, 6.0).len() as f64 / 5.0;
     assert!((9.0..=11.5).contains(&rate), "{rate}");
 }
+
+#[test]
+fn all_anchors_are_heard_however_many_members_their_beacons_tell_of() {
+    let run = rooms(8, 10, 4.0);
+    for anchor in 1..=8 {
+        let ranges = run.ranges(TAG, anchor, 3.0, 4.0).len();
+        assert!(ranges > 20, "{ranges} ranges to anchor {anchor}");
+    }
+}

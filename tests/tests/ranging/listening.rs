@@ -1,0 +1,44 @@
+//! Tags that only listen, whole nodes: eight anchors ask each other, any number of tags find themselves.
+
+use sim::scenario::{Level, Scenario, Simulation};
+
+/// Positions a second and tag from the first second on, their errors' root mean square in metres, and collisions.
+fn listen(level: Level, tags: usize, seconds: f64, loss: f64) -> (f64, f64, u64) {
+    let mut simulation = Simulation::new(Scenario { level, seconds, loss, ..Scenario::listening(8, tags) });
+    simulation.run_until(1.0);
+    let joined = simulation.summary();
+    let records = simulation.run_until(seconds);
+    let errors_m = records.iter().filter_map(|record| match &record.what {
+        sim::scenario::What::Epoch(epoch) => epoch.error_m(),
+        sim::scenario::What::Link(_) | sim::scenario::What::RadioFailed(_) | sim::scenario::What::Fault(_) => None,
+    });
+    let errors_m: Vec<f64> = errors_m.collect();
+    let rate = errors_m.len() as f64 / (seconds - 1.0) / tags as f64;
+    let mean_square = errors_m.iter().map(|error| error * error).sum::<f64>() / errors_m.len() as f64;
+    (rate, mean_square.sqrt(), simulation.summary().collisions - joined.collisions)
+}
+
+#[test]
+fn a_hundred_tags_have_fifty_positions_a_second_each() {
+    let (rate, rmse_m, collisions) = listen(Level::Air, 100, 2.0, 0.0);
+    // Eight anchors, ten rounds a second each: eighty.
+    assert!(rate >= 50.0, "{rate} a second");
+    assert!(rmse_m <= 0.15, "{rmse_m} m");
+    assert_eq!(collisions, 0);
+}
+
+#[test]
+fn on_register_level_chips_as_well() {
+    let (rate, rmse_m, collisions) = listen(Level::Spi, 3, 4.0, 0.0);
+    assert!(rate >= 70.0, "{rate} a second");
+    assert!(rmse_m <= 0.10, "{rmse_m} m");
+    assert_eq!(collisions, 0);
+}
+
+#[test]
+fn a_lost_frame_costs_a_difference_and_not_the_position() {
+    let (rate, rmse_m, _) = listen(Level::Air, 20, 4.0, 0.3);
+    // Seven polls in ten are heard.
+    assert!(rate >= 40.0, "{rate} a second");
+    assert!(rmse_m <= 0.15, "{rmse_m} m");
+}
