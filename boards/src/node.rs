@@ -13,7 +13,7 @@ use telemetry::{Condition, Crash, CrashReason, Hello, Reset, ResetCause, Role};
 pub type Guard = CriticalSectionRawMutex;
 
 /// Bytes of telemetry that wait while the channel is full.
-pub const TELEMETRY_BYTES: usize = 2048;
+pub const TELEMETRY_BYTES: usize = 1536;
 
 /// A node's reporter. Made at the start, in a `StaticCell`: as an initialised `static` it would lie in flash as well.
 pub type Reporter = firmware_common::Reporter<Guard, TELEMETRY_BYTES>;

@@ -1,7 +1,7 @@
 //! What a tag makes of its rounds, and by what: the engine's settings, the places of the anchors; positions with their covariance.
 
 use heapless::Vec;
-use positioning_core::engine::{Dimensions, Settings};
+use positioning_core::engine::{Dimensions, Settings, Solvers};
 use positioning_core::{NoFix, Noise, Real, Side};
 
 use crate::Measured;
@@ -56,13 +56,16 @@ pub fn places(record: &node_record::Record) -> Vec<AnchorPlace, { node_record::M
 }
 
 impl<'a> Locator<'a> {
-    /// That of a tag at this height, metres, or anywhere in space: by a track that doubts ranges by their powers.
+    /// That of a tag at this height, metres, or anywhere in space; ranges are doubted by their powers.
+    ///
+    /// In the plane a track is followed. In space every round is solved by itself: where all anchors hang at about one height, a
+    /// track takes the anchors' common error for height and keeps it (0.97 m on a recording that is solved to 0.21 m).
     pub fn new(height_m: Option<f32>, anchors: &'a [AnchorPlace]) -> Self {
-        let dimensions = match height_m {
-            Some(height) => Dimensions::Plane { height },
-            None => Dimensions::Space { side: Side::Unknown },
+        let settings = match height_m {
+            Some(height) => Settings::track(Dimensions::Plane { height }),
+            None => Settings::solve(Dimensions::Space { side: Side::Unknown }, Solvers::robust()),
         };
-        Self { settings: Settings { noise: Noise::by_powers(), ..Settings::track(dimensions) }, anchors }
+        Self { settings: Settings { noise: Noise::by_powers(), ..settings }, anchors }
     }
 
     /// That of a tag with this record.
