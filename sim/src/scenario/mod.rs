@@ -90,7 +90,7 @@ impl Board {
 pub struct TagSettings {
     /// The height tags are known to be carried at, metres: positions in the plane. Without it, in space.
     pub height_m: Option<f32>,
-    /// How each round is solved by itself; without it, tags track.
+    /// How each round is solved by itself; without it, as the tag does: a track in the plane, each round by `robust` in space.
     pub method: Option<Method>,
     /// Whether a range counts less where its powers tell of a path that may be blocked.
     pub weigh_nlos: bool,
@@ -103,7 +103,11 @@ pub struct TagSettings {
 impl TagSettings {
     /// What makes the positions: `track`, or the method's name.
     pub fn method_name(&self) -> &'static str {
-        self.method.map_or("track", Method::as_str)
+        match (self.method, self.height_m) {
+            (Some(method), _) => method.as_str(),
+            (None, Some(_)) => "track",
+            (None, None) => Method::Robust.as_str(),
+        }
     }
 }
 
