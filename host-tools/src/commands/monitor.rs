@@ -26,7 +26,7 @@ use super::stream::{self, STOP, TableName, catch_ctrl_c, stream_of};
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// The ELF file that was flashed: target/firmware/<image>.elf
+    /// The ELF file that was flashed: target/firmware/…elf
     #[arg(long, value_name = "FILE")]
     elf: Option<PathBuf>,
     #[command(flatten)]
