@@ -105,9 +105,14 @@ impl Toolchain {
         build_directory().join(self.target.triple()).join(PROFILE).join(name)
     }
 
+    /// Whether it came with the target's `core`, as rustup's do.
+    pub fn is_rustups(&self) -> bool {
+        self.core == Core::Compiled
+    }
+
     /// Whether clippy can look at code for the target: it comes with rustup's compilers only.
     pub fn has_clippy(&self) -> bool {
-        self.core == Core::Compiled && output(self.cargo, &["clippy", "--version"]).is_some()
+        self.is_rustups() && output(self.cargo, &["clippy", "--version"]).is_some()
     }
 
     /// The compiler's version.
