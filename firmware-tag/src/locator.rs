@@ -65,7 +65,7 @@ impl<'a> Locator<'a> {
             Some(height) => Settings::track(Dimensions::Plane { height }),
             None => Settings::solve(Dimensions::Space { side: Side::Unknown }, Solvers::robust()),
         };
-        Self { settings: Settings { noise: Noise::by_powers(), ..settings }, anchors }
+        Self { settings: Settings { noise: Noise::by_powers(), solvers: Solvers::on_node(), ..settings }, anchors }
     }
 
     /// That of a tag with this record.

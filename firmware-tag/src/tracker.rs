@@ -44,7 +44,7 @@ impl<'a> Tracker<'a> {
             Measured::Ranges(round) => self.take_ranges(round, poll_us, &mut taken),
             Measured::Differences(round) => self.take_differences(round, poll_us, &mut taken),
         }
-        let end = self.engine.step(poll_us, &Measurement::RoundEnd);
+        let end = self.engine.step_on_node(poll_us, &Measurement::RoundEnd);
         if end.fix.is_ok() {
             taken.used |= taken.held;
         }
@@ -77,7 +77,7 @@ impl<'a> Tracker<'a> {
                 blocked: blocked(&range.diagnostics),
                 excess: None,
             };
-            let verdict = self.engine.step(poll_us, &Measurement::Range(range)).verdict;
+            let verdict = self.engine.step_on_node(poll_us, &Measurement::Range(range)).verdict;
             if verdict != Verdict::NotSane {
                 // A place each: it fits.
                 let _ = taken.places.push(place);
@@ -98,7 +98,7 @@ impl<'a> Tracker<'a> {
                 deviations: [round.reference_deviation_m, difference.deviation_m],
                 blocked: [None, blocked(&difference.diagnostics)],
             };
-            match self.engine.step(poll_us, &Measurement::Tdoa(tdoa)).verdict {
+            match self.engine.step_on_node(poll_us, &Measurement::Tdoa(tdoa)).verdict {
                 Verdict::Used | Verdict::Readmitted => taken.used |= 1 << place,
                 Verdict::Held => taken.held |= 1 << place,
                 Verdict::Refused

@@ -46,6 +46,14 @@ pub struct Engine<T> {
     used_us: u64,
 }
 
+impl Engine<f32> {
+    /// [`step`](Self::step), compiled in this crate and so optimised as it is, whatever the image is optimised for.
+    #[inline(never)]
+    pub fn step_on_node(&mut self, now_us: u64, measurement: &Measurement<f32>) -> Output<f32> {
+        self.step(now_us, measurement)
+    }
+}
+
 impl<T: Real> Engine<T> {
     /// An engine that has seen nothing.
     pub fn new(settings: Settings<T>) -> Self {

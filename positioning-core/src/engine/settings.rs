@@ -38,6 +38,14 @@ pub struct Solvers<T> {
     pub space: Solver<T, 3>,
 }
 
+impl Solvers<f32> {
+    /// By `robust`, compiled in this crate, as [`Engine::step_on_node`](super::Engine::step_on_node) is.
+    #[inline(never)]
+    pub fn on_node() -> Self {
+        Self::robust()
+    }
+}
+
 impl<T: Real> Solvers<T> {
     /// By `robust`.
     pub fn robust() -> Self {
