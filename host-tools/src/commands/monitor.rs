@@ -9,14 +9,13 @@ use clap::ValueEnum;
 use host_tools::Wrong;
 use host_tools::decode::{Stream, Timeline};
 use host_tools::monitor::{
-    Channel, Event, Files, Image, Limits, Lines, Listener, Pace, Patience, Piped, Port, Probed, Reload, Said, Serial,
-    Session, Source, json, listen, summary,
+    Channel, Event, Files, Image, Limits, Lines, Listener, Patience, Piped, Reload, Said, Session, Source, json,
+    listen, summary,
 };
-use host_tools::probe::ProbeArguments;
 use host_tools::recorder::Recorder;
 use indicatif::{ProgressBar, ProgressDrawTarget};
 
-use super::stream::{self, STOP, TableName, catch_ctrl_c, stream_of};
+use super::stream::{self, STOP, SourceArguments, TableName, catch_ctrl_c};
 
 /// Show what a node says: its log and its telemetry, in the order of its clock
 ///
@@ -30,22 +29,10 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     elf: Option<PathBuf>,
     #[command(flatten)]
-    probe: ProbeArguments,
+    source: SourceArguments,
     /// Reset the node first, to see it start
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["serial", "stdin", "file"])]
     reset: bool,
-    /// Listen to a serial port: telemetry, or what an ESP image mixes on its USB port
-    #[arg(long, value_name = "PORT", group = "source", conflicts_with_all = BY_PROBE)]
-    serial: Option<String>,
-    /// The serial port's bits a second
-    #[arg(long, value_name = "N", default_value_t = 115_200, requires = "serial", value_parser = clap::value_parser!(u32).range(1..))]
-    baud: u32,
-    /// Read standard input
-    #[arg(long, group = "source", conflicts_with_all = BY_PROBE)]
-    stdin: bool,
-    /// Read a file: telemetry, or a serial port's mixture; or a folder that record made
-    #[arg(long, value_name = "FILE", group = "source", conflicts_with_all = BY_PROBE)]
-    file: Option<PathBuf>,
     /// The log's stream beside --file, where it has a file of its own
     #[arg(long, value_name = "FILE", requires_all = ["file", "elf"])]
     defmt_file: Option<PathBuf>,
@@ -61,15 +48,10 @@ pub struct Arguments {
     /// Show where in the sources each line of the log is said
     #[arg(long)]
     places: bool,
-    /// End after so many seconds
-    #[arg(long, value_name = "N", value_parser = seconds)]
-    seconds: Option<Duration>,
     /// End after so many positions
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     fixes: Option<u64>,
 }
-
-const BY_PROBE: [&str; 4] = ["probe", "chip", "speed", "reset"];
 
 const EXAMPLES: &str = "Examples:
   baliza monitor --elf target/firmware/tag-dwm1001.elf
@@ -98,7 +80,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         source.recording = Some((Recorder::create(folder, &[])?, Stream::default()));
     }
     catch_ctrl_c()?;
-    let limits = Limits { time: arguments.seconds, fixes: arguments.fixes };
+    let limits = Limits { time: arguments.source.seconds, fixes: arguments.fixes };
     let mut session = Session::new(image, reload(arguments.elf.as_deref()), patience);
     let mut screen = Screen::new(arguments, patience.host.is_some());
     let begun = Instant::now();
@@ -115,20 +97,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 fn source(arguments: &Arguments, image: Option<&Image>) -> Result<(Box<dyn Source>, Patience)> {
-    if let Some(name) = &arguments.serial {
-        let port = Port { name: name.clone(), baud: arguments.baud };
-        return Ok((Box::new(Serial::new(port, name.clone(), Pace::default())), Patience::LIVE));
-    }
-    if let Some(file) = &arguments.file {
+    if let Some(file) = arguments.source.file() {
         let log = arguments.defmt_file.as_deref();
         let patience = if log.is_some() { Patience::FILES } else { Patience::MIXTURE };
-        return Ok((Box::new(Files::open(&stream_of(file), log)?), patience));
+        return Ok((Box::new(Files::open(&file, log)?), patience));
     }
-    if arguments.stdin {
+    if arguments.source.stdin {
         return Ok((Box::new(Piped::new(std::io::stdin())), Patience::LIVE));
     }
-    let (probe, marks) = (arguments.probe.clone(), image.map(|image| image.marks.clone()));
-    Ok((Box::new(Probed::new(probe, marks, arguments.reset, Pace::default())), Patience::LIVE))
+    Ok((arguments.source.live(image, arguments.reset), Patience::LIVE))
 }
 
 /// A source whose telemetry is recorded as well, if asked for.
@@ -156,11 +133,6 @@ impl Source for Tee {
         }
         Ok(event)
     }
-}
-
-fn seconds(text: &str) -> Result<Duration, String> {
-    let seconds: f64 = text.parse().map_err(|_| format!("\"{text}\" is not a number"))?;
-    Duration::try_from_secs_f64(seconds).map_err(|error| error.to_string())
 }
 
 /// Reads the ELF file again, where it has changed since the last time.

@@ -7,12 +7,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use host_tools::decode::{Stream, Summary};
-use host_tools::monitor::{Channel, Event, Pace, Port, Probed, Serial, Source};
-use host_tools::probe::ProbeArguments;
+use host_tools::monitor::{Channel, Event};
 use host_tools::read_anchors;
 use host_tools::recorder::{Recorded, Recorder};
 
-use super::stream::{Input, STOP, catch_ctrl_c, stream_of};
+use super::stream::{Input, STOP, SourceArguments, catch_ctrl_c};
 
 /// Record what a node tells, for solve, plot and replay
 ///
@@ -26,31 +25,14 @@ pub struct Arguments {
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
     #[command(flatten)]
-    probe: ProbeArguments,
-    /// Listen to a serial port: telemetry, or what an ESP image mixes on its USB port
-    #[arg(long, value_name = "PORT", group = "source", conflicts_with_all = BY_PROBE)]
-    serial: Option<String>,
-    /// The serial port's bits a second
-    #[arg(long, value_name = "N", default_value_t = 115_200, requires = "serial", value_parser = clap::value_parser!(u32).range(1..))]
-    baud: u32,
-    /// Read standard input
-    #[arg(long, group = "source", conflicts_with_all = BY_PROBE)]
-    stdin: bool,
-    /// Read a stream from a file, or from a folder that record made
-    #[arg(long, value_name = "FILE", group = "source", conflicts_with_all = BY_PROBE)]
-    file: Option<PathBuf>,
+    source: SourceArguments,
     /// Where anchors stand that do not say so themselves, by their short addresses: CSV with anchor,x_m,y_m,z_m
     #[arg(long, value_name = "FILE")]
     anchors: Option<PathBuf>,
-    /// End after so many seconds
-    #[arg(long, value_name = "N", value_parser = seconds)]
-    seconds: Option<Duration>,
     /// Print JSON: what came and what was lost, as decode prints it, and the rows that were recorded
     #[arg(long)]
     json: bool,
 }
-
-const BY_PROBE: [&str; 3] = ["probe", "chip", "speed"];
 
 const EXAMPLES: &str = "\
 Examples:
@@ -58,11 +40,6 @@ Examples:
   baliza record --out walk --serial /dev/ttyACM0 --seconds 60
   baliza record --out walk --file telemetry.bin --anchors surveyed.csv
   baliza solve --anchors walk/anchors.csv --ranges walk/ranges.csv";
-
-fn seconds(text: &str) -> Result<Duration, String> {
-    let seconds: f64 = text.parse().map_err(|_| format!("\"{text}\" is not a number"))?;
-    Duration::try_from_secs_f64(seconds).map_err(|error| error.to_string())
-}
 
 /// What `--json` prints.
 #[derive(serde::Serialize)]
@@ -77,18 +54,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Some(file) => read_anchors(file)?,
         None => Vec::new(),
     };
-    let input = match &arguments.file {
-        Some(file) => Some(Input::open(Some(&stream_of(file)))?),
-        None if arguments.stdin => Some(Input::open(None)?),
-        None => None,
-    };
+    let input = arguments.source.input()?;
     let recorder = Recorder::create(&arguments.out, &anchors)?;
     catch_ctrl_c()?;
     let mut recording = Recording { recorder, stream: Stream::default() };
-    let until = Deadline { begun: Instant::now(), limit: arguments.seconds };
+    let until = Deadline { begun: Instant::now(), limit: arguments.source.seconds };
     let heard = match input {
         Some(input) => read(&input, &mut recording, &until),
-        None => listen(arguments, &mut recording, &until),
+        None => listen(&arguments.source, &mut recording, &until),
     };
     let summary = recording.stream.summary();
     // What came before a failure is worth its files.
@@ -120,14 +93,9 @@ fn read(input: &Input, recording: &mut Recording, until: &Deadline) -> Result<()
 }
 
 /// Takes what a live node says, until it is enough.
-fn listen(arguments: &Arguments, recording: &mut Recording, until: &Deadline) -> Result<()> {
+fn listen(source: &SourceArguments, recording: &mut Recording, until: &Deadline) -> Result<()> {
     const PATIENCE: Duration = Duration::from_millis(50);
-    let mut source: Box<dyn Source> = match &arguments.serial {
-        Some(name) => {
-            Box::new(Serial::new(Port { name: name.clone(), baud: arguments.baud }, name.clone(), Pace::default()))
-        }
-        None => Box::new(Probed::new(arguments.probe.clone(), None, false, Pace::default())),
-    };
+    let mut source = source.live(None, false);
     while !until.over() && !STOP.load(Ordering::Relaxed) {
         match source.next(PATIENCE)? {
             None => {}

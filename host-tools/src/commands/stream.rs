@@ -1,16 +1,78 @@
-//! What `decode`, `record` and `replay` share: where a stream comes from, how its messages are written, and Ctrl-C.
+//! What `monitor`, `record`, `decode` and `replay` share: where a stream comes from, how its messages are written, and Ctrl-C.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use host_tools::decode::{Chunks, Stamp, Table, json};
+use host_tools::monitor::{Image, Pace, Port, Probed, Serial, Source};
+use host_tools::probe::ProbeArguments;
 use host_tools::{Wrong, output};
 use telemetry::Message;
 
 use crate::progress::Progress;
+
+/// Where what a node says comes from: a probe, if nothing else is told.
+#[derive(Clone, Debug, clap::Args)]
+pub struct SourceArguments {
+    #[command(flatten)]
+    probe: ProbeArguments,
+    /// Listen to a serial port: telemetry, or what an ESP image mixes on its USB port
+    #[arg(long, value_name = "PORT", group = "source", conflicts_with_all = BY_PROBE)]
+    serial: Option<String>,
+    /// The serial port's bits a second
+    #[arg(long, value_name = "N", default_value_t = 115_200, requires = "serial", value_parser = clap::value_parser!(u32).range(1..))]
+    baud: u32,
+    /// Read standard input
+    #[arg(long, group = "source", conflicts_with_all = BY_PROBE)]
+    pub stdin: bool,
+    /// Read a stream from a file, or from a folder that record made
+    #[arg(long, value_name = "FILE", group = "source", conflicts_with_all = BY_PROBE)]
+    file: Option<PathBuf>,
+    /// End after so many seconds
+    #[arg(long, value_name = "N", value_parser = seconds)]
+    pub seconds: Option<Duration>,
+}
+
+const BY_PROBE: [&str; 3] = ["probe", "chip", "speed"];
+
+impl SourceArguments {
+    /// The stream's file, if one is to be read.
+    pub fn file(&self) -> Option<PathBuf> {
+        self.file.as_deref().map(stream_of)
+    }
+
+    /// The file or standard input; `None` where a live node is meant.
+    pub fn input(&self) -> Result<Option<Input>, Wrong> {
+        match self.file() {
+            Some(file) => Input::open(Some(&file)).map(Some),
+            None if self.stdin => Input::open(None).map(Some),
+            None => Ok(None),
+        }
+    }
+
+    /// The live node, by serial port or probe. By probe its image is compared with what is in flash, and it can be reset first.
+    pub fn live(&self, image: Option<&Image>, reset: bool) -> Box<dyn Source> {
+        match &self.serial {
+            Some(name) => {
+                Box::new(Serial::new(Port { name: name.clone(), baud: self.baud }, name.clone(), Pace::default()))
+            }
+            None => {
+                let marks = image.map(|image| image.marks.clone());
+                Box::new(Probed::new(self.probe.clone(), marks, reset, Pace::default()))
+            }
+        }
+    }
+}
+
+/// A length of time from its seconds.
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds: f64 = text.parse().map_err(|_| format!("\"{text}\" is not a number"))?;
+    Duration::try_from_secs_f64(seconds).map_err(|error| error.to_string())
+}
 
 /// A stream in a file or on standard input.
 pub struct Input {
