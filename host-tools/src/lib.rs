@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 pub mod barral;
+pub mod ble;
 pub mod decode;
 pub mod example;
 pub mod garcia;
