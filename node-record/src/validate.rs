@@ -289,31 +289,14 @@ impl Network {
         let phy = self.phy;
         let channel = Channel::from_number(phy.channel)
             .ok_or_else(|| invalid("network.phy.channel", integer(phy.channel), "1, 2, 3, 4, 5 or 7"))?;
-        let prf = match phy.prf_mhz {
-            16 => Prf::Mhz16,
-            64 => Prf::Mhz64,
-            other => return Err(invalid("network.phy.prf_mhz", integer(other), "16 or 64")),
-        };
-        let rate = match phy.rate_kbps {
-            110 => DataRate::Kbps110,
-            850 => DataRate::Kbps850,
-            6810 => DataRate::Kbps6810,
-            other => return Err(invalid("network.phy.rate_kbps", integer(other), "110, 850 or 6810")),
-        };
-        let preamble = match phy.preamble {
-            64 => PreambleLength::Symbols64,
-            128 => PreambleLength::Symbols128,
-            256 => PreambleLength::Symbols256,
-            512 => PreambleLength::Symbols512,
-            1024 => PreambleLength::Symbols1024,
-            1536 => PreambleLength::Symbols1536,
-            2048 => PreambleLength::Symbols2048,
-            4096 => PreambleLength::Symbols4096,
-            other => {
-                let must = "64, 128, 256, 512, 1024, 1536, 2048 or 4096";
-                return Err(invalid("network.phy.preamble", integer(other), must));
-            }
-        };
+        let prf = Prf::from_mhz(phy.prf_mhz)
+            .ok_or_else(|| invalid("network.phy.prf_mhz", integer(phy.prf_mhz), "16 or 64"))?;
+        let rate = DataRate::from_kbps(phy.rate_kbps)
+            .ok_or_else(|| invalid("network.phy.rate_kbps", integer(phy.rate_kbps), "110, 850 or 6810"))?;
+        let preamble = PreambleLength::from_symbols(phy.preamble).ok_or_else(|| {
+            let must = "64, 128, 256, 512, 1024, 1536, 2048 or 4096";
+            invalid("network.phy.preamble", integer(phy.preamble), must)
+        })?;
         let config = PhyConfig::new(channel, prf, rate, preamble);
         let config = config.and_then(|config| phy.code.map_or(Ok(config), |code| config.with_preamble_code(code)));
         config.map_err(|error| match error {

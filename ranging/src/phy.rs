@@ -102,6 +102,15 @@ pub enum Prf {
 }
 
 impl Prf {
+    /// The frequency of a number of MHz, 16 or 64.
+    pub const fn from_mhz(mhz: u8) -> Option<Self> {
+        match mhz {
+            16 => Some(Self::Mhz16),
+            64 => Some(Self::Mhz64),
+            _ => None,
+        }
+    }
+
     /// Chips in a preamble symbol: 993.59 ns, 1017.63 ns.
     const fn preamble_symbol_chips(self) -> i64 {
         match self {
@@ -124,6 +133,16 @@ pub enum DataRate {
 }
 
 impl DataRate {
+    /// The rate of a number of kbit/s, 110, 850 or 6810.
+    pub const fn from_kbps(kbps: u16) -> Option<Self> {
+        match kbps {
+            110 => Some(Self::Kbps110),
+            850 => Some(Self::Kbps850),
+            6810 => Some(Self::Kbps6810),
+            _ => None,
+        }
+    }
+
     /// Chips in a payload symbol (one bit before Reed-Solomon coding): 8205.1, 1025.6, 128.2 ns.
     const fn data_symbol_chips(self) -> i64 {
         match self {
@@ -166,6 +185,21 @@ pub enum PreambleLength {
 }
 
 impl PreambleLength {
+    /// The length of a number of symbols, where the chip sends so many.
+    pub const fn from_symbols(symbols: u16) -> Option<Self> {
+        Some(match symbols {
+            64 => Self::Symbols64,
+            128 => Self::Symbols128,
+            256 => Self::Symbols256,
+            512 => Self::Symbols512,
+            1024 => Self::Symbols1024,
+            1536 => Self::Symbols1536,
+            2048 => Self::Symbols2048,
+            4096 => Self::Symbols4096,
+            _ => return None,
+        })
+    }
+
     /// The number of symbols.
     pub const fn symbols(self) -> u16 {
         self as u16

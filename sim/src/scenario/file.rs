@@ -380,33 +380,16 @@ impl NetworkTable {
                 None => Err(format!("evk1000_mode is 1 to 8, not {mode}")),
             };
         }
-        let channel = self.channel.unwrap_or(5);
+        let (channel, mhz) = (self.channel.unwrap_or(5), self.prf_mhz.unwrap_or(64));
+        let (kbps, symbols) = (self.rate_kbps.unwrap_or(6810), self.preamble.unwrap_or(128));
         let channel =
             Channel::from_number(channel).ok_or_else(|| format!("channel is 1, 2, 3, 4, 5 or 7, not {channel}"))?;
-        let prf = match self.prf_mhz.unwrap_or(64) {
-            16 => Prf::Mhz16,
-            64 => Prf::Mhz64,
-            other => return Err(format!("prf_mhz is 16 or 64, not {other}")),
-        };
-        let rate = match self.rate_kbps.unwrap_or(6810) {
-            110 => DataRate::Kbps110,
-            850 => DataRate::Kbps850,
-            6810 => DataRate::Kbps6810,
-            other => return Err(format!("rate_kbps is 110, 850 or 6810, not {other}")),
-        };
-        let preamble = match self.preamble.unwrap_or(128) {
-            64 => PreambleLength::Symbols64,
-            128 => PreambleLength::Symbols128,
-            256 => PreambleLength::Symbols256,
-            512 => PreambleLength::Symbols512,
-            1024 => PreambleLength::Symbols1024,
-            1536 => PreambleLength::Symbols1536,
-            2048 => PreambleLength::Symbols2048,
-            4096 => PreambleLength::Symbols4096,
-            other => return Err(format!("preamble is 64, 128, 256, 512, 1024, 1536, 2048 or 4096, not {other}")),
-        };
+        let prf = Prf::from_mhz(mhz).ok_or_else(|| format!("prf_mhz is 16 or 64, not {mhz}"))?;
+        let rate = DataRate::from_kbps(kbps).ok_or_else(|| format!("rate_kbps is 110, 850 or 6810, not {kbps}"))?;
+        let preamble = PreambleLength::from_symbols(symbols)
+            .ok_or_else(|| format!("preamble is 64, 128, 256, 512, 1024, 1536, 2048 or 4096, not {symbols}"))?;
         let phy = PhyConfig::new(channel, prf, rate, preamble)
-            .map_err(|_| format!("at 110 kbit/s the preamble has at least 1024 symbols, not {}", preamble.symbols()))?;
+            .map_err(|_| format!("at 110 kbit/s the preamble has at least 1024 symbols, not {symbols}"))?;
         match self.code {
             None => Ok(phy),
             Some(code) => phy.with_preamble_code(code).map_err(|_| {
