@@ -1,18 +1,22 @@
 //! Scenarios as TOML: `docs/scenarios.md` has every key. Text in, a [`Scenario`] or the line that is wrong out.
 
+mod network;
+mod values;
+
 use std::collections::HashSet;
 use std::fmt;
 use std::ops::Range;
 
 use positioning_core::Method;
-use ranging::frame::decaranging::Variant;
-use ranging::phy::{Channel, DataRate, PreambleLength, Prf};
-use ranging::{PhyConfig, RadioDuration};
 use serde::Deserialize;
-use serde::de::{Deserializer, Error as _};
 use toml::Spanned;
 
-use super::{Anchor, Board, Fault, FaultKind, Level, Mode, Network, Scenario, Tag, TagSettings, Walk};
+use self::network::NetworkTable;
+use self::values::{
+    anchors_per_round, clock_offset, method, not_negative, optional_finite, optional_rate, place, places, positive,
+    probability,
+};
+use super::{Anchor, Board, Fault, FaultKind, Level, Network, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
 
 /// The short addresses of nodes without one of their own: anchors from here, tags from there, by their place in the
@@ -143,31 +147,6 @@ enum BoardName {
     Dwm1001,
     Evb1000,
     Instant,
-}
-
-#[derive(Clone, Copy, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct NetworkTable {
-    mode: ModeName,
-    #[serde(deserialize_with = "optional_rate")]
-    rounds_hz: Option<f64>,
-    pan: Option<u16>,
-    evk1000_mode: Option<u8>,
-    channel: Option<u8>,
-    prf_mhz: Option<u8>,
-    rate_kbps: Option<u16>,
-    preamble: Option<u16>,
-    code: Option<u8>,
-}
-
-#[derive(Clone, Copy, Default, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-enum ModeName {
-    #[default]
-    Native,
-    Decaranging,
-    DecarangingFast,
-    Listening,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -346,62 +325,6 @@ impl BoardTable {
     }
 }
 
-impl NetworkTable {
-    fn network(&self) -> Result<Network, String> {
-        let mode = match self.mode {
-            ModeName::Native => Mode::Native,
-            ModeName::Decaranging => Mode::DecaRanging(Variant::Standard),
-            ModeName::DecarangingFast => Mode::DecaRanging(Variant::Fast),
-            ModeName::Listening => match self.rounds_hz {
-                Some(hz) => Mode::Listening { period: RadioDuration::from_micros((1e6 / hz) as u32) },
-                None => Mode::LISTENING,
-            },
-        };
-        match (mode, self.rounds_hz) {
-            (Mode::Native | Mode::DecaRanging(_), Some(_)) => {
-                return Err("rounds_hz is for mode = \"listening\": in others, anchors begin no rounds".to_owned());
-            }
-            (Mode::Listening { .. }, _) | (_, None) => {}
-        }
-        Ok(Network { mode, pan: self.pan.unwrap_or(Network::default().pan), phy: self.phy()? })
-    }
-
-    fn phy(&self) -> Result<PhyConfig, String> {
-        if let Some(mode) = self.evk1000_mode {
-            return match PhyConfig::evk1000_mode(mode) {
-                Some(_)
-                    if [self.channel, self.prf_mhz, self.code] != [None; 3]
-                        || self.rate_kbps.or(self.preamble).is_some() =>
-                {
-                    Err("evk1000_mode says it all: no channel, prf_mhz, rate_kbps, preamble or code beside it"
-                        .to_owned())
-                }
-                Some(phy) => Ok(phy),
-                None => Err(format!("evk1000_mode is 1 to 8, not {mode}")),
-            };
-        }
-        let (channel, mhz) = (self.channel.unwrap_or(5), self.prf_mhz.unwrap_or(64));
-        let (kbps, symbols) = (self.rate_kbps.unwrap_or(6810), self.preamble.unwrap_or(128));
-        let channel =
-            Channel::from_number(channel).ok_or_else(|| format!("channel is 1, 2, 3, 4, 5 or 7, not {channel}"))?;
-        let prf = Prf::from_mhz(mhz).ok_or_else(|| format!("prf_mhz is 16 or 64, not {mhz}"))?;
-        let rate = DataRate::from_kbps(kbps).ok_or_else(|| format!("rate_kbps is 110, 850 or 6810, not {kbps}"))?;
-        let preamble = PreambleLength::from_symbols(symbols)
-            .ok_or_else(|| format!("preamble is 64, 128, 256, 512, 1024, 1536, 2048 or 4096, not {symbols}"))?;
-        let phy = PhyConfig::new(channel, prf, rate, preamble)
-            .map_err(|_| format!("at 110 kbit/s the preamble has at least 1024 symbols, not {symbols}"))?;
-        match self.code {
-            None => Ok(phy),
-            Some(code) => phy.with_preamble_code(code).map_err(|_| {
-                format!(
-                    "the preamble codes of this channel and pulse rate are {:?}, not {code}",
-                    channel.preamble_codes(prf)
-                )
-            }),
-        }
-    }
-}
-
 impl WallTable {
     fn wall(&self) -> Wall {
         let material = match self.material {
@@ -421,69 +344,12 @@ fn walking() -> f64 {
     WALKING_M_S
 }
 
-/// A number that passes, or what it has to be.
-fn number<'de, D: Deserializer<'de>>(from: D, what: &str, passes: impl Fn(f64) -> bool) -> Result<f64, D::Error> {
-    let value = f64::deserialize(from)?;
-    if passes(value) { Ok(value) } else { Err(D::Error::custom(format!("{value} is not {what}"))) }
-}
-
-fn positive<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
-    number(from, "a positive number", |x| x > 0.0 && x.is_finite())
-}
-
-fn not_negative<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
-    number(from, "zero or a positive number", |x| x >= 0.0 && x.is_finite())
-}
-
-fn probability<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
-    number(from, "a probability from 0 to 1", |x| (0.0..=1.0).contains(&x))
-}
-
-fn clock_offset<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
-    number(from, "a clock's offset from 0 to 100 millionths", |x| (0.0..=100.0).contains(&x))
-}
-
-fn optional_rate<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
-    number(from, "a rate from 0.01 to 1000 Hz", |x| (0.01..=1000.0).contains(&x)).map(Some)
-}
-
-fn optional_finite<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f32>, D::Error> {
-    number(from, "a height within 10 km", |x| x.abs() <= 1e4).map(|x| Some(x as f32))
-}
-
-fn anchors_per_round<'de, D: Deserializer<'de>>(from: D) -> Result<u8, D::Error> {
-    let count = u8::deserialize(from)?;
-    if (1..=8).contains(&count) { Ok(count) } else { Err(D::Error::custom(format!("{count} is not 1 to 8 anchors"))) }
-}
-
-fn method<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Method>, D::Error> {
-    let name = String::deserialize(from)?;
-    if name == "track" { Ok(None) } else { name.parse().map(Some).map_err(D::Error::custom) }
-}
-
-fn place<'de, D: Deserializer<'de>, const N: usize>(from: D) -> Result<[f64; N], D::Error>
-where
-    [f64; N]: Deserialize<'de>,
-{
-    within_reach(<[f64; N]>::deserialize(from)?)
-}
-
-fn places<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<[f64; 3]>, D::Error> {
-    Vec::<[f64; 3]>::deserialize(from)?.into_iter().map(within_reach).collect()
-}
-
-/// Frames carry millimetres in 24 bits: 8388 m.
-fn within_reach<const N: usize, E: serde::de::Error>(place: [f64; N]) -> Result<[f64; N], E> {
-    match place.iter().find(|x| x.is_nan() || x.abs() > 8388.0) {
-        Some(x) => Err(E::custom(format!("{x} is not a coordinate within 8388 m"))),
-        None => Ok(place),
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use ranging::RadioDuration;
+
     use super::*;
-    use crate::scenario::distance;
+    use crate::scenario::{Mode, distance};
 
     const LEAST: &str = "[[anchor]]\nat = [0, 0, 2]\n[[tag]]\npath = [[1, 2, 1]]\n";
 

@@ -1,0 +1,64 @@
+//! The values of a scenario's keys: what TOML has in, a number in its range or what it has to be out.
+
+use positioning_core::Method;
+use serde::Deserialize;
+use serde::de::{Deserializer, Error as _};
+
+/// A number that passes, or what it has to be.
+fn number<'de, D: Deserializer<'de>>(from: D, what: &str, passes: impl Fn(f64) -> bool) -> Result<f64, D::Error> {
+    let value = f64::deserialize(from)?;
+    if passes(value) { Ok(value) } else { Err(D::Error::custom(format!("{value} is not {what}"))) }
+}
+
+pub(super) fn positive<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    number(from, "a positive number", |x| x > 0.0 && x.is_finite())
+}
+
+pub(super) fn not_negative<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    number(from, "zero or a positive number", |x| x >= 0.0 && x.is_finite())
+}
+
+pub(super) fn probability<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    number(from, "a probability from 0 to 1", |x| (0.0..=1.0).contains(&x))
+}
+
+pub(super) fn clock_offset<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    number(from, "a clock's offset from 0 to 100 millionths", |x| (0.0..=100.0).contains(&x))
+}
+
+pub(super) fn optional_rate<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    number(from, "a rate from 0.01 to 1000 Hz", |x| (0.01..=1000.0).contains(&x)).map(Some)
+}
+
+pub(super) fn optional_finite<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f32>, D::Error> {
+    number(from, "a height within 10 km", |x| x.abs() <= 1e4).map(|x| Some(x as f32))
+}
+
+pub(super) fn anchors_per_round<'de, D: Deserializer<'de>>(from: D) -> Result<u8, D::Error> {
+    let count = u8::deserialize(from)?;
+    if (1..=8).contains(&count) { Ok(count) } else { Err(D::Error::custom(format!("{count} is not 1 to 8 anchors"))) }
+}
+
+pub(super) fn method<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Method>, D::Error> {
+    let name = String::deserialize(from)?;
+    if name == "track" { Ok(None) } else { name.parse().map(Some).map_err(D::Error::custom) }
+}
+
+pub(super) fn place<'de, D: Deserializer<'de>, const N: usize>(from: D) -> Result<[f64; N], D::Error>
+where
+    [f64; N]: Deserialize<'de>,
+{
+    within_reach(<[f64; N]>::deserialize(from)?)
+}
+
+pub(super) fn places<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<[f64; 3]>, D::Error> {
+    Vec::<[f64; 3]>::deserialize(from)?.into_iter().map(within_reach).collect()
+}
+
+/// Frames carry millimetres in 24 bits: 8388 m.
+fn within_reach<const N: usize, E: serde::de::Error>(place: [f64; N]) -> Result<[f64; N], E> {
+    match place.iter().find(|x| x.is_nan() || x.abs() > 8388.0) {
+        Some(x) => Err(E::custom(format!("{x} is not a coordinate within 8388 m"))),
+        None => Ok(place),
+    }
+}
