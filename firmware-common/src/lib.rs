@@ -12,8 +12,7 @@ pub mod build;
 pub mod counts;
 pub mod crash;
 pub mod journal;
-#[cfg(any(test, feature = "defmt"))]
-mod lines;
+pub mod lines;
 pub mod machines;
 pub mod reporter;
 pub mod settings;

@@ -1,4 +1,5 @@
-//! What a person reads of the journal: the text of a log line, the same through `defmt` on a node and `core::fmt` on a desktop.
+//! What a person reads of the journal: the text of a log line, the same through `defmt` on a node and `core::fmt` on a desktop,
+//! where the monitor shows messages of telemetry in the same words.
 //!
 //! Numbers are whole: a log that prints floats prints all their digits.
 
@@ -27,7 +28,7 @@ macro_rules! text {
 }
 
 /// A length in hundredths of a metre.
-pub(crate) struct Centimetres(i32);
+pub struct Centimetres(i32);
 
 impl Centimetres {
     /// Of a length in 0.1 mm, rounded.
@@ -48,14 +49,43 @@ text!(Centimetres, |this| this.parts();
 
 /// A round's end: the position with its standard deviation (of the distance to the true one: in the plane where the height was
 /// given, else in space), or why there is none.
-pub(crate) enum FixLine {
-    Space { position: [Centimetres; 3], deviation: Centimetres, used: u32, age_ms: u32 },
-    Plane { position: [Centimetres; 3], deviation: Centimetres, used: u32, age_ms: u32 },
-    None { reason: Reason, answered: u8, asked: u8 },
+pub enum FixLine {
+    /// A position in space.
+    Space {
+        /// Where.
+        position: [Centimetres; 3],
+        /// Standard deviation.
+        deviation: Centimetres,
+        /// Anchors used.
+        used: u32,
+        /// From the poll to the publication, ms.
+        age_ms: u32,
+    },
+    /// A position whose height was given.
+    Plane {
+        /// Where.
+        position: [Centimetres; 3],
+        /// Standard deviation.
+        deviation: Centimetres,
+        /// Anchors used.
+        used: u32,
+        /// From the poll to the publication, ms.
+        age_ms: u32,
+    },
+    /// No position.
+    None {
+        /// Why.
+        reason: Reason,
+        /// Anchors that answered.
+        answered: u8,
+        /// Anchors that were asked.
+        asked: u8,
+    },
 }
 
 impl FixLine {
-    pub(crate) fn of(fix: &Fix, answered: u8) -> Self {
+    /// The line of a fix, in whose round so many anchors answered.
+    pub fn of(fix: &Fix, answered: u8) -> Self {
         match fix.outcome {
             Outcome::Position { position, deviation, used, .. } => {
                 let square: u64 = deviation
@@ -86,7 +116,7 @@ text!(FixLine, |this| this;
 );
 
 /// Who is speaking.
-pub(crate) struct HelloLine(pub(crate) Hello);
+pub struct HelloLine(pub Hello);
 
 text!(HelloLine, |this| (this.0.role, this.0.build);
     (role, [a, b, c, d, e, f, g, h]) => (
@@ -101,7 +131,7 @@ text!(HelloLine, |this| (this.0.role, this.0.build);
 );
 
 /// A change of state.
-pub(crate) struct StateLine(pub(crate) Condition);
+pub struct StateLine(pub Condition);
 
 text!(StateLine, |this| this.0;
     Condition::NoRecord(RecordFault::Missing) =>
@@ -123,7 +153,7 @@ text!(StateLine, |this| this.0;
 );
 
 /// What was counted, for whoever wants to see it go by.
-pub(crate) struct CountersLine(pub(crate) Counters);
+pub struct CountersLine(pub Counters);
 
 text!(CountersLine, |this| &this.0;
     Counters { sent, received, timeouts, corrupt, late, not_sent, radio_failures, rounds_dropped, telemetry_dropped, .. } => (
@@ -133,7 +163,7 @@ text!(CountersLine, |this| &this.0;
 );
 
 /// Why the node started.
-pub(crate) struct ResetLine(pub(crate) Reset);
+pub struct ResetLine(pub Reset);
 
 text!(ResetLine, |this| (this.0.cause, this.0.crash);
     (ResetCause::Other(number), None) => ("reset: other ({:08x})", number),

@@ -6,13 +6,13 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use firmware_common::lines::StateLine;
 use telemetry::{Condition, Decoder, Message};
 
 use super::image::{Build, Image};
 use super::log::{self, Frames, LogLine};
 use super::merge::{Merger, Patience};
 use super::source::{Channel, Event};
-use super::words;
 use crate::Wrong;
 
 /// A node says who it is every two seconds. Who has not heard it by now need not wait for it any longer.
@@ -226,7 +226,7 @@ impl Session {
 
     /// The node's state, as it last said.
     pub fn state(&self) -> Option<String> {
-        self.state.map(words::condition)
+        self.state.map(|is| StateLine(is).to_string())
     }
 
     fn message(&mut self, now: Duration, message: Message) {

@@ -1,11 +1,10 @@
 //! A telemetry message as one line for a person. The words are those of the node's log, so that a screen that shows both can leave
 //! out what it would show twice.
 
-use super::image::Build;
-use telemetry::{
-    Condition, Counters, Crash, CrashReason, Fix, Hello, Message, Range, RecordFault, Reset, ResetCause, Sighting,
-    State,
-};
+use std::fmt::Display;
+
+use firmware_common::lines::{FixLine, HelloLine, ResetLine, StateLine};
+use telemetry::{Counters, Crash, CrashReason, Fix, Message, Outcome, Range, Reset, Sighting, State};
 
 /// What stands before the words: `fix`, `range`, …, five letters at most.
 pub fn label(message: &Message) -> &'static str {
@@ -23,11 +22,11 @@ pub fn label(message: &Message) -> &'static str {
 /// The words.
 pub fn words(message: &Message) -> String {
     match message {
-        Message::Hello(hello) => of_hello(hello),
+        Message::Hello(hello) => HelloLine(*hello).to_string(),
         Message::Fix(fix) => of_fix(fix),
         Message::Range(range) => of_range(range),
         Message::Sighting(sighting) => of_sighting(sighting),
-        Message::State(State { is, .. }) => condition(*is),
+        Message::State(State { is, .. }) => StateLine(*is).to_string(),
         Message::Counters(counters) => of_counters(counters),
         Message::Reset(reset) => of_reset(reset),
     }
@@ -36,7 +35,6 @@ pub fn words(message: &Message) -> String {
 /// Whether a line of the log says the same as a message.
 pub fn says_the_same(text: &str, message: &Message) -> bool {
     match message {
-        // How many answered is in the log alone.
         Message::Fix(fix) if fix.position_m().is_none() => text.starts_with("no fix: "),
         Message::Fix(_) => text.starts_with("fix x="),
         Message::Counters(_) => text.ends_with(" telemetry frames dropped"),
@@ -46,21 +44,18 @@ pub fn says_the_same(text: &str, message: &Message) -> bool {
     }
 }
 
-fn of_hello(hello: &Hello) -> String {
-    let Hello { role, address, board, eui, build, .. } = hello;
-    format!("{} {address:04x} on {}, EUI {eui:016x}, build {}", role.as_str(), board.as_str(), Build(*build))
+/// A line of the log without what the screen shows as the label.
+fn without(label: &str, line: impl Display) -> String {
+    let line = line.to_string();
+    line.strip_prefix(label).map(str::to_owned).unwrap_or(line)
 }
 
 fn of_fix(fix: &Fix) -> String {
-    let (Some([x, y, z]), Some(deviation)) = (fix.position_m(), fix.deviation_m()) else {
-        let reason = fix.reason().map_or("", |reason| reason.as_str());
-        return format!("none: {reason}, {} asked", fix.asked);
-    };
-    // Of the distance to the true position; a height that was given has none.
-    let size = deviation.iter().map(|axis| axis * axis).sum::<f64>().sqrt();
-    let given = if deviation[2] == 0.0 { " (given)" } else { "" };
-    let used = fix.used().unwrap_or(0).count_ones();
-    format!("x={x:.2} y={y:.2} z={z:.2}{given} ±{size:.2} m, {used} anchors, {:.0} ms", fix.age_s() * 1e3)
+    match fix.outcome {
+        Outcome::Position { .. } => without("fix ", FixLine::of(fix, 0)),
+        // How many answered is in the log alone.
+        Outcome::Reason(reason) => format!("none: {}, {} asked", reason.as_str(), fix.asked),
+    }
 }
 
 fn of_range(range: &Range) -> String {
@@ -86,30 +81,6 @@ fn of_sighting(sighting: &Sighting) -> String {
     format!("{:08x} {}.{} {rssi} dBm ({measured_power} dBm at 1 m)", beacon.network, beacon.major, beacon.minor)
 }
 
-/// A state.
-pub fn condition(is: Condition) -> String {
-    match is {
-        Condition::NoRecord(RecordFault::Missing) => {
-            "no record in flash: nothing is sent; `baliza provision` writes one".into()
-        }
-        Condition::NoRecord(RecordFault::Version(version)) => {
-            format!("the record in flash is of version {version}, which this image does not read: nothing is sent")
-        }
-        Condition::NoRecord(RecordFault::Corrupt) => "the record in flash is corrupt: nothing is sent".into(),
-        Condition::NoRecord(RecordFault::Invalid) => "the record in flash cannot be followed: nothing is sent".into(),
-        Condition::WrongRecord => "the record in flash is for another role or board: nothing is sent".into(),
-        Condition::Searching => "searching".into(),
-        Condition::Paired(peer) => format!("paired with {peer:04x}"),
-        Condition::Synchronised(coordinator) => format!("synchronised with the network of {coordinator:04x}"),
-        Condition::Joined(slots) => format!("joined, {slots} slots a superframe"),
-        Condition::Coordinating => "coordinating".into(),
-        Condition::Following(coordinator) => format!("following {coordinator:04x}"),
-        Condition::RadioFailed(times) => format!("radio failed, {times} in a row; starting it again"),
-        Condition::ScannerRestarted(times) => format!("scanner silent, restarted {times} times"),
-        Condition::Advertising => "advertising".into(),
-    }
-}
-
 fn of_counters(counters: &Counters) -> String {
     let Counters {
         t_us: _,
@@ -133,17 +104,10 @@ fn of_counters(counters: &Counters) -> String {
 }
 
 fn of_reset(reset: &Reset) -> String {
-    let cause = match reset.cause {
-        ResetCause::Other(number) => format!("other ({number:08x})"),
-        named => named.as_str().to_owned(),
-    };
-    match reset.crash {
-        None => cause,
-        Some(Crash { reason: CrashReason::Panic, program_counter, line, file }) => {
-            format!("{cause}; crashed before: panic at pc 0x{program_counter:08x}, line {line} of file {file:08x}")
-        }
-        Some(Crash { reason, program_counter, .. }) => {
-            format!("{cause}; crashed before: {} at pc 0x{program_counter:08x}", reason.as_str())
-        }
+    let mut text = without("reset: ", ResetLine(*reset));
+    // The file's hash is in telemetry alone.
+    if let Some(Crash { reason: CrashReason::Panic, file, .. }) = reset.crash {
+        text += &format!(" of file {file:08x}");
     }
+    text
 }
