@@ -1,13 +1,12 @@
 //! What `monitor`, `record`, `decode` and `replay` share: where a stream comes from, how its messages are written, and Ctrl-C.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
-use host_tools::decode::{Chunks, Stamp, Table, json};
+use host_tools::decode::{Chunks, Stamp, Table, json, open_stream};
 use host_tools::monitor::{Image, Pace, Port, Probed, Serial, Source};
 use host_tools::probe::ProbeArguments;
 use host_tools::{Wrong, output};
@@ -90,12 +89,8 @@ impl Input {
             let chunks = Chunks::new(std::io::stdin());
             return Ok(Self { chunks, name: "standard input".to_owned(), length: 0 });
         };
-        let opened = File::open(path).and_then(|file| file.metadata().map(|metadata| (file, metadata)));
-        let (file, metadata) = opened.map_err(|error| Wrong::file(path, format!("cannot open it: {error}")))?;
-        if metadata.is_dir() {
-            return Err(Wrong::file(path, "it is a folder"));
-        }
-        let length = usize::try_from(metadata.len()).unwrap_or(usize::MAX);
+        let (file, length) = open_stream(path)?;
+        let length = usize::try_from(length).unwrap_or(usize::MAX);
         Ok(Self { chunks: Chunks::new(file), name: path.display().to_string(), length })
     }
 

@@ -1,10 +1,14 @@
 //! A file or a pipe, read so that waiting for it can be given up.
 
+use std::fs::File;
 use std::io::{self, ErrorKind, Read};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread;
 use std::time::Duration;
+
+use crate::Wrong;
 
 /// Read at once, bytes.
 const CHUNK: usize = 1 << 16;
@@ -12,6 +16,30 @@ const CHUNK: usize = 1 << 16;
 const AHEAD: usize = 4;
 /// From one look at the wish to stop to the next.
 const PATIENCE: Duration = Duration::from_millis(50);
+
+/// Opens a stream's file; and its length, bytes.
+///
+/// # Errors
+/// It cannot be opened, or is a folder.
+pub fn open_stream(path: &Path) -> Result<(File, u64), Wrong> {
+    let opened = File::open(path).and_then(|file| file.metadata().map(|metadata| (file, metadata)));
+    let (file, metadata) = opened.map_err(|error| Wrong::file(path, format!("cannot open it: {error}")))?;
+    if metadata.is_dir() {
+        return Err(Wrong::file(path, "it is a folder"));
+    }
+    Ok((file, metadata.len()))
+}
+
+/// What came of waiting for bytes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Waited {
+    /// Bytes.
+    Bytes(Vec<u8>),
+    /// None yet.
+    Nothing,
+    /// There are no more.
+    End,
+}
 
 /// What a reader gives, chunk by chunk.
 pub struct Chunks {
@@ -44,16 +72,28 @@ impl Chunks {
         Self { chunks }
     }
 
+    /// The next bytes, waited for so long at most.
+    ///
+    /// # Errors
+    /// The reader's.
+    pub fn wait(&self, patience: Duration) -> io::Result<Waited> {
+        match self.chunks.recv_timeout(patience) {
+            Ok(chunk) => chunk.map(Waited::Bytes),
+            Err(RecvTimeoutError::Timeout) => Ok(Waited::Nothing),
+            Err(RecvTimeoutError::Disconnected) => Ok(Waited::End),
+        }
+    }
+
     /// The next bytes; `None` at the end, or when `stop` is wished for.
     ///
     /// # Errors
     /// The reader's.
     pub fn next(&self, stop: &AtomicBool) -> io::Result<Option<Vec<u8>>> {
         while !stop.load(Ordering::Relaxed) {
-            match self.chunks.recv_timeout(PATIENCE) {
-                Ok(chunk) => return chunk.map(Some),
-                Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => return Ok(None),
+            match self.wait(PATIENCE)? {
+                Waited::Bytes(bytes) => return Ok(Some(bytes)),
+                Waited::Nothing => {}
+                Waited::End => return Ok(None),
             }
         }
         Ok(None)

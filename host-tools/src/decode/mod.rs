@@ -9,7 +9,7 @@ mod summary;
 mod table;
 mod timeline;
 
-pub use chunks::Chunks;
+pub use chunks::{Chunks, Waited, open_stream};
 pub use json::json;
 pub use summary::Summary;
 pub(crate) use table::metres;

@@ -2,10 +2,8 @@
 
 use std::collections::VecDeque;
 use std::fs::File;
-use std::io::{ErrorKind, Read};
+use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
-use std::thread;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
@@ -13,42 +11,23 @@ use anyhow::{Context, Result};
 use super::demux::Demux;
 use super::source::{Channel, Event, Source};
 use crate::Wrong;
+use crate::decode::{Chunks, Waited, open_stream};
 
 /// Read at once.
 const CHUNK: usize = 8192;
 
 /// A mixture that comes through a pipe.
 pub struct Piped {
-    chunks: Receiver<std::io::Result<Vec<u8>>>,
+    chunks: Chunks,
     demux: Demux,
     ready: VecDeque<Event>,
     ended: bool,
 }
 
 impl Piped {
-    /// Reads in a thread of its own, which lives as long as the reader does not end: a pipe cannot be waited for with a limit.
-    pub fn new(mut from: impl Read + Send + 'static) -> Self {
-        let (to, chunks) = sync_channel(16);
-        thread::spawn(move || {
-            loop {
-                let mut chunk = vec![0; CHUNK];
-                let read = match from.read(&mut chunk) {
-                    Ok(0) => break,
-                    Ok(count) => {
-                        chunk.truncate(count);
-                        Ok(chunk)
-                    }
-                    Err(error) if error.kind() == ErrorKind::Interrupted => continue,
-                    Err(error) => Err(error),
-                };
-                let last = read.is_err();
-                // Nobody listens any more where the receiver is gone.
-                if to.send(read).is_err() || last {
-                    break;
-                }
-            }
-        });
-        Self { chunks, demux: Demux::default(), ready: VecDeque::new(), ended: false }
+    /// Reads in a thread of its own, as [`Chunks`] do.
+    pub fn new(from: impl Read + Send + 'static) -> Self {
+        Self { chunks: Chunks::new(from), demux: Demux::default(), ready: VecDeque::new(), ended: false }
     }
 }
 
@@ -61,13 +40,10 @@ impl Source for Piped {
             if self.ended {
                 return Ok(Some(Event::End));
             }
-            match self.chunks.recv_timeout(patience) {
-                Ok(chunk) => {
-                    let chunk = chunk.context("cannot read standard input")?;
-                    self.ready.extend(self.demux.feed(&chunk));
-                }
-                Err(RecvTimeoutError::Timeout) => return Ok(None),
-                Err(RecvTimeoutError::Disconnected) => {
+            match self.chunks.wait(patience).context("cannot read standard input")? {
+                Waited::Bytes(chunk) => self.ready.extend(self.demux.feed(&chunk)),
+                Waited::Nothing => return Ok(None),
+                Waited::End => {
                     self.ready.extend(self.demux.finish());
                     self.ended = true;
                 }
@@ -109,12 +85,8 @@ impl Files {
 
 impl Part {
     fn open(path: &Path) -> Result<Self, Wrong> {
-        let opened = File::open(path).and_then(|file| file.metadata().map(|metadata| (file, metadata)));
-        let (file, metadata) = opened.map_err(|error| Wrong::file(path, format!("cannot open it: {error}")))?;
-        if metadata.is_dir() {
-            return Err(Wrong::file(path, "it is a folder"));
-        }
-        Ok(Self { path: path.to_owned(), file, length: metadata.len(), read: 0, ended: false })
+        let (file, length) = open_stream(path)?;
+        Ok(Self { path: path.to_owned(), file, length, read: 0, ended: false })
     }
 
     fn read(&mut self) -> Result<Vec<u8>> {
