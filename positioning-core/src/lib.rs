@@ -26,6 +26,8 @@ mod nonlinear;
 mod real;
 mod robust;
 mod sample;
+#[cfg(feature = "serde")]
+mod stored;
 mod track;
 
 pub use bounding_box::bounding_box;

@@ -1,23 +1,20 @@
 //! A trained classifier as bytes: what a desktop writes and a node reads from its flash.
 //!
-//! Layout: `"NL"`, the version, the length of the rest as three bytes (little-endian), the [`Kind`] and its [`Platt`]
-//! in postcard, and a CRC-16 (IBM-3740) of all before it. Several models follow each other without gap. Weights stay
-//! where they are: a model borrows the bytes it was read from.
-
-use core::fmt;
+//! Layout: that of [`crate::stored`], with the letters `NL`: the [`Kind`] and its [`Platt`]. Several models follow each other without
+//! gap. Weights stay where they are: a model borrows the bytes it was read from.
 
 use serde::{Deserialize, Serialize};
 
 use super::{
     Classifier, Feature, Features, Logistic, Nearest, Perceptron, Platt, PowerDifference, Quantised, Skewness,
 };
+pub use crate::stored::Fault;
+use crate::stored::{self, Content};
 
 /// The version of the layout; a reader takes no other.
 pub const VERSION: u8 = 1;
 
-const MAGIC: [u8; 2] = *b"NL";
-const HEADER: usize = 6;
-const CHECKSUM: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
+const CONTENT: Content = Content { magic: *b"NL", version: VERSION };
 
 /// A classifier. The order is that of stored models: new ones go to the end.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,36 +48,6 @@ pub struct Model<'a> {
     pub calibration: Platt,
 }
 
-/// Why bytes are no model.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Fault {
-    /// They do not begin like one, or there are none.
-    Missing,
-    /// Of a version that is not read.
-    Version(u8),
-    /// They end early, or the checksum is wrong.
-    Corrupt,
-    /// Well-formed, but its numbers make no classifier.
-    Invalid,
-    /// The buffer is too small to hold it.
-    TooLong,
-}
-
-impl fmt::Display for Fault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Missing => write!(f, "not a model"),
-            Self::Version(version) => write!(f, "a model of version {version}, where {VERSION} is read"),
-            Self::Corrupt => write!(f, "a damaged model"),
-            Self::Invalid => write!(f, "a model whose numbers make no classifier"),
-            Self::TooLong => write!(f, "a model that is too long"),
-        }
-    }
-}
-
-impl core::error::Error for Fault {}
-
 impl<'a> Model<'a> {
     /// Writes the model to the beginning of `buffer` and returns those bytes.
     ///
@@ -90,17 +57,7 @@ impl<'a> Model<'a> {
         if !self.is_sane() {
             return Err(Fault::Invalid);
         }
-        let room = buffer.get_mut(HEADER..).ok_or(Fault::TooLong)?;
-        let length = postcard::to_slice(self, room).map_err(|_| Fault::TooLong)?.len();
-        let [l0, l1, l2, 0] = u32::try_from(length).unwrap_or(u32::MAX).to_le_bytes() else {
-            return Err(Fault::TooLong);
-        };
-        let [m0, m1] = MAGIC;
-        buffer.get_mut(..HEADER).ok_or(Fault::TooLong)?.copy_from_slice(&[m0, m1, VERSION, l0, l1, l2]);
-        let end = HEADER + length;
-        let checksum = CHECKSUM.checksum(buffer.get(..end).ok_or(Fault::TooLong)?);
-        buffer.get_mut(end..end + 2).ok_or(Fault::TooLong)?.copy_from_slice(&checksum.to_le_bytes());
-        buffer.get(..end + 2).ok_or(Fault::TooLong)
+        stored::encode(CONTENT, self, buffer)
     }
 
     /// Reads a model from the beginning of `bytes`; returns it and what follows.
@@ -108,26 +65,8 @@ impl<'a> Model<'a> {
     /// # Errors
     /// The bytes are no model, or not one that can be trusted.
     pub fn decode(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), Fault> {
-        let Some((&[m0, m1, version, l0, l1, l2], _)) = bytes.split_first_chunk::<HEADER>() else {
-            return Err(Fault::Missing);
-        };
-        if [m0, m1] != MAGIC {
-            return Err(Fault::Missing);
-        }
-        if version != VERSION {
-            return Err(Fault::Version(version));
-        }
-        let end = HEADER + u32::from_le_bytes([l0, l1, l2, 0]) as usize;
-        let (covered, rest) = bytes.split_at_checked(end).ok_or(Fault::Corrupt)?;
-        let (checksum, rest) = rest.split_first_chunk::<2>().ok_or(Fault::Corrupt)?;
-        if CHECKSUM.checksum(covered) != u16::from_le_bytes(*checksum) {
-            return Err(Fault::Corrupt);
-        }
-        let payload = covered.get(HEADER..).ok_or(Fault::Corrupt)?;
-        match postcard::take_from_bytes::<Self>(payload) {
-            Ok((model, [])) if model.is_sane() => Ok((model, rest)),
-            Ok(_) | Err(_) => Err(Fault::Invalid),
-        }
+        let (model, rest) = stored::decode::<Self>(CONTENT, bytes)?;
+        if model.is_sane() { Ok((model, rest)) } else { Err(Fault::Invalid) }
     }
 
     fn is_sane(&self) -> bool {
@@ -172,6 +111,7 @@ impl Classifier for Model<'_> {
 mod tests {
     use super::*;
     use crate::nlos::{Input, Inputs};
+    use crate::stored::{CHECKSUM, HEADER};
 
     fn skewness() -> Model<'static> {
         let kind = Skewness { feature: Feature::SkewnessNear, los_mean: 1.5, nlos_mean: 1.0, deviation: 0.25 };
@@ -264,8 +204,8 @@ mod tests {
         let mut buffer = [0; 64];
         let mut bytes = skewness().encode(&mut buffer).expect("it fits").to_vec();
         bytes[2] = 0;
-        assert_eq!(Model::decode(&bytes), Err(Fault::Version(0)));
-        assert_eq!(std::format!("{}", Fault::Version(0)), "a model of version 0, where 1 is read");
+        assert_eq!(Model::decode(&bytes), Err(Fault::Version { found: 0, read: 1 }));
+        assert_eq!(std::format!("{}", Fault::Version { found: 0, read: 1 }), "a model of version 0, where 1 is read");
     }
 
     #[test]

@@ -1,0 +1,94 @@
+//! The frame of what a desktop trains and a node reads from its flash: a classifier, a model of rooms.
+//!
+//! Layout: two letters that say what it is, the version, the length of the rest as three bytes (little-endian), the value in
+//! postcard, and a CRC-16 (IBM-3740) of all before it. Several frames may follow each other without gap. Weights stay where they
+//! are: a value borrows the bytes it was read from.
+
+use core::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// Bytes before the value.
+pub(crate) const HEADER: usize = 6;
+pub(crate) const CHECKSUM: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
+
+/// What a frame holds: its letters and its version; a reader takes no other.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Content {
+    pub(crate) magic: [u8; 2],
+    pub(crate) version: u8,
+}
+
+/// Why bytes are no model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Fault {
+    /// They do not begin like one, or there are none.
+    Missing,
+    /// Of a version that is not read.
+    Version {
+        /// That of the bytes.
+        found: u8,
+        /// That which is read.
+        read: u8,
+    },
+    /// They end early, or the checksum is wrong.
+    Corrupt,
+    /// Well-formed, but its numbers make no classifier.
+    Invalid,
+    /// The buffer is too small to hold it.
+    TooLong,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Missing => write!(f, "not a model"),
+            Self::Version { found, read } => write!(f, "a model of version {found}, where {read} is read"),
+            Self::Corrupt => write!(f, "a damaged model"),
+            Self::Invalid => write!(f, "a model whose numbers make no classifier"),
+            Self::TooLong => write!(f, "a model that is too long"),
+        }
+    }
+}
+
+impl core::error::Error for Fault {}
+
+/// Writes a value to the beginning of `buffer` and returns those bytes.
+pub(crate) fn encode<'b>(content: Content, value: &impl Serialize, buffer: &'b mut [u8]) -> Result<&'b [u8], Fault> {
+    let room = buffer.get_mut(HEADER..).ok_or(Fault::TooLong)?;
+    let length = postcard::to_slice(value, room).map_err(|_| Fault::TooLong)?.len();
+    let [l0, l1, l2, 0] = u32::try_from(length).unwrap_or(u32::MAX).to_le_bytes() else {
+        return Err(Fault::TooLong);
+    };
+    let [m0, m1] = content.magic;
+    buffer.get_mut(..HEADER).ok_or(Fault::TooLong)?.copy_from_slice(&[m0, m1, content.version, l0, l1, l2]);
+    let end = HEADER + length;
+    let checksum = CHECKSUM.checksum(buffer.get(..end).ok_or(Fault::TooLong)?);
+    buffer.get_mut(end..end + 2).ok_or(Fault::TooLong)?.copy_from_slice(&checksum.to_le_bytes());
+    buffer.get(..end + 2).ok_or(Fault::TooLong)
+}
+
+/// Reads a value from the beginning of `bytes`; returns it and what follows. Whether its numbers make sense is the caller's to say.
+pub(crate) fn decode<'a, T: Deserialize<'a>>(content: Content, bytes: &'a [u8]) -> Result<(T, &'a [u8]), Fault> {
+    let Some((&[m0, m1, version, l0, l1, l2], _)) = bytes.split_first_chunk::<HEADER>() else {
+        return Err(Fault::Missing);
+    };
+    if [m0, m1] != content.magic {
+        return Err(Fault::Missing);
+    }
+    if version != content.version {
+        return Err(Fault::Version { found: version, read: content.version });
+    }
+    let end = HEADER + u32::from_le_bytes([l0, l1, l2, 0]) as usize;
+    let (covered, rest) = bytes.split_at_checked(end).ok_or(Fault::Corrupt)?;
+    let (checksum, rest) = rest.split_first_chunk::<2>().ok_or(Fault::Corrupt)?;
+    if CHECKSUM.checksum(covered) != u16::from_le_bytes(*checksum) {
+        return Err(Fault::Corrupt);
+    }
+    let payload = covered.get(HEADER..).ok_or(Fault::Corrupt)?;
+    match postcard::take_from_bytes::<T>(payload) {
+        Ok((value, [])) => Ok((value, rest)),
+        Ok(_) | Err(_) => Err(Fault::Invalid),
+    }
+}
