@@ -1,18 +1,22 @@
 //! Advertisements of Bluetooth beacons, from and to the bytes on the air.
 //!
-//! Advertising data → [`Structures`], one AD structure after the other → [`Payload`], a view over those of an iBeacon →
-//! [`IBeacon`], the representation that goes inward; and back with [`IBeacon::emit`]. A [`Disguise`] hides an identity from
-//! whoever has not its key.
+//! Advertising data → [`Structures`], one AD structure after the other → [`Payload`] or [`UidPayload`], a view over those of an
+//! iBeacon or an Eddystone-UID → [`IBeacon`] or [`EddystoneUid`], the representations that go inward, either as [`Advertised`]; and
+//! back with [`IBeacon::emit`] and [`EddystoneUid::emit`]. A [`Disguise`] hides an iBeacon's identity from whoever has not its key.
 #![no_std]
 #![forbid(unsafe_code)]
 
 #[cfg(test)]
 extern crate std;
 
+mod advertised;
 mod disguise;
+mod eddystone;
 mod ibeacon;
 mod structure;
 
+pub use advertised::{Advertised, Identity, NoBeacon};
 pub use disguise::{Disguise, Fresh, Revealed};
+pub use eddystone::{EDDYSTONE_LENGTH, EddystoneUid, NoEddystone, UidPayload};
 pub use ibeacon::{IBeacon, LENGTH, Payload, Refusal};
 pub use structure::{Structure, Structures, Truncated};
