@@ -3,11 +3,12 @@
 //!
 //! A [`World`] holds virtual time, the [`air`] and the nodes. A node's application is an `async` function over the
 //! [`Peripherals`] of its board: an `embedded-hal-async` SPI device, the chip's IRQ and RSTn, a delay. Behind the SPI device is
-//! a [`chip`] that behaves as the DW1000 user manual says. Nothing here reads a wall clock: equal seeds give equal bytes.
+//! a [`chip`] that behaves as the DW1000 user manual says. Beside it is the [`bluetooth`] air, of beacons and scanners. Nothing here reads a wall clock: equal seeds give equal bytes.
 #![forbid(unsafe_code)]
 
 pub mod air;
 pub mod alavi_pahlavan;
+pub mod bluetooth;
 pub mod board;
 pub mod chip;
 pub mod clock;

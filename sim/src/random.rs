@@ -24,6 +24,12 @@ pub enum Purpose {
     Accumulator = 5,
     /// For applications and scenarios.
     Scenario = 6,
+    /// When a beacon sends.
+    Advertiser = 7,
+    /// What a Bluetooth scanner adds: noise on levels, losses.
+    Scanner = 8,
+    /// Levels of a beacon by place.
+    Shadowing = 9,
 }
 
 /// The stream of `purpose` number `index` in the simulation seeded with `seed`.

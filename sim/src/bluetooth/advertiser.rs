@@ -1,0 +1,146 @@
+//! A beacon's radio: an event every interval and a random delay, in an event one channel after the other.
+
+use std::cell::RefCell;
+use std::convert::Infallible;
+use std::rc::Rc;
+use std::task::{Poll, Waker};
+use std::time::Duration;
+
+use firmware_beacon::{Advertise, Advertisement};
+use rand::Rng;
+
+use super::Bluetooth;
+use super::channel::{Channel, Link, Medium};
+use crate::air::Wall;
+use crate::random::{Purpose, stream};
+
+/// The random delay of an event (Bluetooth Core 5.4, volume 6, part B, 4.4.2.2.1).
+const DELAY: Duration = Duration::from_millis(10);
+/// From the end of an advertisement on one channel to its beginning on the next.
+const HOP: Duration = Duration::from_micros(250);
+
+/// Where a beacon is and how strong.
+pub struct Sender {
+    /// Its number: what is drawn for it.
+    pub number: u64,
+    /// Metres.
+    pub at: [f64; 3],
+    /// RSSI at 1 m in clear sight, the mean over all places, dBm.
+    pub rssi_1m_dbm: f64,
+    link: Link,
+}
+
+impl Sender {
+    /// Draws what belongs to the ways from it.
+    pub fn new(medium: Medium, seed: u64, number: u64, at: [f64; 3], rssi_1m_dbm: f64) -> Self {
+        Self { number, at, rssi_1m_dbm, link: Link::draw(medium, seed, number) }
+    }
+
+    pub(super) fn level_dbm(&self, walls: &[Wall], to: [f64; 3], channel: Channel) -> f64 {
+        self.link.level_dbm(walls, (self.at, self.rssi_1m_dbm), to, channel)
+    }
+}
+
+/// What goes out.
+#[derive(Clone)]
+struct Going {
+    data: Rc<[u8]>,
+    interval: Duration,
+    channels: Vec<Channel>,
+}
+
+#[derive(Default)]
+struct State {
+    going: Option<Going>,
+    /// Counts the changes: an event under way ends.
+    changes: u64,
+    waker: Option<Waker>,
+}
+
+/// A beacon's radio; clones are the same one.
+#[derive(Clone)]
+pub struct Advertiser {
+    air: Bluetooth,
+    sender: Rc<Sender>,
+    state: Rc<RefCell<State>>,
+}
+
+impl Advertiser {
+    pub(super) fn new(air: Bluetooth, sender: Sender) -> Self {
+        Self { air, sender: Rc::new(sender), state: Rc::default() }
+    }
+
+    /// Sends these bytes from now on, or nothing.
+    pub fn send(&self, going: Option<(&[u8], Duration, [bool; 3])>) {
+        let mut state = self.state.borrow_mut();
+        state.going = going.map(|(data, interval, channels)| Going {
+            data: data.into(),
+            interval,
+            channels: Channel::ALL
+                .into_iter()
+                .zip(channels)
+                .filter(|(_, on)| *on)
+                .map(|(channel, _)| channel)
+                .collect(),
+        });
+        state.changes += 1;
+        if let Some(waker) = state.waker.take() {
+            waker.wake();
+        }
+    }
+
+    /// Serves the radio, for ever.
+    pub async fn serve(&self) -> Infallible {
+        let mut draws = stream(self.air.world.seed(), Purpose::Advertiser, self.sender.number);
+        let interval = self.going().await.0.interval;
+        // Beacons have been switched on at any time.
+        self.pause(interval.mul_f64(draws.random())).await;
+        loop {
+            let begun = self.air.world.now();
+            let (going, change) = self.going().await;
+            for channel in &going.channels {
+                if self.state.borrow().changes == change {
+                    let took = self.air.send(&self.sender, *channel, &going.data);
+                    self.pause(took + HOP).await;
+                }
+            }
+            let next = begun + going.interval + DELAY.mul_f64(draws.random());
+            self.air.world.sleep_until(next).await;
+        }
+    }
+
+    async fn pause(&self, duration: Duration) {
+        self.air.world.sleep_until(self.air.world.now() + duration).await;
+    }
+
+    /// What is to go out, once there is something.
+    async fn going(&self) -> (Going, u64) {
+        std::future::poll_fn(|context| {
+            let mut state = self.state.borrow_mut();
+            match state.going.clone() {
+                Some(going) => Poll::Ready((going, state.changes)),
+                None => {
+                    state.waker = Some(context.waker().clone());
+                    Poll::Pending
+                }
+            }
+        })
+        .await
+    }
+}
+
+impl Advertise for Advertiser {
+    type Error = Infallible;
+
+    async fn start(&mut self, advertisement: &Advertisement) -> Result<(), Infallible> {
+        let bits = advertisement.channels.bits();
+        let interval = Duration::from_millis(advertisement.interval_ms.into());
+        self.send(Some((&advertisement.data, interval, [bits & 1 != 0, bits & 2 != 0, bits & 4 != 0])));
+        Ok(())
+    }
+
+    async fn stop(&mut self) -> Result<(), Infallible> {
+        self.send(None);
+        Ok(())
+    }
+}
