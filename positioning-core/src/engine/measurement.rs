@@ -81,8 +81,10 @@ pub struct BleRange<T> {
     pub place: [T; 3],
     /// Metres.
     pub distance: T,
-    /// Standard deviation of the distance's natural logarithm: σ_dB ln 10 ⁄ (10 n) for a path loss exponent n.
+    /// Standard deviation of the distance's natural logarithm, by noise: σ_dB ln 10 ⁄ (10 n) for a path loss exponent n.
     pub relative_deviation: T,
+    /// The same by what stays with the place, shadowing above all; 0 where all is noise.
+    pub lasting_deviation: T,
 }
 
 /// A probability as it may be used: no number is no doubt.
@@ -120,7 +122,8 @@ impl<T: Real> Tdoa<T> {
 
 impl<T: Real> BleRange<T> {
     pub(super) fn is_sane(&self) -> bool {
-        sane(magnitude(&self.place) + self.distance.abs(), self.relative_deviation)
+        let lasting = self.lasting_deviation;
+        sane(magnitude(&self.place) + self.distance.abs() + lasting, self.relative_deviation) && lasting >= T::ZERO
     }
 }
 

@@ -168,7 +168,8 @@ impl<T: Real> Round<T> {
                 anchor: beacon.beacon,
                 place: beacon.place,
                 distance: beacon.distance,
-                deviation: beacon.distance.at_least(T::of(0.3)) * beacon.relative_deviation,
+                deviation: beacon.distance.at_least(T::of(0.3))
+                    * (beacon.relative_deviation.squared() + beacon.lasting_deviation.squared()).sqrt(),
                 blocked: None,
                 excess: None,
             });

@@ -1,15 +1,24 @@
-//! The links that are being followed: who has which state, and what was seen of it.
+//! The links that are being followed, to anchors and to beacons: who has which state, and what was seen of it.
 
 use super::gate::Gate;
 use super::noise::Shown;
 use super::state::LINKS;
 use crate::{MAX_ANCHORS, Real};
 
+/// The far end of a link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Source {
+    /// An anchor, by its address: the link's error is in metres.
+    Anchor(u16),
+    /// A beacon, by its number: the link's error is one of the distance's logarithm.
+    Beacon(u16),
+}
+
 /// One link.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Link<T> {
-    /// The anchor's address.
-    pub(crate) anchor: u16,
+    /// Where from.
+    pub(crate) source: Source,
     /// When it was measured last, microseconds.
     pub(crate) measured_us: u64,
     /// Its own gate.
@@ -40,13 +49,13 @@ impl<T: Real> Links<T> {
         LINKS + place
     }
 
-    /// The place of an anchor's link, and whether it is new: it then takes a free place, or that of the link which nobody has
+    /// The place of a source's link, and whether it is new: it then takes a free place, or that of the link which nobody has
     /// measured for longest.
-    pub(crate) fn place(&mut self, anchor: u16, now_us: u64) -> (usize, bool) {
-        if let Some(place) = self.links.iter().position(|link| link.anchor == anchor) {
+    pub(crate) fn place(&mut self, source: Source, now_us: u64) -> (usize, bool) {
+        if let Some(place) = self.links.iter().position(|link| link.source == source) {
             return (place, false);
         }
-        let fresh = Link { anchor, measured_us: now_us, gate: Gate::default(), shown: Shown::nothing() };
+        let fresh = Link { source, measured_us: now_us, gate: Gate::default(), shown: Shown::nothing() };
         if self.links.push(fresh).is_ok() {
             return (self.links.len() - 1, true);
         }
@@ -77,10 +86,11 @@ mod tests {
     fn the_link_that_was_silent_longest_makes_room() {
         let mut links = Links::<f32>::new();
         for anchor in 0..16 {
-            assert_eq!(links.place(anchor, u64::from(100 - anchor)), (usize::from(anchor), true));
+            assert_eq!(links.place(Source::Anchor(anchor), u64::from(100 - anchor)), (usize::from(anchor), true));
         }
-        assert_eq!(links.place(7, 200), (7, false));
-        assert_eq!(links.place(99, 200), (15, true));
-        assert_eq!(links.place(15, 201), (14, true));
+        assert_eq!(links.place(Source::Anchor(7), 200), (7, false));
+        // A beacon of the same number is another source.
+        assert_eq!(links.place(Source::Beacon(7), 200), (15, true));
+        assert_eq!(links.place(Source::Anchor(15), 201), (14, true));
     }
 }

@@ -1,6 +1,6 @@
 //! The filter: carries the track to the time of a measurement, weighs the measurement, asks its gate, and takes it in.
 
-use super::anchors::Links;
+use super::anchors::{Links, Source};
 use super::gate::{Gate, Passage};
 use super::model::ble_range::{BleRangeModel, NEAREST_M};
 use super::model::height::HeightModel;
@@ -42,7 +42,6 @@ pub(crate) struct Filter<T> {
     surprise: Surprise<T>,
     /// The reception of the reference anchor whose error is a state now.
     reference: Option<(u16, u64)>,
-    ble_gate: Gate<T>,
     height_gate: Gate<T>,
     position_gates: [Gate<T>; 3],
 }
@@ -56,7 +55,6 @@ impl<T: Real> Filter<T> {
             now_us: 0,
             surprise: Surprise::none(),
             reference: None,
-            ble_gate: Gate::default(),
             height_gate: Gate::default(),
             position_gates: [Gate::default(); 3],
         }
@@ -113,11 +111,9 @@ impl<T: Real> Filter<T> {
 
     /// The place of a link, its error carried to now, and the white variance of a range over it.
     fn link(&mut self, anchor: u16, own: T, blocked: T, settings: &Settings<T>) -> (usize, T) {
-        let (place, fresh) = self.links.place(anchor, self.now_us);
-        let state = Links::<T>::state(place);
+        let (place, fresh) = self.links.place(Source::Anchor(anchor), self.now_us);
         let Some(link) = self.links.at(place) else { return (place, own) };
-        let error = self.state.mean.get(state).copied().unwrap_or(T::ZERO);
-        let mut variances = match settings.blocked {
+        let variances = match settings.blocked {
             super::Blocked::TwoVariances { threshold, direct_m2, blocked_m2 } => {
                 let white = if blocked >= threshold { blocked_m2 } else { direct_m2 };
                 super::noise::Variances { white, link: settings.noise.link_sigma.squared() }
@@ -127,22 +123,30 @@ impl<T: Real> Filter<T> {
                 link.shown.variances(&settings.noise, own, blocked)
             }
         };
+        self.carry(place, fresh, variances.link, settings.noise.link_seconds, settings.noise.link_metres);
+        (place, variances.white)
+    }
+
+    /// Carries a link's error of this variance to now; it is another after so many seconds, or metres of way.
+    fn carry(&mut self, place: usize, fresh: bool, mut variance: T, after_seconds: T, after_metres: T) {
+        let state = Links::<T>::state(place);
+        let Some(link) = self.links.at(place) else { return };
+        let error = self.state.mean.get(state).copied().unwrap_or(T::ZERO);
         // An error as large as this link's is no draw of what links usually err by: it will not go away by itself.
-        if !fresh && error.squared() > T::of(UNUSUAL * UNUSUAL) * variances.link {
-            variances.link = error.squared();
+        if !fresh && error.squared() > T::of(UNUSUAL * UNUSUAL) * variance {
+            variance = error.squared();
         }
         if fresh {
-            self.state.reset(state, T::ZERO, variances.link);
-        } else if variances.link > T::ZERO {
+            self.state.reset(state, T::ZERO, variance);
+        } else if variance > T::ZERO {
             let age: T = seconds(self.now_us.saturating_sub(link.measured_us));
             let velocity = self.state.velocity();
             let square = velocity[0].squared() + velocity[1].squared() + velocity[2].squared();
             let speed = square.at_most(T::of(FASTEST * FASTEST)).sqrt();
-            let lapse = age * (T::ONE / settings.noise.link_seconds + speed / settings.noise.link_metres);
-            self.state.renew(state, fading(lapse), variances.link);
+            let lapse = age * (T::ONE / after_seconds + speed / after_metres);
+            self.state.renew(state, fading(lapse), variance);
         }
         link.measured_us = self.now_us;
-        (place, variances.white)
     }
 
     /// A difference of two arrivals.
@@ -173,13 +177,18 @@ impl<T: Real> Filter<T> {
 
     /// A range from the strength of a beacon.
     pub(crate) fn ble_range(&mut self, range: &BleRange<T>, settings: &Settings<T>) -> Fate {
+        let (place, fresh) = self.links.place(Source::Beacon(range.beacon), self.now_us);
+        let (lasting, noise) = (range.lasting_deviation.squared(), &settings.noise);
+        self.carry(place, fresh, lasting, noise.beacon_seconds, noise.beacon_metres);
         let log_distance = range.distance.at_least(T::of(NEAREST_M)).ln();
-        let model = BleRangeModel { beacon: range.place, log_distance };
+        let link = Links::<T>::state(place);
+        let model = BleRangeModel { beacon: range.place, log_distance, link };
         let innovation = Innovation::of(&self.state, &model);
         let variance = range.relative_deviation.at_least(T::of(LEAST_SIGMA_M)).squared();
         let s = innovation.predicted + variance;
-        let passage = self.ble_gate.judge(innovation.value, s, settings.gate, settings.patience);
-        self.take(&model, &innovation, variance, passage, None, settings)
+        let Some(followed) = self.links.at(place) else { return Fate::Refused };
+        let passage = followed.gate.judge(innovation.value, s, settings.gate, settings.patience);
+        self.take(&model, &innovation, variance, passage, Some(link), settings)
     }
 
     /// A height and its deviation.

@@ -66,6 +66,10 @@ pub struct Noise<T> {
     pub link_seconds: T,
     /// After so many metres of way two thirds of a link's error are others.
     pub link_metres: T,
+    /// After so many seconds two thirds of the error of a beacon's level are others: people move.
+    pub beacon_seconds: T,
+    /// After so many metres of way two thirds of the error of a beacon's level are others: shadows end.
+    pub beacon_metres: T,
     /// Innovations have Student's distribution with so many degrees of freedom; 0: a Gaussian one.
     pub degrees: T,
 }
@@ -83,6 +87,8 @@ impl<T: Real> Noise<T> {
             learning: T::of(0.05),
             link_seconds: T::of(5.0),
             link_metres: T::of(0.3),
+            beacon_seconds: T::of(60.0),
+            beacon_metres: T::of(2.0),
             degrees: T::of(2.0),
         }
     }
@@ -104,6 +110,8 @@ impl<T: Real> Noise<T> {
             learning: T::ZERO,
             link_seconds: T::ONE,
             link_metres: T::ONE,
+            beacon_seconds: T::ONE,
+            beacon_metres: T::ONE,
             degrees: T::ZERO,
         }
     }

@@ -197,7 +197,7 @@ mod tests {
                 })
             ),
             ("height", Box::new(HeightModel { height: 0.7 })),
-            ("ble", Box::new(BleRangeModel { beacon: anchor, log_distance: 1.4 })),
+            ("ble", Box::new(BleRangeModel { beacon: anchor, log_distance: 1.4, link: LINKS + 1 })),
             ("x", Box::new(x)),
             ("y", Box::new(y)),
             ("z", Box::new(z)),

@@ -308,6 +308,7 @@ fn beacons_heights_and_positions_are_measurements_too() {
                 place: place.map(|c| c as f32),
                 distance: distance(place, &tag) as f32,
                 relative_deviation: 0.3,
+                lasting_deviation: 0.0,
             };
             engine.step(k * 1000, &Measurement::BleRange(range));
         }
@@ -316,6 +317,37 @@ fn beacons_heights_and_positions_are_measurements_too() {
     let error = distance(&fix.position.map(f64::from), &tag);
     assert!(error < 0.05, "{error}");
     assert!(fix.sigma()[2] < 0.03 && fix.sigma()[0] < first.sigma()[0]);
+}
+
+/// Four beacons in the corners of a square of 8 m around a tag that lies still, heard a thousand times.
+fn among_beacons(lasting_deviation: f32) -> f32 {
+    let mut engine = Engine::new(Settings::<f32> {
+        motion: Motion::Static { wander: 0.0 },
+        ..Settings::track(Dimensions::Plane { height: 1.0 })
+    });
+    let covariance = [[9.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0; 3]];
+    engine.step(1, &Measurement::Position { position: [4.0, 4.0, 1.0], covariance });
+    for k in 1..=1000_u64 {
+        for (beacon, place) in
+            [[0.0, 0.0, 1.0], [8.0, 0.0, 1.0], [8.0, 8.0, 1.0], [0.0, 8.0, 1.0]].into_iter().enumerate()
+        {
+            let (beacon, distance) = (beacon as u16, 32.0_f32.sqrt());
+            let range = BleRange { beacon, place, distance, relative_deviation: 0.3, lasting_deviation };
+            engine.step(1 + 100 * k, &Measurement::BleRange(range));
+        }
+    }
+    engine.step(100_001, &Measurement::RoundEnd).fix.expect("a track").sigma()[0]
+}
+
+#[test]
+fn what_lasts_of_a_beacons_error_is_not_averaged_away() {
+    // Each axis has half of the information of four ranges of deviation 0.5 · √32 = 2.828 m: 2.828 ⁄ √2 = 2 m. With the 3 m known
+    // before, 2 · 3 ⁄ √(2² + 3²) = 1.664 m.
+    let sigma = among_beacons(0.5);
+    assert!((sigma - 1.664).abs() < 0.05, "{sigma} m");
+    // Noise alone is averaged: 0.3 · √32 ⁄ √2 ⁄ √1000 = 0.038 m, and 3 m before are nothing.
+    let sigma = among_beacons(0.0);
+    assert!((sigma - 0.038).abs() < 0.004, "{sigma} m");
 }
 
 fn nasty(rng: &mut Pcg64) -> f32 {
@@ -351,6 +383,7 @@ fn hostile(rng: &mut Pcg64, tag: [f64; 2]) -> Measurement<f32> {
             place,
             distance: nasty(rng),
             relative_deviation: nasty(rng),
+            lasting_deviation: nasty(rng),
         }),
         3 => Measurement::Tdoa(Tdoa {
             anchor,

@@ -1,5 +1,5 @@
-//! A range from the strength of a Bluetooth beacon: ln d = ln ‖p − a‖ + n. Fading multiplies a power and so a distance; the
-//! logarithm has the same error near and far.
+//! A range from the strength of a Bluetooth beacon: ln d = ln ‖p − a‖ + b + n. Fading multiplies a power and so a distance; the
+//! logarithm has the same error near and far. Shadowing stays with the place, and is the error b of the link.
 
 use super::sight;
 use crate::Real;
@@ -13,6 +13,8 @@ pub(crate) struct BleRangeModel<T> {
     pub(crate) beacon: [T; 3],
     /// ln of the distance in metres.
     pub(crate) log_distance: T,
+    /// The state that is the link's error.
+    pub(crate) link: usize,
 }
 
 /// Nearer than this the strength says nothing more, metres.
@@ -23,10 +25,11 @@ impl<T: Real> Model<T> for BleRangeModel<T> {
         let (distance, unit) = sight(&[mean[0], mean[1], mean[2]], &self.beacon);
         let distance = distance.at_least(T::of(NEAREST_M));
         let inverse = T::ONE / distance;
+        let link = mean.get(self.link).copied().unwrap_or(T::ZERO);
         Linearised {
-            innovation: self.log_distance - distance.ln(),
+            innovation: self.log_distance - distance.ln() - link,
             position: unit.map(|component| component * inverse),
-            others: [(0, T::ZERO); 3],
+            others: [(self.link, T::ONE), (0, T::ZERO), (0, T::ZERO)],
             curvature: inverse.squared(),
         }
     }
