@@ -13,6 +13,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod ble;
 mod bounding_box;
 mod constraints;
 pub mod engine;

@@ -148,7 +148,7 @@ pub(crate) fn lls_position<T: Real, const D: usize>(
 
 /// The position of the weighted closed form, without its covariance.
 #[inline(never)]
-fn weighted_position<T: Real, const D: usize>(
+pub(crate) fn weighted_position<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     survey: &Survey<T, D>,
     variances: &PerSample<T>,

@@ -1,0 +1,12 @@
+//! Positions from the levels of Bluetooth beacons.
+//!
+//! Adverts flow in, one level each: [`signal`] refuses what no receiver can have measured, smooths and averages it, and gives a
+//! *scan*, a slice of levels in dBm by the beacons' order, `None` where a beacon is not heard. [`path_loss`] makes distances of
+//! levels, [`multilateration`] positions of distances, [`particles`] ways of positions; [`offset`] learns what is the receiver's own.
+//!
+//! Equation and table numbers are those of A. Linde Cerezo, *Desarrollo de un sistema de posicionamiento en interiores
+//! mediante Bluetooth Low Energy* (Universitat Oberta de Catalunya, 2024), unless another source is named.
+
+pub mod multilateration;
+pub mod path_loss;
+pub mod signal;

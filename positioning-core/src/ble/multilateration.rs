@@ -1,0 +1,385 @@
+//! A position from the levels of beacons at known places: weighted linear least squares (6), and nonlinear in the levels themselves.
+//!
+//! One level a beacon flows in, each with its beacon's path loss; out flows a [`Fix`] whose covariance comes from the path loss'
+//! deviation and from how far the levels agree. The nonlinear form minimises Σ (zᵢ − Lᵢ(‖p − bᵢ‖) − o)² ⁄ σᵢ² + o² ⁄ σₒ², where o is the
+//! receiver's own offset: shadowing is normal in dB, so that this is the most probable position, which (6) is not.
+
+use heapless::Vec;
+
+use super::path_loss::PathLoss;
+use crate::geometry::Survey;
+use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_scaled, dot, sub};
+use crate::linear::{PerSample, weighted_position};
+use crate::{AnchorSet, Constraints, Fix, MAX_ANCHORS, NoFix, RangeSample, Real, flatten};
+
+/// The iteration ends when a step is shorter than this, metres.
+const CONVERGED_M: f64 = 1.0e-3;
+/// No iteration takes longer.
+const MAX_STEPS: usize = 40;
+/// Distances are not told apart below this, metres: there the path loss ends, and its slope with it.
+const NEAREST_M: f64 = 0.3;
+/// So many levels' worth of belief that the path loss' deviation is right, before the levels say how far they agree.
+const BELIEF: f64 = 4.0;
+
+/// A level that was heard, with what is known of its beacon.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Heard<T, const D: usize> {
+    /// Where the beacon is, metres.
+    pub place: [T; D],
+    /// How far above or below the tag it is, metres, in the plane; 0 where that is not known, and in space.
+    pub above: T,
+    /// The level, dBm.
+    pub level: T,
+    /// The beacon's path loss.
+    pub path_loss: PathLoss<T>,
+}
+
+impl<T: Real, const D: usize> Heard<T, D> {
+    /// The distance along the plane (or in space) that the level speaks of, metres.
+    pub fn distance(&self) -> T {
+        flatten(self.path_loss.distance(self.level), self.above)
+    }
+
+    fn range(&self) -> RangeSample<T, D> {
+        RangeSample::new(self.place, self.distance())
+    }
+
+    fn is_sane(&self) -> bool {
+        let sum = self.place.iter().fold(self.above.abs() + self.level.abs(), |sum, component| sum + component.abs());
+        sum <= T::of(1.0e5) && self.path_loss.is_sane()
+    }
+
+    /// What the level is off from a position, dB, and by how much it changes with each coordinate, dB a metre.
+    #[inline]
+    fn seen_from(&self, position: &Vector<T, D>) -> (T, Vector<T, D>) {
+        let across = sub(position, &self.place);
+        let square = (dot(&across, &across) + self.above.squared()).at_least(T::of(NEAREST_M * NEAREST_M));
+        let slope = -self.path_loss.exponent * T::of(10.0 / core::f64::consts::LN_10) / square;
+        (self.level - self.path_loss.level(square.sqrt()), across.map(|component| component * slope))
+    }
+}
+
+/// Weighted linear least squares about the nearest beacon (6); a distance's error grows with the distance, as the thesis assumes.
+///
+/// # Errors
+/// See [`NoFix`]: [`TooFewAnchors`](NoFix::TooFewAnchors) means fewer than three beacons in the plane.
+pub fn weighted_linear<T: Real, const D: usize>(heard: &[Heard<T, D>]) -> Result<Fix<T, D>, NoFix> {
+    let (ranges, survey) = surveyed(heard, &Constraints::default())?;
+    let position = linear_position(heard, &ranges, &survey)?;
+    // What the closed form makes of an error: its weights on squared distances, seen as weights on distances.
+    let weight = |heard: &Heard<T, D>| {
+        let (distance, relative) = (heard.distance(), heard.path_loss.relative_deviation());
+        let variance = (distance * relative).squared();
+        T::of(4.0) * distance.squared() / (variance * (T::of(4.0) * distance.squared() + T::of(2.0) * variance))
+    };
+    let (mut outer, mut inner): (Matrix<T, D>, Matrix<T, D>) = ([[T::ZERO; D]; D], [[T::ZERO; D]; D]);
+    for heard in heard {
+        let across = sub(&position, &heard.place);
+        let distance = dot(&across, &across).sqrt().at_least(T::of(NEAREST_M));
+        let unit = across.map(|component| component / distance);
+        let weight = weight(heard);
+        add_outer(&mut outer, weight, &unit);
+        add_outer(&mut inner, (weight * distance * heard.path_loss.relative_deviation()).squared(), &unit);
+    }
+    let factors = Ldl::new(outer).ok_or(NoFix::Diverged)?;
+    let inverse = factors.inverse();
+    let agreement = Agreement::of(heard, &position, T::ZERO);
+    let covariance = core::array::from_fn(|r| {
+        core::array::from_fn(|c| {
+            let mut sum = T::ZERO;
+            for k in 0..D {
+                for l in 0..D {
+                    sum += inverse[r][k] * inner[k.max(l)][k.min(l)] * inverse[l][c];
+                }
+            }
+            agreement.inflation() * sum
+        })
+    });
+    conclude(heard, position, covariance, &agreement)
+}
+
+/// Nonlinear least squares in the levels (see the module). `offset_deviation` is how far the receiver's own offset may be from none,
+/// dB: 0 for the receiver that the path losses were calibrated with, some 4 for another one. It keeps inside the known area.
+///
+/// # Errors
+/// See [`NoFix`].
+pub fn nonlinear<T: Real, const D: usize>(
+    heard: &[Heard<T, D>],
+    offset_deviation: T,
+    constraints: &Constraints<T, D>,
+) -> Result<Fix<T, D>, NoFix> {
+    let (ranges, survey) = surveyed(heard, constraints)?;
+    let loudest = ranges.get(survey.reference).map(|range| range.anchor);
+    let starts = [linear_position(heard, &ranges, &survey).ok(), Some(survey.boxed), loudest];
+    let mut best: Option<(T, Vector<T, D>, Matrix<T, D>)> = None;
+    for start in starts.into_iter().flatten() {
+        let Some((position, model)) = descend(heard, offset_deviation, constraints, start) else { continue };
+        if best.as_ref().is_none_or(|(least, ..)| model.cost < *least) {
+            best = Some((model.cost, position, model.hessian));
+        }
+    }
+    let (_, position, hessian) = best.ok_or(NoFix::Diverged)?;
+    let inverse = Ldl::new(hessian).ok_or(NoFix::Diverged)?.inverse();
+    let agreement = Agreement::of(heard, &position, offset_deviation);
+    let covariance = inverse.map(|row| row.map(|element| agreement.inflation() * element));
+    conclude(heard, position, covariance, &agreement)
+}
+
+type Ranges<T, const D: usize> = Vec<RangeSample<T, D>, MAX_ANCHORS>;
+
+/// The levels as ranges, and the first look at them.
+fn surveyed<T: Real, const D: usize>(
+    heard: &[Heard<T, D>],
+    constraints: &Constraints<T, D>,
+) -> Result<(Ranges<T, D>, Survey<T, D>), NoFix> {
+    if heard.len() > MAX_ANCHORS {
+        return Err(NoFix::TooManyAnchors);
+    }
+    if !heard.iter().all(Heard::is_sane) {
+        return Err(NoFix::NotFinite);
+    }
+    let ranges: Ranges<T, D> = heard.iter().map(Heard::range).collect();
+    let survey = Survey::of(&ranges, constraints)?;
+    Ok((ranges, survey))
+}
+
+fn linear_position<T: Real, const D: usize>(
+    heard: &[Heard<T, D>],
+    ranges: &Ranges<T, D>,
+    survey: &Survey<T, D>,
+) -> Result<Vector<T, D>, NoFix> {
+    let variances: PerSample<T> = core::array::from_fn(|i| {
+        heard.get(i).map_or(T::ONE, |heard| (heard.distance() * heard.path_loss.relative_deviation()).squared())
+    });
+    weighted_position(ranges, survey, &variances)
+}
+
+/// The cost at a position with its Gauss-Newton model, the offset at its best.
+struct Model<T, const D: usize> {
+    cost: T,
+    hessian: Matrix<T, D>,
+    descent: Vector<T, D>,
+}
+
+fn model<T: Real, const D: usize>(heard: &[Heard<T, D>], offset_deviation: T, position: &Vector<T, D>) -> Model<T, D> {
+    let (mut hessian, mut descent, mut slopes) = ([[T::ZERO; D]; D], [T::ZERO; D], [T::ZERO; D]);
+    let (mut weights, mut residuals, mut squares) = (T::ZERO, T::ZERO, T::ZERO);
+    for heard in heard {
+        let (residual, slope) = heard.seen_from(position);
+        let weight = T::ONE / heard.path_loss.deviation.squared();
+        weights += weight;
+        residuals += weight * residual;
+        squares += weight * residual.squared();
+        add_outer(&mut hessian, weight, &slope);
+        descent = add_scaled(&descent, weight * residual, &slope);
+        slopes = add_scaled(&slopes, weight, &slope);
+    }
+    // The offset, linear in the levels, is eliminated (Schur): o = Σ w r ⁄ (Σ w + 1 ⁄ σₒ²).
+    let share = share_of_offset(weights, offset_deviation);
+    add_outer(&mut hessian, -share, &slopes);
+    let descent = add_scaled(&descent, -share * residuals, &slopes);
+    Model { cost: squares - share * residuals.squared(), hessian, descent }
+}
+
+/// 1 ⁄ (Σ w + 1 ⁄ σₒ²).
+fn share_of_offset<T: Real>(weights: T, offset_deviation: T) -> T {
+    let variance = offset_deviation.squared();
+    variance / (weights * variance + T::ONE)
+}
+
+/// Gauss-Newton from `start`, damped after Levenberg and Marquardt.
+fn descend<T: Real, const D: usize>(
+    heard: &[Heard<T, D>],
+    offset_deviation: T,
+    constraints: &Constraints<T, D>,
+    start: Vector<T, D>,
+) -> Option<(Vector<T, D>, Model<T, D>)> {
+    let mut position = constraints.inside(start);
+    let mut here = model(heard, offset_deviation, &position);
+    let mut damping = T::of(0.01);
+    for _ in 0..MAX_STEPS {
+        let mut damped = here.hessian;
+        let trace = (0..D).fold(T::ZERO, |sum, axis| sum + damped[axis][axis]);
+        for (axis, row) in damped.iter_mut().enumerate() {
+            row[axis] += damping * (row[axis] + T::of(0.1) * trace) + T::of(1.0e-6) * trace;
+        }
+        let step = Ldl::new(damped)?.solve(here.descent);
+        let next = constraints.inside(add_scaled(&position, T::ONE, &step));
+        let moved = sub(&next, &position);
+        let there = model(heard, offset_deviation, &next);
+        if there.cost <= here.cost {
+            (position, here) = (next, there);
+            damping *= T::of(0.2);
+        } else {
+            damping *= T::of(8.0);
+        }
+        if dot(&moved, &moved) < T::of(CONVERGED_M).squared() {
+            break;
+        }
+    }
+    here.cost.is_finite().then_some((position, here))
+}
+
+/// How far the levels agree with a position.
+struct Agreement<T> {
+    /// Σ (r ⁄ σ)².
+    squares: T,
+    /// Levels more than unknowns.
+    freedom: T,
+    quality: T,
+}
+
+impl<T: Real> Agreement<T> {
+    fn of<const D: usize>(heard: &[Heard<T, D>], position: &Vector<T, D>, offset_deviation: T) -> Self {
+        let (mut weights, mut residuals) = (T::ZERO, T::ZERO);
+        for heard in heard {
+            let weight = T::ONE / heard.path_loss.deviation.squared();
+            weights += weight;
+            residuals += weight * heard.seen_from(position).0;
+        }
+        let offset = share_of_offset(weights, offset_deviation) * residuals;
+        let (mut squares, mut quality) = (T::ZERO, T::ZERO);
+        for heard in heard {
+            let normalised = ((heard.seen_from(position).0 - offset) / heard.path_loss.deviation).squared();
+            squares += normalised;
+            quality += T::ONE / (T::ONE + normalised);
+        }
+        let freedom = T::count(heard.len().saturating_sub(D));
+        Self { squares, freedom, quality: quality / T::count(heard.len().max(1)) }
+    }
+
+    /// What the variance is multiplied by: the mean square, pooled with the belief in the path loss' own deviation.
+    fn inflation(&self) -> T {
+        (self.squares + T::of(BELIEF)) / (self.freedom + T::of(BELIEF))
+    }
+}
+
+fn conclude<T: Real, const D: usize>(
+    heard: &[Heard<T, D>],
+    position: Vector<T, D>,
+    covariance: Matrix<T, D>,
+    agreement: &Agreement<T>,
+) -> Result<Fix<T, D>, NoFix> {
+    let mut geometry: Matrix<T, D> = [[T::ZERO; D]; D];
+    for heard in heard {
+        let across = sub(&position, &heard.place);
+        let distance = dot(&across, &across).sqrt().at_least(T::of(NEAREST_M));
+        add_outer(&mut geometry, T::ONE, &across.map(|component| component / distance));
+    }
+    let dilution = Ldl::new(geometry).ok_or(NoFix::Diverged)?.inverse();
+    let sum = position.iter().chain(covariance.iter().flatten()).fold(T::ZERO, |sum, number| sum + number.abs());
+    // Beyond a kilometre nobody hears a beacon: the linear form left the room.
+    if !(sum <= T::of(1.0e6)) || !(dot(&position, &position).sqrt() <= T::of(1.0e5)) {
+        return Err(NoFix::Diverged);
+    }
+    Ok(Fix {
+        position,
+        covariance,
+        dilution_of_precision: core::array::from_fn(|axis| dilution[axis][axis].at_least(T::ZERO).sqrt()),
+        used: AnchorSet(((1_u32 << heard.len().min(MAX_ANCHORS)) - 1) as u16),
+        quality: agreement.quality,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Heard, nonlinear, weighted_linear};
+    use crate::ble::path_loss::PathLoss;
+    use crate::{Area, Constraints, NoFix};
+
+    const MODEL: PathLoss<f64> = PathLoss { level_1m: -50.0, exponent: 2.0, deviation: 4.0 };
+
+    /// Exact levels of beacons in the corners of a room of 6 m by 8 m, heard at (2, 3); `offset` dB too loud.
+    fn heard(offset: f64) -> [Heard<f64, 2>; 4] {
+        // Distances √13, 5, √29, √41: levels −50 − 10 log₁₀ of their squares.
+        [([0.0, 0.0], 13.0_f64), ([6.0, 0.0], 25.0), ([0.0, 8.0], 29.0), ([6.0, 8.0], 41.0)].map(|(place, square)| {
+            Heard { place, above: 0.0, level: -50.0 - 10.0 * square.log10() + offset, path_loss: MODEL }
+        })
+    }
+
+    fn is_near(position: [f64; 2], place: [f64; 2], within: f64) -> bool {
+        (position[0] - place[0]).hypot(position[1] - place[1]) < within
+    }
+
+    #[test]
+    fn exact_levels_give_the_exact_position() {
+        let linear = weighted_linear(&heard(0.0)).expect("a position");
+        assert!(is_near(linear.position, [2.0, 3.0], 1e-9), "{linear:?}");
+        let nonlinear = nonlinear(&heard(0.0), 0.0, &Constraints::default()).expect("a position");
+        assert!(is_near(nonlinear.position, [2.0, 3.0], 1e-3), "{nonlinear:?}");
+        assert!(nonlinear.quality > 0.999 && nonlinear.used.len() == 4);
+    }
+
+    #[test]
+    fn the_covariance_is_that_of_a_hand_calculation() {
+        // Slopes (20 ⁄ ln 10) Δ ⁄ d² = 8.685890 Δ ⁄ d², Δ = (2, 3), (−4, 3), (2, −5), (−4, −5):
+        // (1.33629, 2.00444), (−1.38974, 1.04231), (0.59903, −1.49757), (−0.84740, −1.05925), in dB a metre, signs apart.
+        // Σ: xx 4.79395, xy 1.23047, yy 8.46893, over 16 dB²: 0.299622, 0.0769044, 0.529308.
+        // Inverse: determinant 0.152678; xx 3.46683, xy −0.503703, yy 1.96245. Residuals are 0: times 4 ⁄ (2 + 4).
+        let fix = nonlinear(&heard(0.0), 0.0, &Constraints::default()).expect("a position");
+        let expected = [2.0 / 3.0 * 3.46683, -2.0 / 3.0 * 0.503703, 2.0 / 3.0 * 1.96245];
+        let found = [fix.covariance[0][0], fix.covariance[1][0], fix.covariance[1][1]];
+        assert!(found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 2e-3), "{found:?}");
+    }
+
+    #[test]
+    fn an_offset_of_the_receiver_is_taken_out_where_it_is_allowed_for() {
+        let with = nonlinear(&heard(6.0), 100.0, &Constraints::default()).expect("a position");
+        let without = nonlinear(&heard(6.0), 0.0, &Constraints::default()).expect("a position");
+        assert!(is_near(with.position, [2.0, 3.0], 0.01), "{with:?}");
+        assert!(!is_near(without.position, [2.0, 3.0], 0.2), "{without:?}");
+        assert!(with.covariance[0][0] + with.covariance[1][1] > 0.0);
+    }
+
+    #[test]
+    fn a_beacon_above_the_tag_is_nearer_than_its_level_says() {
+        // (2, 3) from corners 2 m above: squares grow by 4.
+        let above = heard(0.0).map(|heard| {
+            let square = 10_f64.powf((-50.0 - heard.level) / 10.0) + 4.0;
+            Heard { above: 2.0, level: -50.0 - 10.0 * square.log10(), ..heard }
+        });
+        let fix = weighted_linear(&above).expect("a position");
+        assert!(is_near(fix.position, [2.0, 3.0], 1e-9), "{fix:?}");
+        let fix = nonlinear(&above, 0.0, &Constraints::default()).expect("a position");
+        assert!(is_near(fix.position, [2.0, 3.0], 1e-3), "{fix:?}");
+    }
+
+    #[test]
+    fn the_known_area_is_kept() {
+        let constraints =
+            Constraints { area: Some(Area { min: [3.0, 0.0], max: [6.0, 8.0] }), ..Constraints::default() };
+        let fix = nonlinear(&heard(0.0), 0.0, &constraints).expect("a position");
+        assert!(fix.position[0] >= 3.0, "{fix:?}");
+    }
+
+    #[test]
+    fn what_gives_no_position_is_a_reason() {
+        let good = heard(0.0);
+        let both = |heard: &[Heard<f64, 2>]| {
+            (weighted_linear(heard).err(), nonlinear(heard, 0.0, &Constraints::default()).err())
+        };
+        assert_eq!(both(&good[..2]), (Some(NoFix::TooFewAnchors), Some(NoFix::TooFewAnchors)));
+        assert_eq!(both(&[good[0]; 17]), (Some(NoFix::TooManyAnchors), Some(NoFix::TooManyAnchors)));
+        assert_eq!(both(&[good[0]; 4]), (Some(NoFix::CoincidentAnchors), Some(NoFix::CoincidentAnchors)));
+        for wrong in [f64::NAN, f64::INFINITY] {
+            let mut bad = good;
+            bad[1].level = wrong;
+            assert_eq!(both(&bad), (Some(NoFix::NotFinite), Some(NoFix::NotFinite)));
+            let mut bad = good;
+            bad[2].path_loss.exponent = wrong;
+            assert_eq!(both(&bad), (Some(NoFix::NotFinite), Some(NoFix::NotFinite)));
+        }
+    }
+
+    #[test]
+    fn levels_that_contradict_each_other_widen_the_covariance() {
+        let mut torn = heard(0.0);
+        torn[0].level -= 25.0;
+        torn[3].level += 25.0;
+        let [good, torn] =
+            [heard(0.0), torn].map(|heard| nonlinear(&heard, 0.0, &Constraints::default()).expect("a position"));
+        assert!(torn.covariance[0][0] > 2.0 * good.covariance[0][0], "{torn:?} {good:?}");
+        assert!(torn.quality < good.quality);
+    }
+}

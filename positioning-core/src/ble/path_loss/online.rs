@@ -1,0 +1,139 @@
+//! A beacon's parameters, estimated while the tag's position is known otherwise (ES 2397388, step b of the claim: the parameters of
+//! every channel are estimated dynamically, without a calibration before).
+//!
+//! Pairs of level and distance flow in; recursive least squares (a Kalman filter of two constant states) with a prior and bounds
+//! gives level at one metre and exponent.
+
+use super::{DB, NEAREST_M, PathLoss};
+use crate::Real;
+
+/// What an exponent can be indoors: below (1) the thesis has 1 to 5.
+const EXPONENTS: (f64, f64) = (1.0, 5.0);
+/// What the level at one metre can be, dBm: −20 is louder than 20 dBm, the most that Bluetooth allows.
+const LEVELS_DBM: (f64, f64) = (-100.0, -20.0);
+/// A level so many deviations away is no more surprising than this.
+const SURPRISE: f64 = 3.0;
+
+/// The estimate of one beacon's parameters.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct OnlinePathLoss<T> {
+    model: PathLoss<T>,
+    /// Variances of level and exponent, and their covariance.
+    variances: [T; 2],
+    covariance: T,
+}
+
+impl<T: Real> OnlinePathLoss<T> {
+    /// Starts from `model`, which is believed to so many dB and so much of an exponent (standard deviations); 8 dB and 0.7 where
+    /// nothing is known.
+    pub fn new(model: PathLoss<T>, level_deviation: T, exponent_deviation: T) -> Self {
+        let model = if model.is_sane() { model } else { PathLoss::default() };
+        Self { model, variances: [level_deviation.squared(), exponent_deviation.squared()], covariance: T::ZERO }
+    }
+
+    /// The parameters as they are believed to be.
+    pub fn model(&self) -> &PathLoss<T> {
+        &self.model
+    }
+
+    /// Standard deviations of the level at one metre, dB, and of the exponent.
+    pub fn deviations(&self) -> [T; 2] {
+        self.variances.map(|variance| variance.at_least(T::ZERO).sqrt())
+    }
+
+    /// Lets `drift` dB² and `drift` ⁄ 100 of an exponent's square go by: a beacon's battery fades, furniture moves.
+    pub fn forget(&mut self, drift: T) {
+        if drift > T::ZERO && drift.is_finite() {
+            self.variances[0] += drift;
+            self.variances[1] += drift * T::of(0.01);
+        }
+    }
+
+    /// Takes a level in dBm that was heard at a distance known to `distance_deviation`, metres. False where the numbers are none, and
+    /// nothing was learnt.
+    ///
+    /// The shadow of a place lasts: levels heard without moving are worth little more than one. Give one a metre of way.
+    pub fn learn(&mut self, level: T, distance: T, distance_deviation: T) -> bool {
+        let sum = level.abs() + distance + distance_deviation;
+        if !(sum.is_finite() && distance > T::ZERO && distance_deviation >= T::ZERO) {
+            return false;
+        }
+        let distance = distance.at_least(T::of(NEAREST_M));
+        // z = level₁ − n x with x = 10 log₁₀ d; what the distance errs by joins the noise.
+        let x = T::of(DB) * distance.ln();
+        let of_distance = self.model.exponent * T::of(DB) * distance_deviation / distance;
+        let [level_variance, exponent_variance] = self.variances;
+        let to_level = level_variance - x * self.covariance;
+        let to_exponent = self.covariance - x * exponent_variance;
+        let noise = self.model.deviation.squared() + of_distance.squared();
+        let variance = to_level - x * to_exponent + noise;
+        let most = T::of(SURPRISE) * variance.sqrt();
+        let innovation = (level - (self.model.level_1m - self.model.exponent * x)).at_least(-most).at_most(most);
+        let (level_gain, exponent_gain) = (to_level / variance, to_exponent / variance);
+        self.model.level_1m = within(self.model.level_1m + level_gain * innovation, LEVELS_DBM);
+        self.model.exponent = within(self.model.exponent + exponent_gain * innovation, EXPONENTS);
+        // Joseph's form for one number: P − g gᵀ s, kept positive.
+        self.variances[0] = (level_variance - level_gain * to_level).at_least(T::EPSILON * level_variance);
+        self.variances[1] = (exponent_variance - exponent_gain * to_exponent).at_least(T::EPSILON * exponent_variance);
+        let most = (self.variances[0] * self.variances[1]).sqrt();
+        self.covariance = (self.covariance - level_gain * to_exponent).at_least(-most).at_most(most);
+        true
+    }
+}
+
+fn within<T: Real>(value: T, bounds: (f64, f64)) -> T {
+    value.at_least(T::of(bounds.0)).at_most(T::of(bounds.1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::PathLoss;
+    use super::OnlinePathLoss;
+
+    #[test]
+    fn one_pair_moves_the_estimate_as_calculated_by_hand() {
+        // At one metre x = 0: only the level learns. Variance 64 + 36 = 100, gain 0.64; −59 + 0.64 · (−54 + 59) = −55.8,
+        // 64 − 0.64 · 64 = 23.04 = 4.8².
+        let mut online = OnlinePathLoss::<f64>::new(PathLoss::default(), 8.0, 0.7);
+        assert!(online.learn(-54.0, 1.0, 0.0));
+        assert!((online.model().level_1m + 55.8).abs() < 1e-9 && online.model().exponent == 2.4, "{online:?}");
+        assert!((online.deviations()[0] - 4.8).abs() < 1e-9, "{online:?}");
+    }
+
+    #[test]
+    fn the_beacons_of_table_5_4_are_found_on_the_way() {
+        for (exponent, level_1m) in [(2.62, -55.01), (3.17, -47.78), (3.46, -33.31)] {
+            let truth = PathLoss { level_1m, exponent, deviation: 1.0 };
+            let start = PathLoss { deviation: 1.0, ..PathLoss::default() };
+            let mut online = OnlinePathLoss::<f32>::new(start, 20.0, 1.0);
+            for step in 0..400_i16 {
+                // From one metre to eleven and back, with a level off by 1 dB now above, now below.
+                let distance = 1.0 + 0.05 * f32::from(if step < 200 { step } else { 400 - step });
+                let noise = if step % 2 == 0 { 1.0 } else { -1.0 };
+                online.learn(truth.level(distance) + noise, distance, 0.2);
+            }
+            let found = online.model();
+            assert!((found.exponent - exponent).abs() < 0.1 && (found.level_1m - level_1m).abs() < 0.8, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_number_teaches_nothing_and_nonsense_stays_in_bounds() {
+        let mut online = OnlinePathLoss::<f32>::new(PathLoss::default(), 8.0, 0.7);
+        let before = online;
+        for [level, distance, deviation] in
+            [[f32::NAN, 1.0, 0.1], [-60.0, 0.0, 0.1], [-60.0, f32::INFINITY, 0.1], [-60.0, 1.0, f32::NAN]]
+        {
+            assert!(!online.learn(level, distance, deviation));
+        }
+        assert_eq!(online, before);
+        for step in 0..10_000_u16 {
+            online.learn(if step % 3 == 0 { -1.0 } else { -127.0 }, 1.0 + f32::from(step % 50), 0.0);
+            online.forget(0.01);
+        }
+        let model = online.model();
+        assert!(model.is_sane() && (1.0..=5.0).contains(&model.exponent), "{model:?}");
+        assert!(online.deviations().iter().all(|deviation| deviation.is_finite()), "{online:?}");
+    }
+}

@@ -1,0 +1,86 @@
+//! From adverts to scans: each level is judged, smoothed by a Kalman filter of its beacon, and averaged over a window (14).
+//!
+//! Reported levels flow in with their times; out flows a scan, the level of every beacon now, `None` where it is not heard. What no
+//! receiver can have measured is refused with its reason, and changes nothing.
+
+mod beacons;
+mod kalman;
+mod window;
+
+pub use beacons::{Beacons, Verdict};
+pub use kalman::{Kalman, Smoothing, Step};
+pub use window::{INTEGRATED, Window};
+
+use crate::Real;
+
+/// What a controller reports where it does not know the level (Bluetooth Core, HCI LE Advertising Report).
+const UNAVAILABLE_DBM: f64 = 127.0;
+/// The least level that a controller can report, dBm (the same).
+const LEAST_DBM: f64 = -127.0;
+
+/// Why a level is no measurement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum NoLevel {
+    /// 127: the controller says that it does not know.
+    Unavailable,
+    /// 0 dBm or more: no beacon is that loud, and drivers report 0 for what they did not measure.
+    NotNegative,
+    /// Below −127 dBm: less than a report can say.
+    TooWeak,
+    /// NaN or infinite.
+    NotFinite,
+}
+
+/// The level, where a receiver can have measured it, dBm.
+///
+/// # Errors
+/// See [`NoLevel`].
+pub fn level<T: Real>(rssi_dbm: T) -> Result<T, NoLevel> {
+    if !rssi_dbm.is_finite() {
+        Err(NoLevel::NotFinite)
+    } else if rssi_dbm == T::of(UNAVAILABLE_DBM) {
+        Err(NoLevel::Unavailable)
+    } else if rssi_dbm >= T::ZERO {
+        Err(NoLevel::NotNegative)
+    } else if rssi_dbm < T::of(LEAST_DBM) {
+        Err(NoLevel::TooWeak)
+    } else {
+        Ok(rssi_dbm)
+    }
+}
+
+/// Puts the fall-back levels of the beacons that are not heard into a scan, dBm (table 5.3): the level at which a beacon is
+/// usually missed, so that its silence tells of its distance. Beacons beyond the list, and those whose fall-back is no level, stay
+/// unheard.
+pub fn fall_back<T: Real>(scan: &mut [Option<T>], levels: &[T]) {
+    for (heard, &fall_back) in scan.iter_mut().zip(levels) {
+        if heard.is_none() {
+            *heard = level(fall_back).ok();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{NoLevel, fall_back, level};
+
+    #[test]
+    fn what_no_receiver_measures_is_refused_with_its_reason() {
+        assert_eq!(level(127.0_f32), Err(NoLevel::Unavailable));
+        assert_eq!(level(0.0_f32), Err(NoLevel::NotNegative));
+        assert_eq!(level(-0.0_f32), Err(NoLevel::NotNegative));
+        assert_eq!(level(20.0_f32), Err(NoLevel::NotNegative));
+        assert_eq!(level(-128.0_f32), Err(NoLevel::TooWeak));
+        assert_eq!(level(f32::NAN), Err(NoLevel::NotFinite));
+        assert_eq!(level(f32::NEG_INFINITY), Err(NoLevel::NotFinite));
+        assert_eq!((level(-1.0_f32), level(-127.0_f32)), (Ok(-1.0), Ok(-127.0)));
+    }
+
+    #[test]
+    fn silence_becomes_the_level_of_table_5_3() {
+        let mut scan = [Some(-60.0), None, None, None];
+        fall_back(&mut scan, &[-90.0, -90.0, f32::NAN]);
+        assert_eq!(scan, [Some(-60.0), Some(-90.0), None, None]);
+    }
+}
