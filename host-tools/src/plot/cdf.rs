@@ -1,17 +1,11 @@
 //! How many of the positions are closer to the truth than so much.
 
 use anyhow::Result;
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::map::labels;
-use super::style::{AXIS, GRID, number, pen, pixels, stroke, text};
+use super::axes::{Axes, LEFT};
+use super::style::pen;
 use super::{Area, Track};
 
-const LEFT: u32 = 66;
-const RIGHT: u32 = 18;
-const TOP: u32 = 40;
-const BOTTOM: u32 = 52;
 /// The axis ends where this share of the errors of the worst method is, so that a few outliers do not flatten the rest.
 const SHOWN: f64 = 0.97;
 /// Points of a curve; more are not to be seen.
@@ -29,25 +23,14 @@ pub fn draw(area: &Area, tracks: &[Track]) -> Result<()> {
         .collect();
     let ends = sorted.iter().filter_map(|errors| errors.get((SHOWN * errors.len() as f64) as usize));
     let end = 1.05 * ends.copied().fold(0.01, f64::max);
-    let mut chart = ChartBuilder::on(area)
-        .margin_top(pixels(TOP))
-        .margin_right(pixels(RIGHT))
-        .x_label_area_size(pixels(BOTTOM))
-        .y_label_area_size(pixels(LEFT))
-        .build_cartesian_2d(0.0..end, 0.0..100.0)?;
-    chart
-        .configure_mesh()
-        .light_line_style(TRANSPARENT)
-        .bold_line_style(GRID.stroke_width(stroke(1.0)))
-        .axis_style(AXIS.stroke_width(stroke(1.0)))
-        .set_all_tick_mark_size(pixels(4))
-        .x_labels(7)
-        .y_labels(6)
-        .x_label_formatter(&|x| number(*x))
-        .y_label_formatter(&|y| format!("{y:.0} %"))
-        .label_style(text(Pos::new(HPos::Center, VPos::Center)))
-        .draw()?;
-    labels(area, "Distance from the truth", "error, metres", "positions that err less", [LEFT, BOTTOM])?;
+    let axes = Axes {
+        title: "Distance from the truth",
+        names: ["error, metres", "positions that err less"],
+        left: LEFT,
+        ticks: [7, 6],
+        unit: " %",
+    };
+    let mut chart = axes.draw(area, 0.0..end, 0.0..100.0)?;
     for (track, errors) in tracks.iter().zip(&sorted).filter(|(_, errors)| !errors.is_empty()) {
         chart.draw_series([pen(&track.method).line::<(f64, f64)>(curve(errors, end))])?;
     }

@@ -16,6 +16,22 @@ const SYMBOL: u32 = 66;
 const NAME: u32 = 110;
 const FIGURES: [u32; 4] = [276, 332, 394, 456];
 
+/// Where the first of a list of lines is that stands beside a chart, pixels from the top.
+const BESIDE_CHART: u32 = 52;
+
+/// The lines of methods beside a chart, from the top of the area; where the next one would be, pixels.
+pub fn methods<'a>(area: &Area, names: impl Iterator<Item = &'a str>) -> Result<i32> {
+    let style = text(Pos::new(HPos::Left, VPos::Center));
+    let mut y = pixels(BESIDE_CHART) as i32;
+    for name in names {
+        let ends = vec![(pixels(4) as i32, y), (pixels(36) as i32, y)];
+        area.draw(&pen(name).line::<(i32, i32)>(ends))?;
+        area.draw_text(name, &style, (pixels(48) as i32, y))?;
+        y += pixels(LINE) as i32;
+    }
+    Ok(y)
+}
+
 /// The entries of a key.
 pub struct Key<'a> {
     picture: &'a Picture,

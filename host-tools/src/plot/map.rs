@@ -3,17 +3,13 @@
 use std::f64::consts::TAU;
 
 use anyhow::Result;
-use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::style::{AXIS, GRID, INK, number, pen, pixels, stroke, text, title, upright};
+use super::axes::{Axes, BOTTOM, Chart, RIGHT, TOP};
+use super::style::{AXIS, INK, pen, pixels, stroke, text};
 use super::{Area, Picture, Track};
 
-/// Room for axes and title around the map, pixels; that on the left grows with the numbers.
-const RIGHT: u32 = 18;
-const TOP: u32 = 40;
-const BOTTOM: u32 = 52;
 /// The least and the greatest height of a map, pixels.
 const HEIGHTS: (u32, u32) = (260, 760);
 /// How many ellipses are drawn at most: more cover each other.
@@ -22,8 +18,6 @@ const ELLIPSES: usize = 48;
 pub const SIGMAS: f64 = 2.0;
 /// A truth that stays within this box is a point and not a way, metres.
 const STILL_M: f64 = 0.02;
-
-type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
 /// A box in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,7 +84,7 @@ impl View {
         8 * (longest.unwrap_or(0) as u32).clamp(3, 16)
     }
 
-    /// Room for the upright axis, pixels.
+    /// Room for the upright axis, pixels: it grows with the numbers.
     fn left(&self) -> u32 {
         38 + self.numbers_width(1)
     }
@@ -144,26 +138,15 @@ pub fn draw(area: &Area, picture: &Picture, view: &View) -> Result<()> {
     let left = view.left();
     let paper = [width - pixels(left + RIGHT), height - pixels(TOP + BOTTOM)].map(f64::from);
     let view = view.shaped(paper);
-    let mut chart = ChartBuilder::on(area)
-        .margin_top(pixels(TOP))
-        .margin_right(pixels(RIGHT))
-        .x_label_area_size(pixels(BOTTOM))
-        .y_label_area_size(pixels(left))
-        .build_cartesian_2d(view.least[0]..view.greatest[0], view.least[1]..view.greatest[1])?;
     let ticks = |axis: usize, spacing: u32| (paper[axis] / f64::from(pixels(spacing))).ceil() as usize;
-    chart
-        .configure_mesh()
-        .light_line_style(TRANSPARENT)
-        .bold_line_style(GRID.stroke_width(stroke(1.0)))
-        .axis_style(AXIS.stroke_width(stroke(1.0)))
-        .set_all_tick_mark_size(pixels(4))
-        .x_labels(ticks(0, 46 + view.numbers_width(0)))
-        .y_labels(ticks(1, 70))
-        .x_label_formatter(&|x| number(*x))
-        .y_label_formatter(&|y| number(*y))
-        .label_style(text(Pos::new(HPos::Center, VPos::Center)))
-        .draw()?;
-    labels(area, "Positions", "x, metres", "y, metres", [left, BOTTOM])?;
+    let axes = Axes {
+        title: "Positions",
+        names: ["x, metres", "y, metres"],
+        left,
+        ticks: [ticks(0, 46 + view.numbers_width(0)), ticks(1, 70)],
+        unit: "",
+    };
+    let mut chart = axes.draw(area, view.least[0]..view.greatest[0], view.least[1]..view.greatest[1])?;
 
     let walls = picture.walls_m.iter().map(|ends| ends.map(|at| (at[0], at[1])).to_vec());
     chart.draw_series(walls.map(|wall| PathElement::new(wall, AXIS.stroke_width(stroke(3.0)))))?;
@@ -180,18 +163,6 @@ pub fn draw(area: &Area, picture: &Picture, view: &View) -> Result<()> {
         truth(&mut chart, way)?;
     }
     anchors(&mut chart, picture, &view)
-}
-
-/// A panel's title and the names of its axes, at its edges.
-pub fn labels(area: &Area, head: &str, x: &str, y: &str, [left, bottom]: [u32; 2]) -> Result<()> {
-    let (width, height) = area.dim_in_pixel();
-    let at = |x: u32, y: u32| (x as i32, y as i32);
-    area.draw_text(head, &title(Pos::new(HPos::Left, VPos::Top)), at(pixels(left), pixels(14)))?;
-    let middle = (pixels(left) + width - pixels(RIGHT)) / 2;
-    area.draw_text(x, &text(Pos::new(HPos::Center, VPos::Bottom)), at(middle, height - pixels(6)))?;
-    let middle = (pixels(TOP) + height - pixels(bottom)) / 2;
-    area.draw_text(y, &upright(Pos::new(HPos::Center, VPos::Center)), at(pixels(14), middle))?;
-    Ok(())
 }
 
 fn ellipses(chart: &mut Chart, track: &Track, view: &View, step: usize) -> Result<()> {

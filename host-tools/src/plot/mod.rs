@@ -2,6 +2,7 @@
 //!
 //! A [`Picture`] becomes SVG text, drawn by `plotters`; PNG is that SVG, rendered by `resvg` with a font of its own.
 
+mod axes;
 mod cdf;
 mod distribution;
 mod format;
