@@ -4,8 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use host_tools::barral::{self, Row};
-use host_tools::output;
-use host_tools::plot::{self, Format, Track};
+use host_tools::plot::{self, Track};
+
+use super::PictureFile;
 
 /// Ranges from five anchors with blocked ranges ignored, corrected or weighted, by filter and by least squares
 ///
@@ -30,13 +31,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let picture = match &arguments.plot {
-        Some(file) => {
-            output::check("--plot", file)?;
-            Some((file, Format::of("--plot", file)?))
-        }
-        None => None,
-    };
+    let picture = PictureFile::plot(arguments.plot.as_deref())?;
     let rows = barral::run(arguments.halls, arguments.seed);
     if arguments.json {
         let scores = rows.iter().map(|(score, _)| barral::Score {
@@ -48,9 +43,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     } else {
         super::print(barral::to_markdown(&rows).as_bytes())?;
     }
-    if let Some((file, format)) = picture {
-        super::write_picture(file, format, draw(&rows)?)?;
-        super::tell(&format!("picture: {}\n", file.display()));
+    if let Some(picture) = picture {
+        picture.write_and_tell(draw(&rows)?)?;
     }
     Ok(())
 }

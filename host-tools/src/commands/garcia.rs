@@ -4,8 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use host_tools::garcia::{self, Outcome, Score};
-use host_tools::output;
-use host_tools::plot::{self, Format, Track};
+use host_tools::plot::{self, Track};
+
+use super::PictureFile;
 
 /// Differences of arrival from four beacons, with and without detection of blocked paths
 ///
@@ -40,13 +41,7 @@ struct Document {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let picture = match &arguments.plot {
-        Some(file) => {
-            output::check("--plot", file)?;
-            Some((file, Format::of("--plot", file)?))
-        }
-        None => None,
-    };
+    let picture = PictureFile::plot(arguments.plot.as_deref())?;
     let outcome = garcia::run(arguments.rooms as usize, arguments.seed);
     if arguments.json {
         let scores = outcome.scores.iter().map(|score| Score {
@@ -64,9 +59,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     } else {
         super::print(garcia::to_markdown(&outcome).as_bytes())?;
     }
-    if let Some((file, format)) = picture {
-        super::write_picture(file, format, draw(&outcome)?)?;
-        super::tell(&format!("picture: {}\n", file.display()));
+    if let Some(picture) = picture {
+        picture.write_and_tell(draw(&outcome)?)?;
     }
     Ok(())
 }

@@ -20,12 +20,39 @@ pub mod track;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use host_tools::output;
 use host_tools::plot::Format;
+use host_tools::{Wrong, output};
 
-/// Writes a picture in the format that its name asks for.
-fn write_picture(file: &Path, format: Format, svg: String) -> Result<()> {
-    write(file, &format.encode(svg)?)
+/// The file of a picture: its name is looked at before any work, it is written after all of it.
+#[derive(Clone, Copy)]
+struct PictureFile<'a> {
+    file: &'a Path,
+    format: Format,
+}
+
+impl<'a> PictureFile<'a> {
+    /// The file that a flag names. It must be one that can be written, in a format that can be drawn.
+    fn of(flag: &'static str, file: &'a Path) -> Result<Self, Wrong> {
+        output::check(flag, file)?;
+        Ok(Self { file, format: Format::of(flag, file)? })
+    }
+
+    /// The file of `--plot`, where it is given.
+    fn plot(file: Option<&'a Path>) -> Result<Option<Self>, Wrong> {
+        file.map(|file| Self::of("--plot", file)).transpose()
+    }
+
+    /// Writes the picture.
+    fn write(self, svg: String) -> Result<()> {
+        write(self.file, &self.format.encode(svg)?)
+    }
+
+    /// Writes the picture, and tells where it is.
+    fn write_and_tell(self, svg: String) -> Result<()> {
+        self.write(svg)?;
+        tell(&format!("picture: {}\n", self.file.display()));
+        Ok(())
+    }
 }
 
 /// Writes a file as a whole.

@@ -4,9 +4,11 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 
 use anyhow::Result;
-use host_tools::plot::{Dot, Format, Picture, Track};
+use host_tools::plot::{Dot, Picture, Track};
 use host_tools::positions::{self, PositionRow};
-use host_tools::{Place, output, read_anchors, read_truth};
+use host_tools::{Place, read_anchors, read_truth};
+
+use super::PictureFile;
 
 /// Draw positions: a map with error ellipses, and how large the errors are
 ///
@@ -31,8 +33,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    output::check("--out", &arguments.out)?;
-    let format = Format::of("--out", &arguments.out)?;
+    let file = PictureFile::of("--out", &arguments.out)?;
     let flat = |place: &Place| [place.x_m, place.y_m];
     let rows = positions::read(&arguments.positions)?;
     let truth = match &arguments.truth {
@@ -49,9 +50,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         truth_m: vec![truth.iter().map(|(_, place)| flat(place)).collect()],
         tracks: tracks(&rows, &truth.into_iter().collect()),
     };
-    super::write_picture(&arguments.out, format, picture.to_svg()?)?;
-    super::tell(&format!("picture: {}\n", arguments.out.display()));
-    Ok(())
+    file.write_and_tell(picture.to_svg()?)
 }
 
 /// The rows by method, in the order in which the methods appear.

@@ -6,8 +6,10 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::ValueEnum;
-use host_tools::plot::{Dot, Format, Picture, Track};
+use host_tools::plot::{Dot, Picture, Track};
 use host_tools::{Files, Half, Height, Place, Recording, Setup, Solved, Space, Statistics, Wrong, output, positions};
+
+use super::PictureFile;
 
 /// The arguments of a command that makes positions of a recording.
 #[derive(clap::Args)]
@@ -120,13 +122,7 @@ impl Recorded {
         if let Some(file) = &self.out {
             output::check("--out", file)?;
         }
-        let picture = match &self.plot {
-            Some(file) => {
-                output::check("--plot", file)?;
-                Some((file, Format::of("--plot", file)?))
-            }
-            None => None,
-        };
+        let picture = PictureFile::plot(self.plot.as_deref())?;
         let recording = Recording::read(&Files {
             anchors: &self.anchors,
             ranges: &self.ranges,
@@ -141,7 +137,7 @@ impl Recorded {
             .map(|(method, solved)| Summary::of(method, solved, consistency.then_some(&recording)))
             .collect();
         let picture = match picture {
-            Some((file, format)) => Some((file, format.encode(draw(&recording, &solved).to_svg()?)?)),
+            Some(PictureFile { file, format }) => Some((file, format.encode(draw(&recording, &solved).to_svg()?)?)),
             None => None,
         };
 

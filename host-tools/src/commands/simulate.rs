@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
-use host_tools::plot::Format;
 use host_tools::simulate::{Capture, Logbook, picture, position_header, position_row};
 use host_tools::{Wrong, output};
 use positioning_core::Method;
 use sim::scenario::{Epoch, Level, Mode, Record, Scenario, Simulation, Summary, What};
 
+use super::PictureFile;
 use crate::progress::Progress;
 
 /// Simulate whole nodes: tags that range to anchors and find their positions
@@ -187,13 +187,7 @@ fn read(file: &Path) -> Result<Scenario, Wrong> {
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let scenario = arguments.scenario()?;
-    let format = match &arguments.plot {
-        Some(file) => {
-            output::check("--plot", file)?;
-            Some(Format::of("--plot", file)?)
-        }
-        None => None,
-    };
+    let drawing = PictureFile::plot(arguments.plot.as_deref())?;
     if let Some(file) = &arguments.pcap {
         output::check("--pcap", file)?;
     }
@@ -221,7 +215,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             }
         }
         show.take(&records)?;
-        if format.is_some() {
+        if drawing.is_some() {
             drawn.extend(records);
         }
         progress.step();
@@ -236,8 +230,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let (Some(file), Some(capture)) = (&arguments.pcap, capture) {
         super::write(file, &capture.to_pcap()?)?;
     }
-    if let (Some(file), Some(format)) = (&arguments.plot, format) {
-        super::write_picture(file, format, picture(simulation.scenario(), &drawn).to_svg()?)?;
+    if let Some(drawing) = drawing {
+        drawing.write(picture(simulation.scenario(), &drawn).to_svg()?)?;
     }
     let summary = simulation.summary();
     if arguments.json {

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use host_tools::output;
-use host_tools::plot::{self, Format};
+use host_tools::plot;
 use host_tools::thesis::{self, Score};
 use positioning_core::Method;
 
+use super::PictureFile;
 use crate::progress::Progress;
 
 /// Every method on simulated ranges, half of which lack their direct path
@@ -34,13 +34,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let picture = match &arguments.plot {
-        Some(file) => {
-            output::check("--plot", file)?;
-            Some((file, Format::of("--plot", file)?))
-        }
-        None => None,
-    };
+    let picture = PictureFile::plot(arguments.plot.as_deref())?;
     let scores = scores(arguments.points as usize, arguments.seed);
     if arguments.json {
         let rounded = |metres: Option<f64>| metres.map(super::rounded);
@@ -50,9 +44,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     } else {
         super::print(thesis::to_markdown(&scores).as_bytes())?;
     }
-    if let Some((file, format)) = picture {
-        super::write_picture(file, format, plot::thesis(&scores)?)?;
-        super::tell(&format!("picture: {}\n", file.display()));
+    if let Some(picture) = picture {
+        picture.write_and_tell(plot::thesis(&scores)?)?;
     }
     Ok(())
 }
