@@ -1,0 +1,107 @@
+//! In which room a tag is.
+//!
+//! In flows a scan (levels in dBm by the beacons' order, `None` where a beacon is not heard), or a position with its covariance. A
+//! [`Classifier`] makes of it a probability a room: [`Svm`], the linear support vector machine of the thesis (section 3.5),
+//! [`Nearest`], the k nearest fingerprints, or [`Outlines`], the walls about the position. [`Presence`] makes answers of
+//! probabilities that come one after the other: a room, or *between* two of them, and none that flaps.
+//!
+//! Classifiers are trained on a desktop; a node reads them as a [`Model`], versioned and checksummed bytes in its flash (feature
+//! `serde`).
+//!
+//! Section and table numbers are those of A. Linde Cerezo, *Desarrollo de un sistema de posicionamiento en interiores mediante
+//! Bluetooth Low Energy* (Universitat Oberta de Catalunya, 2024), unless another source is named.
+
+#[cfg(feature = "serde")]
+mod model;
+mod nearest;
+mod outline;
+mod presence;
+mod svm;
+
+#[cfg(feature = "serde")]
+pub use model::{Fault, Kind, MODEL_VERSION, Model};
+pub use nearest::{Nearest, UNHEARD, level_byte};
+pub use outline::{Outlines, Spot};
+pub use presence::{Presence, Settings, Whereabouts};
+pub use svm::{Svm, pairs};
+
+use heapless::Vec;
+
+/// The most rooms of a model.
+pub const MAX_ROOMS: usize = 32;
+/// The most beacons of a model.
+pub const MAX_BEACONS: usize = 24;
+
+/// A probability a room, in the model's order; they add up to 1.
+pub type Probabilities = Vec<f32, MAX_ROOMS>;
+
+/// What tells rooms apart.
+pub trait Classifier {
+    /// What it judges by.
+    type Evidence: ?Sized;
+
+    /// How many rooms it tells apart.
+    fn rooms(&self) -> usize;
+
+    /// A probability a room, each as likely beforehand; `None` where the evidence says nothing: no beacon of the model is heard, the
+    /// position is outside of all rooms or no number.
+    fn probabilities(&self, evidence: &Self::Evidence) -> Option<Probabilities>;
+}
+
+/// The most probable room, and its probability.
+pub fn likeliest(probabilities: &Probabilities) -> Option<(usize, f32)> {
+    let mut best: Option<(usize, f32)> = None;
+    for (room, &p) in probabilities.iter().enumerate() {
+        if best.is_none_or(|(_, most)| p > most) {
+            best = Some((room, p));
+        }
+    }
+    best
+}
+
+/// Divides by their sum; `None` where there is none to divide by.
+fn normalised(mut shares: Probabilities) -> Option<Probabilities> {
+    let sum: f32 = shares.iter().sum();
+    if !(sum > 0.0 && sum.is_finite()) {
+        return None;
+    }
+    shares.iter_mut().for_each(|share| *share /= sum);
+    Some(shares)
+}
+
+/// The levels of a scan with fall-back levels for beacons that are not heard (table 5.3); `None` where none is heard. A level that is
+/// no number counts as not heard.
+fn filled(scan: &[Option<f32>], fallback_dbm: impl Iterator<Item = f32>) -> Option<Vec<f32, MAX_BEACONS>> {
+    let mut heard = false;
+    let mut levels = Vec::new();
+    let mut scan = scan.iter();
+    for fallback in fallback_dbm {
+        let level = scan.next().copied().flatten().filter(|level| level.is_finite());
+        heard |= level.is_some();
+        levels.push(level.unwrap_or(fallback)).ok()?;
+    }
+    heard.then_some(levels)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{filled, likeliest, normalised};
+
+    #[test]
+    fn unheard_beacons_have_their_fall_back_and_a_scan_of_none_says_nothing() {
+        let fallback = || [-90.0, -85.0, -80.0].into_iter();
+        let levels = filled(&[None, Some(-60.0)], fallback()).expect("one is heard");
+        assert_eq!(levels, [-90.0, -60.0, -80.0]);
+        assert_eq!(filled(&[None, Some(f32::NAN), None], fallback()), None);
+        assert_eq!(filled(&[], fallback()), None);
+    }
+
+    #[test]
+    fn shares_become_probabilities_or_nothing() {
+        let shares = |values: [f32; 3]| values.into_iter().collect();
+        assert_eq!(normalised(shares([1.0, 2.0, 1.0])), Some(shares([0.25, 0.5, 0.25])));
+        assert_eq!(normalised(shares([0.0; 3])), None);
+        assert_eq!(normalised(shares([f32::NAN, 1.0, 1.0])), None);
+        assert_eq!(likeliest(&shares([0.25, 0.5, 0.25])), Some((1, 0.5)));
+    }
+}

@@ -1,0 +1,205 @@
+//! From probabilities one after the other to answers that do not flap: in a room, between two rooms, or not known.
+//!
+//! Probabilities are smoothed over time. A room is entered when it is very probable, and left only when it has become improbable;
+//! whoever has left one and is not yet in another is between the two most probable. A tag in a doorway, whose rooms take turns in being
+//! the most probable, stays where it was.
+
+use super::{MAX_ROOMS, Probabilities};
+use crate::Real;
+
+/// How answers are made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Settings {
+    /// The time constant of smoothing, microseconds.
+    pub smoothing_us: u32,
+    /// A room is entered when its smoothed probability reaches this, above ½.
+    pub enter: f32,
+    /// A room is left when its smoothed probability falls below this.
+    pub leave: f32,
+    /// Without evidence for so long, nothing is known any more, microseconds.
+    pub forgotten_us: u32,
+}
+
+impl Default for Settings {
+    /// Two seconds, 0.9 and 0.1, ten seconds: a tag that walks from one room into another is there after five seconds, and one that
+    /// stands in the doorway changes rooms every ten minutes.
+    fn default() -> Self {
+        Self { smoothing_us: 2_000_000, enter: 0.9, leave: 0.1, forgotten_us: 10_000_000 }
+    }
+}
+
+/// Where a tag is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Whereabouts {
+    /// Nothing was heard lately.
+    Unknown,
+    /// In that room, by its number.
+    Room(u8),
+    /// Between two rooms, the more probable one first.
+    Between(u8, u8),
+}
+
+/// Where a tag is, as the evidence comes.
+#[derive(Clone, Debug)]
+pub struct Presence {
+    settings: Settings,
+    smoothed: Probabilities,
+    answer: Whereabouts,
+    at_us: u64,
+}
+
+impl Presence {
+    /// Nothing is known.
+    pub fn new(settings: Settings) -> Self {
+        Self { settings, smoothed: Probabilities::new(), answer: Whereabouts::Unknown, at_us: 0 }
+    }
+
+    /// Takes what a classifier says at `now_us`, `None` where it says nothing, and answers. Probabilities that are no numbers say
+    /// nothing.
+    pub fn step(&mut self, now_us: u64, probabilities: Option<&Probabilities>) -> Whereabouts {
+        let since_us = now_us.saturating_sub(self.at_us);
+        if since_us > u64::from(self.settings.forgotten_us) {
+            self.answer = Whereabouts::Unknown;
+            self.smoothed.clear();
+        }
+        let told = probabilities.filter(|told| told.iter().all(|p| p.is_finite() && *p >= 0.0));
+        let Some(told) = told.filter(|told| !told.is_empty()) else { return self.answer };
+        if self.smoothed.len() == told.len() {
+            // What is forgotten is within 32 bits.
+            let (since, constant) = (since_us as f32, self.settings.smoothing_us as f32);
+            let kept = if constant > 0.0 { Real::exp(-since / constant) } else { 0.0 };
+            for (smoothed, new) in self.smoothed.iter_mut().zip(told) {
+                *smoothed = kept * *smoothed + (1.0 - kept) * new;
+            }
+        } else {
+            self.smoothed = told.clone();
+        }
+        self.at_us = now_us;
+        self.answer = self.judge();
+        self.answer
+    }
+
+    /// The last answer.
+    pub fn answer(&self) -> Whereabouts {
+        self.answer
+    }
+
+    fn judge(&self) -> Whereabouts {
+        let of = |room: u8| self.smoothed.get(usize::from(room)).copied().unwrap_or(0.0);
+        let (mut first, mut second) = (0, 0);
+        let (mut most, mut next) = (-1.0, -1.0);
+        for (room, &p) in (0..MAX_ROOMS as u8).zip(&self.smoothed) {
+            if p > most {
+                (second, next) = (first, most);
+                (first, most) = (room, p);
+            } else if p > next {
+                (second, next) = (room, p);
+            }
+        }
+        match self.answer {
+            Whereabouts::Room(room) if of(room) >= self.settings.leave && most < self.settings.enter => {
+                Whereabouts::Room(room)
+            }
+            Whereabouts::Room(_) | Whereabouts::Between(..) | Whereabouts::Unknown => {
+                if most >= self.settings.enter || self.smoothed.len() == 1 {
+                    Whereabouts::Room(first)
+                } else {
+                    match self.answer {
+                        // Which of the two is the more probable is no news.
+                        Whereabouts::Between(one, other)
+                            if [(first, second), (second, first)].contains(&(one, other)) =>
+                        {
+                            Whereabouts::Between(one, other)
+                        }
+                        Whereabouts::Room(_) | Whereabouts::Between(..) | Whereabouts::Unknown => {
+                            Whereabouts::Between(first, second)
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+
+    use super::{Presence, Settings, Whereabouts};
+    use crate::ble::rooms::{Classifier, Probabilities, Svm, likeliest};
+
+    const SECOND: u64 = 1_000_000;
+
+    fn told(p: &[f32]) -> Probabilities {
+        p.iter().copied().collect()
+    }
+
+    #[test]
+    fn a_room_is_entered_at_once_and_left_when_it_has_become_improbable() {
+        // After the change each second keeps e^−½ = 0.6065: the old room's 0.96 falls towards 0.04 as 0.04 + 0.92 · 0.6065ⁿ, to
+        // 0.598, 0.378, 0.245, 0.165, 0.116, 0.086 (n = 6, left; the new one has 0.914 and is entered).
+        let mut presence = Presence::new(Settings::default());
+        assert_eq!(presence.step(SECOND, Some(&told(&[0.96, 0.04]))), Whereabouts::Room(0));
+        let answers: std::vec::Vec<_> =
+            (2..=7).map(|s| presence.step(s * SECOND, Some(&told(&[0.04, 0.96])))).collect();
+        assert_eq!(answers[..5], [Whereabouts::Room(0); 5]);
+        assert_eq!(answers[5], Whereabouts::Room(1));
+    }
+
+    #[test]
+    fn whoever_is_in_neither_room_is_between_them() {
+        // Three rooms: the first falls as before and is left at n = 6; the others have 0.476 and 0.438 then, and 0.367 and 0.565 a
+        // second later.
+        let mut presence = Presence::new(Settings::default());
+        presence.step(SECOND, Some(&told(&[0.96, 0.02, 0.02])));
+        let mut answer = Whereabouts::Unknown;
+        for s in 2..=7 {
+            answer = presence.step(s * SECOND, Some(&told(&[0.04, 0.5, 0.46])));
+        }
+        assert_eq!(answer, Whereabouts::Between(1, 2));
+        assert_eq!(presence.step(8 * SECOND, Some(&told(&[0.04, 0.2, 0.76]))), Whereabouts::Between(1, 2), "no news");
+    }
+
+    #[test]
+    fn silence_is_waited_for_and_then_nothing_is_known() {
+        let mut presence = Presence::new(Settings::default());
+        presence.step(SECOND, Some(&told(&[0.9, 0.1])));
+        assert_eq!(presence.step(11 * SECOND, None), Whereabouts::Room(0));
+        assert_eq!(presence.step(11 * SECOND + 1, None), Whereabouts::Unknown);
+        assert_eq!(presence.step(12 * SECOND, Some(&told(&[f32::NAN, 0.1]))), Whereabouts::Unknown);
+        assert_eq!(presence.answer(), Whereabouts::Unknown);
+    }
+
+    /// A tag in the doorway for ten minutes: both beacons alike but for noise of 4 dB that lasts for some three seconds (a body that
+    /// turns) and a little of its own each second. The classifier alone changes its mind all the time.
+    #[test]
+    fn a_tag_in_a_doorway_does_not_flap() {
+        let bytes = |numbers: &[f32]| -> std::vec::Vec<u8> { numbers.iter().flat_map(|n| n.to_le_bytes()).collect() };
+        let (fallback, planes) = (bytes(&[-90.0, -90.0]), bytes(&[0.0, 0.08, -0.08]));
+        let svm = Svm { rooms: 2, slope: 5.0, fallback_dbm: &fallback, planes: &planes };
+        for seed in 0..5 {
+            let mut random = rand_pcg::Pcg32::seed_from_u64(seed);
+            // Twelve uniform numbers less six: mean 0, deviation 1.
+            let mut gaussian = move || (0..12).map(|_| random.random::<f32>()).sum::<f32>() - 6.0;
+            let mut presence = Presence::new(Settings::default());
+            let mut lasting = [0.0; 2];
+            let (mut raw, mut raw_changes, mut answers) = (None, 0, std::vec::Vec::new());
+            for second in 1..=600 {
+                let scan = [0, 1].map(|beacon| {
+                    lasting[beacon] = 0.7 * lasting[beacon] + 1.5 * gaussian();
+                    Some(-68.0 + lasting[beacon] + 1.5 * gaussian())
+                });
+                let p = svm.probabilities(&scan).expect("heard");
+                let room = likeliest(&p).map(|(room, _)| room);
+                raw_changes += u32::from(raw.is_some() && raw != room);
+                raw = room;
+                answers.push(presence.step(second * SECOND, Some(&p)));
+            }
+            let changes = answers.windows(2).filter(|pair| pair[0] != pair[1]).count();
+            assert!(raw_changes > 100, "seed {seed}: {raw_changes}");
+            assert!(changes <= 4, "seed {seed}: {changes}, where the classifier has {raw_changes}");
+        }
+    }
+}
