@@ -1,9 +1,8 @@
 //! `baliza track`, and the benchmarks of tracks.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
 
-use crate::support::{Folder, root};
+use crate::support::{Folder, replay};
 
 const ANCHORS: &str = "anchor,x_m,y_m,z_m\na,100,200,2.5\nb,110,200,2.5\nc,110,208,0.5\nd,100,208,0.5\n";
 
@@ -58,31 +57,9 @@ fn without_enough_ranges_there_is_a_row_with_a_reason() {
     assert!(run.stderr.starts_with("r.csv:4:"), "{}", run.stderr);
 }
 
-/// Root mean square errors to reach with the tag's height known, metres.
-const REACH_M: [(&str, f64); 4] = [
-    ("leiria_128_los_pos1", 0.085),
-    ("leiria_128_nlos_pos1", 0.09),
-    ("leiria_128_move_slow", 0.075),
-    ("cuhk_dynamic_mid", 0.125),
-];
-
 #[test]
 fn the_engine_reaches_its_accuracy_on_recorded_ranges() {
-    let data = std::env::var_os("BALIZA_DATA").map_or_else(|| root().join("../shared/data"), PathBuf::from);
-    for (name, reach) in REACH_M {
-        let recording = data.join(name);
-        if !recording.is_dir() {
-            eprintln!("{name} is not in {}: not replayed", data.display());
-            continue;
-        }
-        let file = |name: &str| recording.join(name).display().to_string();
-        let files = format!("{} --ranges {} --truth {}", file("anchors.csv"), file("ranges.csv"), file("truth.csv"));
-        let run = Folder::with(&[]).run(&format!("track --anchors {files} --dims 2 --height-from-truth --json"));
-        let summary = &run.ok().json()[0];
-        assert_eq!(summary["epochs"], summary["fixed"], "{name}: {summary}");
-        let rmse = summary["rmse_m"].as_f64().expect("a number");
-        assert!(rmse <= reach, "{name}: {rmse} m is more than {reach} m");
-    }
+    replay("track", [0.085, 0.09, 0.075, 0.125]);
 }
 
 #[test]
