@@ -17,6 +17,7 @@ pub mod plot;
 pub mod positions;
 pub mod probe;
 pub mod provision;
+mod random;
 pub mod recorder;
 mod recording;
 pub mod simulate;

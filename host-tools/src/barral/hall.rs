@@ -12,6 +12,8 @@
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
+use crate::random::normal;
+
 /// Places of the anchors, metres.
 pub const ANCHORS_M: [[f64; 3]; 5] =
     [[0.0, 0.0, 2.9], [12.0, 0.5, 0.9], [11.5, 8.0, 2.7], [0.5, 7.5, 0.7], [6.0, 8.0, 1.9]];
@@ -139,12 +141,6 @@ fn round(random: &mut impl Rng, number: usize, at_m: [f64; 3], links: &[Link; 5]
         }
     });
     Round { t_us: ROUND_US * (number as u64 + 1), at_m, counts, ranges }
-}
-
-/// A standard normal number, by Box and Muller.
-fn normal(random: &mut impl Rng) -> f64 {
-    let (u, v): (f64, f64) = (random.random_range(f64::MIN_POSITIVE..1.0), random.random());
-    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
 #[cfg(test)]

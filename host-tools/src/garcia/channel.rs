@@ -9,6 +9,8 @@
 
 use rand::Rng;
 
+use crate::random::normal;
+
 /// Between two samples, nanoseconds.
 const SAMPLE_NS: f64 = 0.2;
 /// Of the window, about its peak.
@@ -125,12 +127,6 @@ fn skewness(window: &[f64]) -> f64 {
     let mean = window.iter().sum::<f64>() / count;
     let moment = |power| window.iter().map(|sample| (sample - mean).powi(power)).sum::<f64>() / count;
     moment(3) / moment(2).powf(1.5)
-}
-
-/// A standard normal number, by Box and Muller.
-fn normal(random: &mut impl Rng) -> f64 {
-    let (u, v): (f64, f64) = (random.random_range(f64::MIN_POSITIVE..1.0), random.random());
-    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
 #[cfg(test)]

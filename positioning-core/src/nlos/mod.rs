@@ -29,6 +29,8 @@ mod power_difference;
 mod quantised;
 mod shape;
 mod skewness;
+#[cfg(test)]
+mod testing;
 
 pub use calibration::{Inflation, Platt};
 pub use features::{Feature, Features, first_path_to_noise_db, power_difference_db};

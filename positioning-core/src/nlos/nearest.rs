@@ -100,23 +100,14 @@ impl Classifier for Nearest<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::nlos::Input;
+    use crate::nlos::testing::{at, two_inputs};
 
     fn bytes(points: &[[f32; 2]]) -> std::vec::Vec<u8> {
         points.iter().flatten().flat_map(|&x| Nearest::coordinate(x)).collect()
     }
 
     fn nearest<'a>(los: &'a [u8], nlos: &'a [u8], neighbours: u8) -> Nearest<'a> {
-        let input = |feature| Input { feature, mean: 0.0, deviation: 1.0 };
-        let inputs = Inputs([input(Feature::RangeMean), input(Feature::PowerMean)].into_iter().collect());
-        Nearest { inputs, neighbours, los, nlos }
-    }
-
-    fn at(x: f32, y: f32) -> Features {
-        let mut features = Features::default();
-        features.set(Feature::RangeMean, x);
-        features.set(Feature::PowerMean, y);
-        features
+        Nearest { inputs: two_inputs(), neighbours, los, nlos }
     }
 
     #[test]

@@ -101,22 +101,10 @@ impl Perceptron<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::nlos::Input;
+    use crate::nlos::testing::{at, two_inputs};
 
     fn bytes(weights: &[f32]) -> std::vec::Vec<u8> {
         weights.iter().flat_map(|weight| weight.to_le_bytes()).collect()
-    }
-
-    fn two_inputs() -> Inputs {
-        let input = |feature| Input { feature, mean: 0.0, deviation: 1.0 };
-        Inputs([input(Feature::RangeMean), input(Feature::PowerMean)].into_iter().collect())
-    }
-
-    fn at(x: f32, y: f32) -> Features {
-        let mut features = Features::default();
-        features.set(Feature::RangeMean, x);
-        features.set(Feature::PowerMean, y);
-        features
     }
 
     #[test]
