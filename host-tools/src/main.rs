@@ -35,6 +35,8 @@ enum Command {
     Plot(commands::plot::Arguments),
     #[command(subcommand)]
     Nlos(commands::nlos::Command),
+    #[command(subcommand)]
+    Ble(commands::ble::Command),
     Simulate(commands::simulate::Arguments),
     Example(commands::example::Arguments),
     Provision(commands::provision::Arguments),
@@ -63,6 +65,7 @@ fn main() -> ExitCode {
         Command::Bench(Bench::Garcia(arguments)) => commands::garcia::run(&arguments),
         Command::Bench(Bench::Barral(arguments)) => commands::barral::run(&arguments),
         Command::Nlos(command) => commands::nlos::run(&command),
+        Command::Ble(command) => commands::ble::run(&command),
         Command::Plot(arguments) => commands::plot::run(&arguments),
         Command::Simulate(arguments) => commands::simulate::run(&arguments),
         Command::Example(arguments) => commands::example::run(&arguments),

@@ -22,6 +22,8 @@ pub struct Beacon {
     pub rssi_1m_dbm: Option<f64>,
     /// Path loss exponent.
     pub path_loss_exponent: Option<f64>,
+    /// Standard deviation of a level about the path loss, dB.
+    pub deviation_db: Option<f64>,
 }
 
 /// One advertisement heard.
@@ -57,6 +59,8 @@ pub struct Capture {
     pub t_s: Option<f64>,
     /// Where it truly was, metres.
     pub truth_m: Option<[f64; 2]>,
+    /// Whether it is a stay at a point: nothing joins it to the capture before it.
+    pub is_stay: bool,
     /// What was heard, in the file's order.
     pub samples: Vec<Sample>,
 }
@@ -70,14 +74,15 @@ pub struct Wall {
     pub attenuation_db: Option<f64>,
 }
 
-/// Reads `beacons.csv`: `beacon,x_m,y_m` and, where known, `z_m,rssi_1m_dbm,path_loss_exponent`.
+/// Reads `beacons.csv`: `beacon,x_m,y_m` and, where known, `z_m,rssi_1m_dbm,path_loss_exponent,deviation_db`.
 ///
 /// # Errors
-/// The first line that is wrong: a beacon that stands twice, an exponent that is not above 0.
+/// The first line that is wrong: a beacon that stands twice, an exponent or a deviation that is not above 0.
 pub fn read_beacons(file: &Path) -> Result<Vec<Beacon>, Wrong> {
     let mut table = Table::open(file)?;
     let (beacon, x, y) = (table.column("beacon")?, table.column("x_m")?, table.column("y_m")?);
-    let [z, level, exponent] = ["z_m", "rssi_1m_dbm", "path_loss_exponent"].map(|name| table.optional(name));
+    let [z, level, exponent, deviation] =
+        ["z_m", "rssi_1m_dbm", "path_loss_exponent", "deviation_db"].map(|name| table.optional(name));
     let mut beacons: Vec<Beacon> = Vec::new();
     let mut lines: HashMap<String, u64> = HashMap::new();
     while let Some(row) = table.next_row()? {
@@ -85,13 +90,15 @@ pub fn read_beacons(file: &Path) -> Result<Vec<Beacon>, Wrong> {
         if let Some(line) = lines.insert(name.clone(), row.line()) {
             return Err(row.wrong(beacon, &format!("{} stands in line {line} already", quoted(&name))));
         }
-        let path_loss_exponent = row.number(exponent)?;
-        if path_loss_exponent.is_some_and(|exponent| exponent <= 0.0) {
-            return Err(row.wrong(exponent, "is not above 0"));
+        let (path_loss_exponent, deviation_db) = (row.number(exponent)?, row.number(deviation)?);
+        for (column, number) in [(exponent, path_loss_exponent), (deviation, deviation_db)] {
+            if number.is_some_and(|number| number <= 0.0) {
+                return Err(row.wrong(column, "is not above 0"));
+            }
         }
         let position_m = [row.some_number(x)?, row.some_number(y)?];
         let (height_m, rssi_1m_dbm) = (row.number(z)?, row.number(level)?);
-        beacons.push(Beacon { name, position_m, height_m, rssi_1m_dbm, path_loss_exponent });
+        beacons.push(Beacon { name, position_m, height_m, rssi_1m_dbm, path_loss_exponent, deviation_db });
     }
     if beacons.is_empty() { Err(Wrong::line(file, 1, "no beacons below the header")) } else { Ok(beacons) }
 }
@@ -148,7 +155,7 @@ pub fn read_captures(file: &Path, truth: Option<&Path>) -> Result<Vec<Capture>, 
             let truth_m = Some([place.x_m, place.y_m]);
             match by_name.get(&name) {
                 Some(&at) => captures[at].truth_m = truth_m,
-                None => captures.push(Capture { name, t_s: None, truth_m, samples: Vec::new() }),
+                None => captures.push(Capture { name, t_s: None, truth_m, is_stay: false, samples: Vec::new() }),
             }
         }
     }
@@ -163,7 +170,7 @@ fn read_epochs(file: &Path) -> Result<Vec<Capture>, Wrong> {
     while let Some(row) = table.next_row()? {
         let (name, t_s) = (row.some_text(epoch)?, row.number(signal.time)?);
         let at = *by_name.entry(name.to_owned()).or_insert_with(|| {
-            captures.push(Capture { name: name.to_owned(), t_s, truth_m: None, samples: Vec::new() });
+            captures.push(Capture { name: name.to_owned(), t_s, truth_m: None, is_stay: false, samples: Vec::new() });
             captures.len() - 1
         });
         signal.read(&row, &mut captures[at].samples)?;
@@ -205,7 +212,7 @@ pub fn read_walls(file: &Path) -> Result<Vec<Wall>, Wrong> {
 impl From<Stay> for Capture {
     fn from(stay: Stay) -> Self {
         let t_s = stay.samples.first().map(|sample| sample.t_s);
-        Self { name: stay.point, t_s, truth_m: Some(stay.position_m), samples: stay.samples }
+        Self { name: stay.point, t_s, truth_m: Some(stay.position_m), is_stay: true, samples: stay.samples }
     }
 }
 

@@ -3,3 +3,4 @@
 //! The mathematics is `positioning_core::ble`, that of the tag; here are the files, the runs over them and their figures.
 
 pub mod files;
+pub mod solve;

@@ -1,6 +1,8 @@
 //! The subcommands, one module each: arguments, and what is printed.
 
+mod answers;
 pub mod barral;
+pub mod ble;
 pub mod decode;
 pub mod example;
 pub mod garcia;

@@ -4,7 +4,8 @@ use anyhow::Result;
 use host_tools::{Recording, Setup, Solver};
 use positioning_core::Method;
 
-use super::recorded::{ByMethod, Recorded};
+use super::answers::ByMethod;
+use super::recorded::Recorded;
 use crate::progress::Progress;
 
 /// Solve every epoch of a recording on its own, as the tag's first fix does

@@ -69,10 +69,15 @@ impl<T: Real> PathLoss<T> {
         self.distance(level + attenuation)
     }
 
-    /// Standard deviation of a distance's natural logarithm: σ ln 10 ⁄ (10 n), as the engine's
-    /// [`BleRange`](crate::engine::BleRange) wants it.
+    /// By how much a distance's natural logarithm errs where the level errs by so many dB: σ ln 10 ⁄ (10 n), as the engine's
+    /// [`BleRange`](crate::engine::BleRange) wants it, by noise and by what lasts.
+    pub fn relative(&self, decibels: T) -> T {
+        decibels / (self.exponent * T::of(DB))
+    }
+
+    /// The same for the path loss' own deviation.
     pub fn relative_deviation(&self) -> T {
-        self.deviation / (self.exponent * T::of(DB))
+        self.relative(self.deviation)
     }
 }
 

@@ -1,0 +1,261 @@
+//! Positions from the levels of beacons whose places and path losses are known: what `baliza ble solve` does.
+//!
+//! Captures flow in. A kernel without memory takes the mean of a capture's levels (14); one with memory goes through it window by
+//! window, as a tag does, and the capture's position is its last one. All is the tag's own code in the tag's own `f32`, about the middle
+//! of the beacons.
+
+use positioning_core::ble::multilateration::{Heard, nonlinear, weighted_linear};
+use positioning_core::ble::path_loss::PathLoss;
+use positioning_core::ble::signal::{Beacons, Smoothing, level};
+use positioning_core::engine::{BleRange, Dimensions, Engine, Measurement, Missing, Settings};
+use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, NoFix, Side};
+
+use super::files::{Beacon, Capture, Sample};
+use crate::{NoPosition, Place, Position, Solved};
+
+/// The most beacons that are followed.
+pub const MOST_BEACONS: usize = 64;
+/// The engine's time at the start of a capture, seconds: times a little earlier are still times.
+const BEGIN_S: f64 = 3600.0;
+/// What is left of the noise in a window's mean of smoothed levels, dB (table 3.1: 1 to 1.2 over single levels).
+const NOISE_DB: f32 = 1.2;
+
+/// How levels become a position.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kernel {
+    /// Weighted linear least squares (6).
+    WeightedLinear,
+    /// Nonlinear least squares in the levels.
+    Nonlinear,
+    /// The tag's engine, one range a beacon and window.
+    Engine,
+}
+
+impl Kernel {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::WeightedLinear, Self::Nonlinear, Self::Engine];
+
+    /// Its name.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::WeightedLinear => "weighted-linear",
+            Self::Nonlinear => "nonlinear",
+            Self::Engine => "engine",
+        }
+    }
+}
+
+/// How to solve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Setup {
+    /// The window of integration, seconds.
+    pub window_s: f64,
+    /// The tag's height, metres, where it is known; heights of beacons count only then.
+    pub height_m: Option<f64>,
+    /// Where the tag can be at all: least and greatest x and y, metres.
+    pub area_m: Option<[[f64; 2]; 2]>,
+    /// How far the receiver's own offset may be from none, dB.
+    pub offset_db: f64,
+}
+
+/// Solves captures with the same beacons.
+#[derive(Debug)]
+pub struct Solver<'a> {
+    beacons: &'a [Beacon],
+    setup: Setup,
+    /// What is zero for the kernels, metres.
+    origin: [f64; 2],
+}
+
+impl<'a> Solver<'a> {
+    /// A solver for these beacons, of which the first [`MOST_BEACONS`] count.
+    pub fn new(beacons: &'a [Beacon], setup: Setup) -> Self {
+        let beacons = beacons.get(..MOST_BEACONS).unwrap_or(beacons);
+        let origin = std::array::from_fn(|axis| {
+            beacons.iter().map(|beacon| beacon.position_m[axis]).sum::<f64>() / beacons.len().max(1) as f64
+        });
+        Self { beacons, setup, origin }
+    }
+
+    /// The positions of all captures, in their order, and their errors where the truth is known.
+    pub fn solve(&self, kernel: Kernel, captures: &[Capture]) -> Vec<Solved> {
+        let mut follower = Follower::new(self);
+        let position = |capture: &Capture| match kernel {
+            Kernel::WeightedLinear => self.at_once(capture, weighted_linear),
+            Kernel::Nonlinear => {
+                self.at_once(capture, |heard| nonlinear(heard, self.setup.offset_db as f32, &self.constraints()))
+            }
+            Kernel::Engine => {
+                if capture.is_stay {
+                    follower = Follower::new(self);
+                }
+                follower.follow(capture)
+            }
+        };
+        let mut position = position;
+        let solved = |capture: &Capture| {
+            let outcome = position(capture);
+            let truth = capture.truth_m.map(|[x_m, y_m]| Place { x_m, y_m, z_m: None });
+            let error_m = outcome.ok().zip(truth).map(|(position, truth)| position.place.distance_m(&truth));
+            Solved { outcome, error_m }
+        };
+        captures.iter().map(solved).collect()
+    }
+
+    /// A kernel without memory over the means of a capture's levels; of more beacons than it can take, the loudest.
+    fn at_once(
+        &self,
+        capture: &Capture,
+        kernel: impl FnOnce(&[Heard<f32, 2>]) -> Result<Fix<f32, 2>, NoFix>,
+    ) -> Result<Position, NoPosition> {
+        let mut heard = self.heard(&means(self.beacons, &capture.samples));
+        if heard.len() > MAX_ANCHORS {
+            heard.sort_by(|a, b| b.level.total_cmp(&a.level));
+            heard.truncate(MAX_ANCHORS);
+        }
+        let fix = kernel(&heard).map_err(NoPosition::NoFix)?;
+        Ok(self.global(fix.position, &fix.covariance, fix.used.len()))
+    }
+
+    /// A scan with what is known of the beacons.
+    fn heard(&self, scan: &[Option<f32>]) -> Vec<Heard<f32, 2>> {
+        let beacons = self.beacons.iter().zip(scan);
+        beacons
+            .filter_map(|(beacon, level)| {
+                let above = beacon.height_m.zip(self.setup.height_m).map_or(0.0, |(beacon, tag)| beacon - tag);
+                let (place, path_loss) = (self.local(beacon.position_m), path_loss(beacon));
+                Some(Heard { place, above: above as f32, level: (*level)?, path_loss })
+            })
+            .collect()
+    }
+
+    fn constraints(&self) -> Constraints<f32, 2> {
+        let area = self.setup.area_m.map(|corners| {
+            let [min, max] = corners.map(|corner| self.local(corner));
+            Area { min, max }
+        });
+        Constraints { side: Side::Unknown, area }
+    }
+
+    fn local(&self, at_m: [f64; 2]) -> [f32; 2] {
+        std::array::from_fn(|axis| (at_m[axis] - self.origin[axis]) as f32)
+    }
+
+    fn global(&self, at: [f32; 2], covariance: &[[f32; 2]; 2], used: usize) -> Position {
+        let [x_m, y_m] = std::array::from_fn(|axis| f64::from(at[axis]) + self.origin[axis]);
+        let [sigma_x, sigma_y] = [0, 1].map(|axis: usize| f64::from(covariance[axis][axis]).sqrt());
+        Position {
+            place: Place { x_m, y_m, z_m: None },
+            sigma: Place { x_m: sigma_x, y_m: sigma_y, z_m: None },
+            covariance_xy: covariance[0][1].into(),
+            used,
+        }
+    }
+}
+
+/// What is known of a beacon's path loss, and the usual for what is not.
+pub fn path_loss(beacon: &Beacon) -> PathLoss<f32> {
+    let usual = PathLoss::default();
+    let known = |value: Option<f64>, usual: f32| value.map_or(usual, |value| value as f32);
+    PathLoss {
+        level_1m: known(beacon.rssi_1m_dbm, usual.level_1m),
+        exponent: known(beacon.path_loss_exponent, usual.exponent),
+        deviation: known(beacon.deviation_db, usual.deviation),
+    }
+}
+
+/// The mean level of every beacon, by the beacons' order, dBm (14); what no receiver can have measured is left out.
+pub fn means(beacons: &[Beacon], samples: &[Sample]) -> Vec<Option<f32>> {
+    let mean = |beacon: &Beacon| {
+        let of_it = samples.iter().filter(|sample| sample.beacon == beacon.name);
+        let levels: Vec<f64> = of_it.filter_map(|sample| level(sample.rssi_dbm).ok()).collect();
+        (!levels.is_empty()).then(|| (levels.iter().sum::<f64>() / levels.len() as f64) as f32)
+    };
+    beacons.iter().map(mean).collect()
+}
+
+/// The windows of a capture: their ends, seconds, at least one, the last one where the capture ends.
+fn window_ends(capture: &Capture, window_s: f64) -> Vec<f64> {
+    let times = || capture.samples.iter().map(|sample| sample.t_s).chain(capture.t_s);
+    let (first, last) = (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max));
+    if first > last {
+        return Vec::new();
+    }
+    // A file may claim any span of time.
+    let whole = ((last - first) / window_s).min(1.0e5) as usize;
+    let mut ends: Vec<f64> = (1..=whole).map(|window| first + window as f64 * window_s).collect();
+    if ends.last().is_none_or(|end| *end < last) {
+        ends.push(last);
+    }
+    ends
+}
+
+/// A kernel with memory.
+struct Follower<'a> {
+    solver: &'a Solver<'a>,
+    beacons: Box<Beacons<f32, MOST_BEACONS>>,
+    engine: Box<Engine<f32>>,
+    /// The first time, which is [`BEGIN_S`] for the engine, seconds.
+    first_s: Option<f64>,
+}
+
+impl<'a> Follower<'a> {
+    fn new(solver: &'a Solver<'a>) -> Self {
+        let window_us = (solver.setup.window_s * 1.0e6) as u64;
+        let area = solver.constraints().area.map(|area| Area {
+            min: [area.min[0], area.min[1], f32::NEG_INFINITY],
+            max: [area.max[0], area.max[1], f32::INFINITY],
+        });
+        let settings = Settings { area, ..Settings::track(Dimensions::Plane { height: 0.0 }) };
+        Self {
+            solver,
+            beacons: Box::new(Beacons::new(Smoothing::default(), window_us)),
+            engine: Box::new(Engine::new(settings)),
+            first_s: None,
+        }
+    }
+
+    /// Goes through a capture; its position is the last one.
+    fn follow(&mut self, capture: &Capture) -> Result<Position, NoPosition> {
+        let mut position = Err(NoPosition::Missing(Missing::NoFix(NoFix::TooFewAnchors)));
+        let mut samples = capture.samples.iter().peekable();
+        let ends = window_ends(capture, self.solver.setup.window_s);
+        for (window, &end_s) in ends.iter().enumerate() {
+            while let Some(sample) = samples.next_if(|sample| sample.t_s <= end_s || window + 1 == ends.len()) {
+                if let Some(beacon) = self.solver.beacons.iter().position(|beacon| beacon.name == sample.beacon) {
+                    let now_us = self.microseconds(sample.t_s);
+                    self.beacons.hear(now_us, beacon, sample.rssi_dbm as f32);
+                }
+            }
+            position = self.window(end_s);
+        }
+        position
+    }
+
+    fn window(&mut self, now_s: f64) -> Result<Position, NoPosition> {
+        let now_us = self.microseconds(now_s);
+        let scan = self.beacons.scan(now_us);
+        let heard = self.solver.heard(&scan);
+        for (beacon, heard) in heard.iter().enumerate() {
+            let [x, y] = heard.place;
+            let range = BleRange {
+                beacon: beacon as u16,
+                place: [x, y, 0.0],
+                distance: heard.distance(),
+                relative_deviation: heard.path_loss.relative(NOISE_DB),
+                lasting_deviation: heard.path_loss.relative_deviation(),
+            };
+            self.engine.step(now_us, &Measurement::BleRange(range));
+        }
+        let fix = self.engine.step(now_us, &Measurement::RoundEnd).fix.map_err(NoPosition::Missing)?;
+        let [x, y, _] = fix.position;
+        let covariance = [0, 1].map(|row: usize| [fix.covariance[row][0], fix.covariance[row][1]]);
+        Ok(self.solver.global([x, y], &covariance, heard.len()))
+    }
+
+    fn microseconds(&mut self, t_s: f64) -> u64 {
+        let first_s = *self.first_s.get_or_insert(t_s);
+        // A float too large or negative becomes the largest or least integer.
+        ((t_s - first_s + BEGIN_S) * 1.0e6) as u64
+    }
+}

@@ -1,0 +1,106 @@
+//! `baliza ble solve`: positions from beacons whose places and path losses are known.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use host_tools::ble::files::{Capture, read_beacons, read_captures, read_walls};
+use host_tools::ble::solve::{Kernel, Setup, Solver};
+use host_tools::{Epoch, Place, Wrong};
+
+use crate::commands::answers::{Answers, ByMethod, Told};
+use crate::commands::recorded::{CornersM, finite};
+
+/// Positions by path loss: weighted linear and nonlinear least squares, and the tag's engine
+///
+/// The rows of one `epoch` make one position; of a file of stays (`point,x_m,y_m,…`) all rows of one point, whose place is its truth.
+/// Positions are in the plane. What beacons.csv does not know of a beacon's path loss is taken to be usual; `baliza calibrate path-loss`
+/// finds it.
+#[derive(clap::Args)]
+#[command(after_help = "Examples:\n  baliza ble solve --beacons beacons.csv --rssi rssi.csv --truth truth.csv\n  \
+                        baliza ble solve --beacons beacons.csv --rssi targets.csv --plot room.png --json")]
+pub struct Arguments {
+    /// Beacons: CSV with beacon,x_m,y_m and, where known, z_m,rssi_1m_dbm,path_loss_exponent,deviation_db
+    #[arg(long, value_name = "FILE")]
+    beacons: PathBuf,
+    /// Levels heard: CSV with epoch,t_s,beacon,rssi_dbm, or a file of stays at known points
+    #[arg(long, value_name = "FILE")]
+    rssi: PathBuf,
+    /// Where the tag truly was: CSV with epoch,t_s,x_m,y_m; gives the errors
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+    /// Walls, to be drawn: CSV with the corners of an outline, x_m,y_m, or with x1_m,y1_m,x2_m,y2_m
+    #[arg(long, value_name = "FILE")]
+    walls: Option<PathBuf>,
+    /// How levels become a position: a name, several with commas, or all
+    #[arg(long, value_name = "METHOD", default_value = "all", value_parser = Kernels::parse)]
+    method: Kernels,
+    /// The window of integration, milliseconds: 200 in a room, 500 over a floor
+    #[arg(long, value_name = "MS", default_value_t = 500, value_parser = clap::value_parser!(u32).range(10..=60_000))]
+    window_ms: u32,
+    /// The tag's height, metres: heights of beacons (z_m) count
+    #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = finite)]
+    height_m: Option<f64>,
+    /// Where the tag can be at all, metres; the iterated methods stay inside
+    #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = CornersM::parse)]
+    area: Option<CornersM>,
+    /// How far the receiver's levels may be off from those of the calibration, all alike, dB (standard deviation)
+    #[arg(long, value_name = "DB", default_value_t = 0.0, value_parser = clap::value_parser!(f64))]
+    offset_db: f64,
+    #[command(flatten)]
+    answers: Answers,
+}
+
+/// Methods asked for.
+#[derive(Clone, Debug)]
+struct Kernels(Vec<Kernel>);
+
+impl Kernels {
+    fn parse(text: &str) -> Result<Self, String> {
+        if text == "all" {
+            return Ok(Self(Kernel::ALL.to_vec()));
+        }
+        let known = || Kernel::ALL.map(Kernel::as_str).join(", ");
+        let find = |name: &str| {
+            let found = Kernel::ALL.into_iter().find(|kernel| kernel.as_str() == name.trim());
+            found.ok_or_else(|| format!("there is no method {name:?}; there are {}", known()))
+        };
+        text.split(',').map(find).collect::<Result<_, _>>().map(Self)
+    }
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let answers = arguments.answers.check()?;
+    if !(0.0..=100.0).contains(&arguments.offset_db) {
+        return Err(Wrong::flag("--offset-db", "must be from 0 to 100").into());
+    }
+    let beacons = read_beacons(&arguments.beacons)?;
+    let captures = read_captures(&arguments.rssi, arguments.truth.as_deref())?;
+    let walls = arguments.walls.as_deref().map(read_walls).transpose()?.unwrap_or_default();
+    super::tell_unknown(&beacons, &captures);
+    let solver = Solver::new(
+        &beacons,
+        Setup {
+            window_s: f64::from(arguments.window_ms) / 1000.0,
+            height_m: arguments.height_m,
+            area_m: arguments.area.map(|CornersM(corners)| corners),
+            offset_db: arguments.offset_db,
+        },
+    );
+    let solved: ByMethod =
+        arguments.method.0.iter().map(|&kernel| (kernel.as_str(), solver.solve(kernel, &captures))).collect();
+    let epochs: Vec<Epoch> = captures.iter().map(epoch).collect();
+    answers.give(&Told {
+        epochs: &epochs,
+        anchors: beacons.iter().map(|beacon| (beacon.name.clone(), beacon.position_m)).collect(),
+        walls_m: walls.iter().map(|wall| wall.ends_m).collect(),
+        with_errors: captures.iter().any(|capture| capture.truth_m.is_some()),
+        consistency: true,
+        solved: &solved,
+    })
+}
+
+/// A capture as the files of positions and the pictures know it.
+fn epoch(capture: &Capture) -> Epoch {
+    let truth = capture.truth_m.map(|[x_m, y_m]| Place { x_m, y_m, z_m: None });
+    Epoch { name: capture.name.clone(), t_s: capture.t_s, ranges: Vec::new(), truth }
+}
