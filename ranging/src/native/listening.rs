@@ -226,8 +226,7 @@ impl Machine for ListeningTag {
             }
             Event::Received(frame) => {
                 self.hear(&frame);
-                let tail = self.config.network.phy.time_after_rmarker(frame.bytes.len() as u16 + 2);
-                present = frame.rx_time.plus(tail).plus(self.timing.reading);
+                present = self.timing.read_by(&self.config.network.phy, &frame);
             }
             Event::Sent(_)
             | Event::NotSent

@@ -345,8 +345,7 @@ impl Machine for Tag {
             }
             Event::Received(frame) => {
                 self.hear(&frame);
-                let tail = self.config.network.phy.time_after_rmarker(frame.bytes.len() as u16 + 2);
-                present = frame.rx_time.plus(tail).plus(self.timing.reading);
+                present = self.timing.read_by(&self.config.network.phy, &frame);
             }
             // The window ended with the round, or the receiver was never on.
             Event::Timeout | Event::Late | Event::NotSent => match self.doing {

@@ -7,7 +7,7 @@
 
 use crate::frame::native::{BEACON_BYTES, OWNED_BEACON_SLOTS, POLL_BYTES, REQUEST_BYTES, RESPONSE_BYTES};
 use crate::native::MAX_ROUND;
-use crate::{PhyConfig, RadioDuration, RadioInstant};
+use crate::{PhyConfig, RadioDuration, RadioInstant, RxFrame};
 
 /// How quick the slowest board of a network is, beside its frames' time on the air; measured on the board, interrupt latency,
 /// bus and computation together.
@@ -149,6 +149,13 @@ impl Timing {
             transmit_beacon: sum(turnaround.transmit, longer),
             reading: RadioDuration::from_ticks(turnaround.answer.ticks() - turnaround.transmit.ticks()),
         }
+    }
+
+    /// When a node has a frame that it received, and decides what to do next.
+    pub(super) fn read_by(&self, phy: &PhyConfig, frame: &RxFrame<'_>) -> RadioInstant {
+        // The two check bytes are not handed on.
+        let tail = phy.time_after_rmarker(frame.bytes.len() as u16 + 2);
+        frame.rx_time.plus(tail).plus(self.reading)
     }
 
     /// From the poll's RMARKER to that of the response in this slot of the round.
