@@ -1,0 +1,283 @@
+//! Where a scan is on a lattice whose levels are a Gaussian process: the posterior's mean, not the likeliest point.
+//!
+//! At each point the levels z are normal about the map's m with its deviations σ, and share the receiver's offset o, normal too, which
+//! is integrated out: with d = z − m − ō, w = 1 ⁄ σ², W = Σ w, R = Σ w d and the offset's precision π,
+//! ln L = −½ (Σ w d² − R² ⁄ (W + π)) − ½ ln((W + π) ⁄ π) − Σ ln σ, and the offset there is R ⁄ (W + π) ± 1 ⁄ √(W + π). Deviations have
+//! sixteen values, so that their reciprocals and logarithms are a table; no matrix is left for the node.
+
+use super::map::Row;
+use super::{Codes, DEVIATIONS_DB, MAX_BEACONS, Map, NoPosition};
+use crate::Real;
+
+/// What is believed of the receiver before the scan.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Receiver<T> {
+    /// By how much it hears all beacons stronger than the surveyor's receiver did, dB.
+    pub offset_db: T,
+    /// Deviation of that, dB; 0: it is known.
+    pub offset_deviation_db: T,
+    /// Variance of the scan's levels beyond the map's deviations, dB²: of a short window.
+    pub noise_db2: T,
+}
+
+impl<T: Real> Default for Receiver<T> {
+    /// An unknown one: as loud as the surveyor's within 3 dB; whole stays.
+    fn default() -> Self {
+        Self { offset_db: T::ZERO, offset_deviation_db: T::of(3.0), noise_db2: T::ZERO }
+    }
+}
+
+/// Where the receiver is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Posterior<T> {
+    /// The mean, metres: the least squared error to be expected.
+    pub position: [T; 2],
+    /// Its covariance, m²: xx, xy, yy.
+    pub covariance: [T; 3],
+    /// The receiver's offset, dB: it may be the next scan's prior where the beacons' errors are not the same again.
+    pub offset_db: T,
+    /// Its deviation, dB.
+    pub offset_deviation_db: T,
+    /// How many beacons of the map are heard.
+    pub heard: usize,
+}
+
+/// The position of one scan by itself.
+///
+/// # Errors
+/// No beacon of the map is heard, or the map's levels have no deviations.
+pub fn locate<T: Real>(map: &Map<'_>, scan: &[Option<T>], receiver: &Receiver<T>) -> Result<Posterior<T>, NoPosition> {
+    let likelihood = Likelihood::new(map, scan, receiver)?;
+    let mut moments = Moments::default();
+    for row in map.rows() {
+        let seen = likelihood.at(&row);
+        moments.add(seen.log, &seen, row.units);
+    }
+    Ok(moments.posterior(map, &likelihood))
+}
+
+/// How likely a scan is at the points of a map.
+pub(super) struct Likelihood<T> {
+    codes: Codes<T>,
+    fallbacks: [u8; MAX_BEACONS],
+    /// 1 ⁄ σ² and ln σ of each half byte, in the map's half decibels.
+    table: [(T, T); 16],
+    /// π, or nothing where the offset is known.
+    precision: Option<T>,
+    offset: T,
+}
+
+/// A scan, seen from a point.
+pub(super) struct Seen<T> {
+    pub log: T,
+    offset: T,
+    offset_variance: T,
+}
+
+impl<T: Real> Likelihood<T> {
+    pub fn new(map: &Map<'_>, scan: &[Option<T>], receiver: &Receiver<T>) -> Result<Self, NoPosition> {
+        if !map.has_deviations() {
+            return Err(NoPosition::NoDeviations);
+        }
+        let mut codes = Codes::of(scan, map.beacons())?;
+        // In half decibels from here on. Codes count downward: a stronger receiver's are lower.
+        let offset = receiver.offset_db + receiver.offset_db;
+        let offset = if offset.is_finite() { offset } else { T::ZERO };
+        codes.codes.iter_mut().for_each(|code| *code += offset);
+        let mut fallbacks = [0; MAX_BEACONS];
+        fallbacks.iter_mut().zip(map.fallbacks()).for_each(|(own, fallback)| *own = *fallback);
+        let four = T::of(4.0);
+        let noise = if receiver.noise_db2 > T::ZERO { four * receiver.noise_db2 } else { T::ZERO };
+        let table = core::array::from_fn(|half| {
+            let deviation = T::of(2.0 * DEVIATIONS_DB) * T::count(half + 1);
+            let variance = deviation * deviation + noise;
+            (T::ONE / variance, T::of(0.5) * variance.ln())
+        });
+        let deviation = receiver.offset_deviation_db;
+        let precision = (deviation > T::ZERO).then(|| T::ONE / (four * deviation * deviation));
+        Ok(Self { codes, fallbacks, table, precision, offset })
+    }
+
+    #[inline]
+    pub fn at(&self, row: &Row<'_>) -> Seen<T> {
+        let (mut weights, mut sum, mut square, mut logs) = (T::ZERO, T::ZERO, T::ZERO, T::ZERO);
+        let halves = row.deviations.iter().flat_map(|pair| [pair & 15, pair >> 4]);
+        let beacons = self.codes.codes.iter().zip(&self.codes.heard).zip(&self.fallbacks);
+        for (((scanned, heard), fallback), (code, half)) in beacons.zip(row.levels.iter().zip(halves)) {
+            if !heard {
+                continue;
+            }
+            let code = if *code == 0 { *fallback } else { *code };
+            let apart = T::count(code.into()) - *scanned;
+            let (weight, log) = self.table.get(usize::from(half)).copied().unwrap_or((T::ZERO, T::ZERO));
+            let weighted = weight * apart;
+            weights += weight;
+            sum += weighted;
+            square += weighted * apart;
+            logs += log;
+        }
+        let half = T::of(0.5);
+        match self.precision {
+            Some(precision) => {
+                let total = weights + precision;
+                let offset = sum / total;
+                let log = -half * (square - sum * offset) - half * (total / precision).ln() - logs;
+                Seen { log, offset, offset_variance: T::ONE / total }
+            }
+            None => Seen { log: -half * square - logs, offset: T::ZERO, offset_variance: T::ZERO },
+        }
+    }
+}
+
+/// Sums over points whose weights are told by their logarithms; the largest so far counts as one.
+#[derive(Clone, Copy)]
+pub(super) struct Moments<T> {
+    top: Option<T>,
+    total: T,
+    first: [T; 2],
+    second: [T; 3],
+    offset: [T; 2],
+}
+
+impl<T: Real> Default for Moments<T> {
+    fn default() -> Self {
+        Self { top: None, total: T::ZERO, first: [T::ZERO; 2], second: [T::ZERO; 3], offset: [T::ZERO; 2] }
+    }
+}
+
+impl<T: Real> Moments<T> {
+    #[inline]
+    pub fn add(&mut self, log: T, seen: &Seen<T>, units: [u8; 2]) {
+        let weight = match self.top {
+            Some(top) if log <= top => (log - top).exp(),
+            Some(top) => {
+                self.scale((top - log).exp());
+                self.top = Some(log);
+                T::ONE
+            }
+            None => {
+                self.top = Some(log);
+                T::ONE
+            }
+        };
+        self.add_weighted(weight, seen, units);
+    }
+
+    #[inline]
+    pub fn add_weighted(&mut self, weight: T, seen: &Seen<T>, units: [u8; 2]) {
+        let [x, y] = units.map(|units| T::count(units.into()));
+        let (wx, wy, wo) = (weight * x, weight * y, weight * seen.offset);
+        self.total += weight;
+        self.first = [self.first[0] + wx, self.first[1] + wy];
+        self.second = [self.second[0] + wx * x, self.second[1] + wx * y, self.second[2] + wy * y];
+        self.offset = [self.offset[0] + wo, self.offset[1] + wo * seen.offset + weight * seen.offset_variance];
+    }
+
+    fn scale(&mut self, factor: T) {
+        self.total *= factor;
+        self.first = self.first.map(|sum| sum * factor);
+        self.second = self.second.map(|sum| sum * factor);
+        self.offset = self.offset.map(|sum| sum * factor);
+    }
+
+    pub fn posterior(&self, map: &Map<'_>, likelihood: &Likelihood<T>) -> Posterior<T> {
+        let [x, y] = self.first.map(|sum| sum / self.total);
+        let [xx, xy, yy] = self.second.map(|sum| sum / self.total);
+        let [offset, offsets] = self.offset.map(|sum| sum / self.total);
+        let square = map.unit::<T>().squared();
+        // A point stands for the square around it.
+        let within = T::of(1.0 / 12.0);
+        let covariance = [(xx - x * x).at_least(T::ZERO) + within, xy - x * y, (yy - y * y).at_least(T::ZERO) + within];
+        let half = T::of(0.5);
+        Posterior {
+            position: map.place([x, y]),
+            covariance: covariance.map(|entry| entry * square),
+            offset_db: half * (offset + likelihood.offset),
+            offset_deviation_db: half * (offsets - offset * offset).at_least(T::ZERO).sqrt(),
+            heard: likelihood.codes.count,
+        }
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use std::vec::Vec;
+
+    use super::super::{Point, encode};
+    use super::*;
+
+    /// A lattice of one beacon's levels along x, `unit_m` apart, with deviations of 3 dB.
+    pub fn row_of(levels: &[f64], unit_m: f64) -> Vec<u8> {
+        let levels: Vec<[Option<f64>; 1]> = levels.iter().map(|level| [Some(*level)]).collect();
+        let point = |(index, levels)| Point { position_m: [index as f64 * unit_m, 1.0], levels, deviations: &[3.0] };
+        let points: Vec<_> = levels.iter().map(|levels| &levels[..]).enumerate().map(point).collect();
+        let mut buffer = [0; 4096];
+        encode(&points, &[1], &[-95.0], Some(unit_m), &mut buffer).expect("encoded").to_vec()
+    }
+
+    #[test]
+    fn mean_and_covariance_are_those_of_bayes() {
+        // One beacon, no offset, σ 3: at −60 the points −60 and −66 have the weights 1 and e^−2 = 0.135335, so that the mean lies at
+        // 0.135335 ⁄ 1.135335 = 0.119203 of the way of 2 m, the variance is p (1 − p) 2² = 0.419974, and 2² ⁄ 12 beside.
+        let bytes = row_of(&[-60.0, -66.0], 2.0);
+        let (map, _) = Map::decode(&bytes).expect("a map");
+        let known = Receiver { offset_deviation_db: 0.0, ..Receiver::default() };
+        let found = locate(&map, &[Some(-60.0)], &known).expect("found");
+        assert!((found.position[0] - 0.238_406).abs() < 1e-5 && (found.position[1] - 1.0).abs() < 1e-9, "{found:?}");
+        assert!((found.covariance[0] - 0.419_974 - 1.0 / 3.0).abs() < 1e-5, "{found:?}");
+        assert!((found.covariance[2] - 1.0 / 3.0).abs() < 1e-9 && found.covariance[1].abs() < 1e-9, "{found:?}");
+        // The receiver is known to hear 6 dB less: now it is the second.
+        let deaf = Receiver { offset_db: -6.0, ..known };
+        let found = locate(&map, &[Some(-66.0)], &deaf).expect("found");
+        assert!((found.position[0] - 0.238_406).abs() < 1e-5 && found.offset_db == -6.0, "{found:?}");
+        // Half the variance more: e^(−36 ⁄ 2 ⁄ 18) = e^−1: 0.367879 ⁄ 1.367879 · 2 m.
+        let noisy = Receiver { noise_db2: 9.0, ..known };
+        let found = locate(&map, &[Some(-60.0)], &noisy).expect("found");
+        assert!((found.position[0] - 0.537_883).abs() < 1e-5, "{found:?}");
+    }
+
+    #[test]
+    fn an_offset_common_to_all_beacons_is_found_and_forgiven() {
+        // Two points whose beacons differ by 10 dB in opposite ways; scipy.stats.multivariate_normal with the covariance
+        // diag(9, 9) + 16 for all entries gives ln L = −6.518 at the first and −12.074 at the second, thus a weight of 0.003851.
+        let levels = [[Some(-50.0), Some(-60.0)], [Some(-60.0), Some(-50.0)]];
+        let point =
+            |index: usize| Point { position_m: [index as f64, 0.0], levels: &levels[index], deviations: &[3.0, 3.0] };
+        let mut buffer = [0; 128];
+        let bytes = encode(&[point(0), point(1)], &[1, 2], &[-95.0; 2], Some(1.0), &mut buffer).expect("encoded");
+        let (map, _) = Map::decode(bytes).expect("a map");
+        let receiver = Receiver { offset_deviation_db: 4.0, ..Receiver::default() };
+        let found = locate(&map, &[Some(-59.0), Some(-64.0)], &receiver).expect("found");
+        assert!((found.position[0] - 0.003_851).abs() < 1e-5, "{found:?}");
+        // Common to both points: R ⁄ (W + π) = (−13 ⁄ 9) ⁄ (2 ⁄ 9 + 1 ⁄ 16) = −5.0732 dB, 1 ⁄ √0.284722 = 1.8741 dB.
+        assert!((found.offset_db + 5.0732).abs() < 1e-3, "{found:?}");
+        assert!((found.offset_deviation_db - 1.8741).abs() < 1e-3, "{found:?}");
+    }
+
+    #[test]
+    fn single_precision_says_the_same() {
+        let levels: Vec<f64> = (0..200).map(|index| -50.0 - f64::from(index % 37) / 2.0).collect();
+        let bytes = row_of(&levels, 0.5);
+        let (map, _) = Map::decode(&bytes).expect("a map");
+        let double = locate(&map, &[Some(-58.0)], &Receiver::<f64>::default()).expect("found");
+        let single = locate(&map, &[Some(-58.0_f32)], &Receiver::default()).expect("found");
+        assert!((double.position[0] - f64::from(single.position[0])).abs() < 1e-3, "{double:?} {single:?}");
+        assert!((double.covariance[0] - f64::from(single.covariance[0])).abs() < 0.1, "{double:?} {single:?}");
+    }
+
+    #[test]
+    fn nonsense_has_no_position_and_no_panic() {
+        let bytes = row_of(&[-60.0, -66.0], 2.0);
+        let (map, _) = Map::decode(&bytes).expect("a map");
+        let receiver = Receiver::<f32>::default();
+        assert_eq!(locate(&map, &[], &receiver), Err(NoPosition::Unheard));
+        assert_eq!(locate(&map, &[Some(f32::NAN)], &receiver), Err(NoPosition::Unheard));
+        let odd = Receiver { offset_db: f32::NAN, offset_deviation_db: f32::NAN, noise_db2: f32::NAN };
+        assert!(locate(&map, &[Some(-60.0)], &odd).expect("found").position[0].is_finite());
+        let points = super::super::map::tests::surveyed(&[([0.0, 0.0], &[Some(-60.0)])]);
+        let (points, _) = Map::decode(&points).expect("a map");
+        assert_eq!(locate(&points, &[Some(-60.0)], &receiver), Err(NoPosition::NoDeviations));
+    }
+}

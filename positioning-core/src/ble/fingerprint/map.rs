@@ -1,0 +1,276 @@
+//! A map as bytes: what the host writes and a node reads from its flash, without a copy in memory.
+//!
+//! Layout, numbers little-endian: `"FM"`, the version, flags (bit 0: with deviations), the number of points in two bytes, that of
+//! beacons in one, 0; the place of the origin, two times four bytes of centimetres; the unit of coordinates in two bytes of millimetres;
+//! a beacon's identity each in two bytes; a beacon's fall-back level each in one; then the points: x and y in units in one byte each,
+//! a byte a level, and with deviations half a byte each, the lower half first; at the end a CRC-16 (IBM-3740) of all before it. A
+//! level's byte counts half decibels below 0 dBm, 0 stands for a beacon that is not heard there. 200 points × 12 beacons are 2.8 kB,
+//! with deviations 4.0 kB.
+
+use core::fmt;
+
+use crate::Real;
+
+/// The version of the layout; a reader takes no other.
+pub const VERSION: u8 = 1;
+/// Most beacons of a map: as many as a tag may be told of.
+pub const MAX_BEACONS: usize = 24;
+/// Most points of a map for a node.
+pub const MAX_NODE_POINTS: usize = 200;
+/// What a deviation's half byte counts, dB; it begins at one.
+pub const DEVIATIONS_DB: f64 = 0.75;
+
+pub(super) const MAGIC: [u8; 2] = *b"FM";
+pub(super) const HEADER: usize = 18;
+pub(super) const WITH_DEVIATIONS: u8 = 1;
+pub(super) const CHECKSUM: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
+
+/// Why bytes are no map, or numbers make none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Fault {
+    /// They do not begin like one, or there are none.
+    Missing,
+    /// Of a version that is not read.
+    Version(u8),
+    /// They end early, or the checksum is wrong.
+    Corrupt,
+    /// Well-formed, but without points or beacons, with too many beacons, or with numbers that are none.
+    Invalid,
+    /// The buffer is too small to hold it.
+    TooLong,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Missing => write!(f, "not a map of levels"),
+            Self::Version(version) => write!(f, "a map of version {version}, where {VERSION} is read"),
+            Self::Corrupt => write!(f, "a damaged map"),
+            Self::Invalid => write!(f, "a map whose numbers make none"),
+            Self::TooLong => write!(f, "a map that is too long"),
+        }
+    }
+}
+
+impl core::error::Error for Fault {}
+
+/// A map that has been checked; it borrows the bytes it was read from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Map<'a> {
+    /// All of the map, for passing on.
+    bytes: &'a [u8],
+    identities: &'a [u8],
+    fallbacks: &'a [u8],
+    points: &'a [u8],
+    origin_cm: [i32; 2],
+    unit_mm: u16,
+    deviations: bool,
+}
+
+/// A point of a map, in the map's own numbers.
+pub(super) struct Row<'a> {
+    /// Coordinates in units.
+    pub units: [u8; 2],
+    /// Levels in half decibels below 0 dBm, 0: not heard.
+    pub levels: &'a [u8],
+    /// Half bytes of the deviations, or none.
+    pub deviations: &'a [u8],
+}
+
+impl<'a> Map<'a> {
+    /// Reads a map from the beginning of `bytes`; returns it and what follows.
+    ///
+    /// # Errors
+    /// The bytes are no map, or not one that can be trusted.
+    pub fn decode(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), Fault> {
+        let Some((&[m0, m1, version, flags, p0, p1, beacons, reserved, x0, x1, x2, x3, y0, y1, y2, y3, u0, u1], body)) =
+            bytes.split_first_chunk::<HEADER>()
+        else {
+            return Err(if bytes.starts_with(&MAGIC) { Fault::Corrupt } else { Fault::Missing });
+        };
+        if [m0, m1] != MAGIC {
+            return Err(Fault::Missing);
+        }
+        if version != VERSION {
+            return Err(Fault::Version(version));
+        }
+        let (deviations, beacons) = (flags & WITH_DEVIATIONS != 0, usize::from(beacons));
+        let length = usize::from(u16::from_le_bytes([p0, p1])) * stride(beacons, deviations);
+        let (identities, body) = body.split_at_checked(2 * beacons).ok_or(Fault::Corrupt)?;
+        let (fallbacks, body) = body.split_at_checked(beacons).ok_or(Fault::Corrupt)?;
+        let (points, body) = body.split_at_checked(length).ok_or(Fault::Corrupt)?;
+        let (checksum, rest) = body.split_first_chunk::<2>().ok_or(Fault::Corrupt)?;
+        let covered = bytes.get(..bytes.len() - body.len()).ok_or(Fault::Corrupt)?;
+        if CHECKSUM.checksum(covered) != u16::from_le_bytes(*checksum) {
+            return Err(Fault::Corrupt);
+        }
+        let (unit_mm, unknown) = (u16::from_le_bytes([u0, u1]), flags & !WITH_DEVIATIONS | reserved);
+        let silent = fallbacks.contains(&0);
+        if points.is_empty() || !(1..=MAX_BEACONS).contains(&beacons) || unit_mm == 0 || unknown != 0 || silent {
+            return Err(Fault::Invalid);
+        }
+        let origin_cm = [i32::from_le_bytes([x0, x1, x2, x3]), i32::from_le_bytes([y0, y1, y2, y3])];
+        let bytes = bytes.get(..bytes.len() - rest.len()).ok_or(Fault::Corrupt)?;
+        Ok((Self { bytes, identities, fallbacks, points, origin_cm, unit_mm, deviations }, rest))
+    }
+
+    /// The map's bytes.
+    pub fn bytes(&self) -> &'a [u8] {
+        self.bytes
+    }
+
+    /// How many points it has; at least one.
+    pub fn points(&self) -> usize {
+        self.points.len() / self.stride()
+    }
+
+    /// How many beacons it has; at least one, at most [`MAX_BEACONS`].
+    pub fn beacons(&self) -> usize {
+        self.fallbacks.len()
+    }
+
+    /// Whether its levels have deviations: [`locate`](super::locate) needs them.
+    pub fn has_deviations(&self) -> bool {
+        self.deviations
+    }
+
+    /// Which beacons it has, in their order: what the map's maker calls them, on a tag their minor.
+    pub fn identities(&self) -> impl Iterator<Item = u16> + 'a {
+        self.identities.as_chunks::<2>().0.iter().map(|&bytes| u16::from_le_bytes(bytes))
+    }
+
+    /// Where the points are, metres, in their order.
+    pub fn positions<T: Real>(&self) -> impl Iterator<Item = [T; 2]> + '_ {
+        self.rows().map(|row| self.place(row.units.map(|units| T::count(units.into()))))
+    }
+
+    /// The levels of a point, dBm, in the order of beacons; `None`: not heard there. Empty where there is no such point.
+    pub fn levels<T: Real>(&self, point: usize) -> impl Iterator<Item = Option<T>> + '_ {
+        let levels = self.rows().nth(point).map_or(&[][..], |row| row.levels);
+        levels.iter().map(|&code| (code != 0).then(|| T::of(-0.5) * T::count(code.into())))
+    }
+
+    /// The step between the lattice's points, or to which surveyed points are rounded, metres.
+    pub fn unit<T: Real>(&self) -> T {
+        T::of(0.001) * T::count(self.unit_mm.into())
+    }
+
+    /// The levels of beacons that are not heard, in the map's own numbers.
+    pub(super) fn fallbacks(&self) -> &'a [u8] {
+        self.fallbacks
+    }
+
+    /// The points, in the map's own numbers.
+    pub(super) fn rows(&self) -> impl Iterator<Item = Row<'a>> + use<'a> {
+        let beacons = self.beacons();
+        self.points.chunks_exact(self.stride()).filter_map(move |row| {
+            let (&units, row) = row.split_first_chunk::<2>()?;
+            let (levels, deviations) = row.split_at_checked(beacons)?;
+            Some(Row { units, levels, deviations })
+        })
+    }
+
+    /// A place in units, as metres.
+    pub(super) fn place<T: Real>(&self, units: [T; 2]) -> [T; 2] {
+        let [x, y] = units.map(|units| units * self.unit());
+        let [x0, y0] = self.origin_cm.map(|cm| T::of(0.01) * T::of(f64::from(cm)));
+        [x0 + x, y0 + y]
+    }
+
+    fn stride(&self) -> usize {
+        stride(self.beacons(), self.deviations)
+    }
+}
+
+/// Bytes of a point.
+pub(super) fn stride(beacons: usize, deviations: bool) -> usize {
+    2 + beacons + if deviations { beacons.div_ceil(2) } else { 0 }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use std::vec::Vec;
+
+    use super::super::{Point, encode};
+    use super::*;
+
+    /// A map of these points, without deviations.
+    pub fn surveyed(points: &[([f64; 2], &[Option<f64>])]) -> Vec<u8> {
+        let points: Vec<_> =
+            points.iter().map(|&(position_m, levels)| Point { position_m, levels, deviations: &[] }).collect();
+        let beacons = points[0].levels.len();
+        let mut buffer = [0; 8192];
+        let fallbacks = std::vec![-95.0; beacons];
+        let identities: Vec<u16> = (1..).take(beacons).collect();
+        encode(&points, &identities, &fallbacks, None, &mut buffer).expect("encoded").to_vec()
+    }
+
+    #[test]
+    fn bytes_are_as_documented() {
+        // Two beacons, two points: 1.00 m and 3.55 m apart in x by 255 units of 10 mm; −60 dBm is 120 half decibels, −70.5 dBm 141.
+        let bytes = surveyed(&[([1.0, 2.0], &[Some(-60.0), None]), ([3.55, 2.0], &[Some(-70.5), Some(-95.0)])]);
+        let expected = [
+            b'F', b'M', 1, 0, 2, 0, 2, 0, 100, 0, 0, 0, 200, 0, 0, 0, 10, 0, // header
+            1, 0, 2, 0, 190, 190, // identities, fall-backs
+            0, 0, 120, 0, 255, 0, 141, 190, // points
+        ];
+        assert_eq!(bytes[..bytes.len() - 2], expected);
+        let (map, rest) = Map::decode(&bytes).expect("decoded");
+        assert_eq!((map.points(), map.beacons(), map.has_deviations(), rest), (2, 2, false, &[][..]));
+        assert_eq!(map.bytes(), bytes);
+        assert_eq!(map.identities().collect::<Vec<_>>(), [1, 2]);
+        assert_eq!(map.levels::<f32>(0).collect::<Vec<_>>(), [Some(-60.0), None]);
+        assert_eq!(map.levels::<f32>(2).count(), 0);
+        let positions: Vec<[f64; 2]> = map.positions().collect();
+        assert!((positions[1][0] - 3.55).abs() < 1e-9 && (positions[1][1] - 2.0).abs() < 1e-9, "{positions:?}");
+    }
+
+    #[test]
+    fn every_flipped_bit_and_every_cut_is_noticed() {
+        let bytes = surveyed(&[([0.0, 0.0], &[Some(-60.0), Some(-70.0)]), ([5.0, 4.0], &[Some(-80.0), None])]);
+        for bit in 0..8 * bytes.len() {
+            let mut flipped = bytes.clone();
+            flipped[bit / 8] ^= 1 << (bit % 8);
+            assert!(Map::decode(&flipped).is_err(), "bit {bit}");
+        }
+        for length in 0..bytes.len() {
+            assert!(Map::decode(&bytes[..length]).is_err(), "{length} bytes");
+        }
+        assert_eq!(Map::decode(&[]), Err(Fault::Missing));
+        assert_eq!(Map::decode(&bytes[..10]), Err(Fault::Corrupt));
+    }
+
+    #[test]
+    fn what_is_well_formed_but_no_map_is_refused() {
+        let bytes = surveyed(&[([0.0, 0.0], &[Some(-60.0)])]);
+        let resealed = |at: usize, value: u8| {
+            let mut bytes = bytes.clone();
+            bytes[at] = value;
+            let end = bytes.len() - 2;
+            let checksum = CHECKSUM.checksum(&bytes[..end]).to_le_bytes();
+            bytes[end..].copy_from_slice(&checksum);
+            Map::decode(&bytes).map(drop)
+        };
+        assert_eq!(resealed(2, 7), Err(Fault::Version(7)));
+        assert_eq!(resealed(3, 2), Err(Fault::Invalid), "an unknown flag");
+        assert_eq!(resealed(4, 200), Err(Fault::Corrupt), "more points than bytes");
+        assert_eq!(resealed(7, 1), Err(Fault::Invalid), "what is reserved");
+        assert_eq!(resealed(16, 0), Err(Fault::Invalid), "no unit");
+        assert_eq!(resealed(20, 0), Err(Fault::Invalid), "a fall-back that is not heard");
+        // A header alone: no points, no beacons.
+        let mut empty = [0; HEADER + 2];
+        empty[..3].copy_from_slice(b"FM\x01");
+        empty[16] = 1;
+        let checksum = CHECKSUM.checksum(&empty[..HEADER]).to_le_bytes();
+        empty[HEADER..].copy_from_slice(&checksum);
+        assert_eq!(Map::decode(&empty), Err(Fault::Invalid));
+    }
+
+    #[test]
+    fn what_follows_a_map_is_given_back() {
+        let mut bytes = surveyed(&[([0.0, 0.0], &[Some(-60.0)])]);
+        bytes.extend([1, 2, 3]);
+        assert_eq!(Map::decode(&bytes).expect("decoded").1, [1, 2, 3]);
+    }
+}

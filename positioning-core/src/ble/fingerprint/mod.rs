@@ -1,0 +1,70 @@
+//! Positions by comparing a scan with a map of levels (section 2.2.3).
+//!
+//! A [`Map`] lies as bytes in flash and is read where it lies: points, and the level of each beacon there. [`Nearest`] compares a scan
+//! with surveyed points (7). [`locate`] takes a map whose levels have deviations, a Gaussian process that the host has evaluated on a
+//! lattice, for the likelihood of the scan at each point of it: out flow the posterior's mean and covariance, and what the receiver's
+//! own offset seems to be. [`Walk`] does so from scan to scan.
+//!
+//! A scan is a slice of levels in dBm by the map's order of beacons, `None` where one is not heard; what is no level
+//! ([`signal::level`](super::signal::level)) counts as not heard.
+
+mod encode;
+mod lattice;
+mod map;
+mod nearest;
+mod walk;
+
+pub use encode::{Point, encode};
+pub use lattice::{Posterior, Receiver, locate};
+pub use map::{DEVIATIONS_DB, Fault, MAX_BEACONS, MAX_NODE_POINTS, Map, VERSION};
+pub use nearest::{MAX_NEIGHBOURS, Nearest, Vicinity};
+pub use walk::{Motion, Walk};
+
+use super::signal::level;
+use crate::Real;
+
+/// Why there is no position.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum NoPosition {
+    /// No beacon of the map is heard.
+    Unheard,
+    /// The map's levels have no deviations: it is one of surveyed points.
+    NoDeviations,
+    /// The map has more points than there is room for.
+    TooManyPoints,
+}
+
+impl core::fmt::Display for NoPosition {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Unheard => "no-beacon-heard",
+            Self::NoDeviations => "map-without-deviations",
+            Self::TooManyPoints => "map-too-large",
+        })
+    }
+}
+
+impl core::error::Error for NoPosition {}
+
+/// The scan's levels by the map's beacons in the map's own unit, half decibels below 0 dBm.
+struct Codes<T> {
+    codes: [T; MAX_BEACONS],
+    heard: [bool; MAX_BEACONS],
+    count: usize,
+}
+
+impl<T: Real> Codes<T> {
+    /// A beacon that is not heard has the code 0 here.
+    fn of(scan: &[Option<T>], beacons: usize) -> Result<Self, NoPosition> {
+        let mut codes = Self { codes: [T::ZERO; MAX_BEACONS], heard: [false; MAX_BEACONS], count: 0 };
+        for ((code, heard), scanned) in codes.codes.iter_mut().zip(&mut codes.heard).zip(scan).take(beacons) {
+            if let Some(Ok(level)) = scanned.map(level) {
+                *code = -(level + level);
+                *heard = true;
+                codes.count += 1;
+            }
+        }
+        if codes.count == 0 { Err(NoPosition::Unheard) } else { Ok(codes) }
+    }
+}

@@ -1,0 +1,218 @@
+//! The K nearest points of a survey (7).
+//!
+//! The distance between a scan z and a point f is √Σ (zᵢ − fᵢ)², as in the thesis; with an unknown offset of the receiver it is that
+//! of Mahalanobis, Σ dᵢ² − (Σ dᵢ)² ⁄ (N + ρ), d = z − f: a normal offset with the variance 1 ⁄ ρ of a level's has been integrated out.
+
+use heapless::Vec;
+
+use super::{Codes, Map, NoPosition};
+use crate::Real;
+
+/// Most neighbours.
+pub const MAX_NEIGHBOURS: usize = 15;
+/// A distance counts as no smaller than a half decibel's, to which the map's levels are rounded (a quarter of a dB²).
+const LEAST_SQUARE: f64 = 1.0;
+
+/// How neighbours make a position.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Nearest<T> {
+    /// K, how many neighbours: 1 to [`MAX_NEIGHBOURS`], 3 to 5 in the thesis.
+    pub neighbours: usize,
+    /// Weighted by 1 ⁄ d² (7), or all alike.
+    pub weighted: bool,
+    /// How far the receiver's levels may be from the surveyor's all together, in deviations of a single level; 0: none.
+    pub offset: T,
+}
+
+/// Where a scan's neighbours are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Vicinity<T> {
+    /// Their weighted mean, metres.
+    pub position: [T; 2],
+    /// Their scatter about it, m²: xx, xy, yy. 0 with one neighbour: no more is known then.
+    pub scatter: [T; 3],
+    /// The nearest point's place in the map.
+    pub nearest: usize,
+    /// Its distance, dB.
+    pub distance_db: T,
+    /// How many beacons of the map are heard.
+    pub heard: usize,
+}
+
+impl<T: Real> Nearest<T> {
+    /// Compares a scan with every point of the map; the map's fall-back levels stand for what is not heard, in the scan and at a point.
+    /// Among points alike far the first are taken.
+    ///
+    /// # Errors
+    /// No beacon of the map is heard.
+    pub fn locate(&self, map: &Map<'_>, scan: &[Option<T>]) -> Result<Vicinity<T>, NoPosition> {
+        let codes = Codes::of(scan, map.beacons())?;
+        let fallbacks = map.fallbacks();
+        let mut wanted = [T::ZERO; super::MAX_BEACONS];
+        for (((wanted, code), heard), fallback) in wanted.iter_mut().zip(codes.codes).zip(codes.heard).zip(fallbacks) {
+            *wanted = if heard { code } else { T::count(usize::from(*fallback)) };
+        }
+        let share = if self.offset > T::ZERO {
+            T::ONE / (T::count(map.beacons()) + T::ONE / self.offset.squared())
+        } else {
+            T::ZERO
+        };
+        let most = self.neighbours.clamp(1, MAX_NEIGHBOURS);
+        // Sorted, the nearest first.
+        let mut near: Vec<(T, usize, [u8; 2]), MAX_NEIGHBOURS> = Vec::new();
+        let mut farthest = T::of(f64::INFINITY);
+        for (index, row) in map.rows().enumerate() {
+            let (mut sum, mut square) = (T::ZERO, T::ZERO);
+            for ((wanted, code), fallback) in wanted.iter().zip(row.levels).zip(fallbacks) {
+                let code = if *code == 0 { *fallback } else { *code };
+                let apart = *wanted - T::count(code.into());
+                sum += apart;
+                square += apart * apart;
+            }
+            let square = square - share * sum * sum;
+            if square < farthest {
+                if near.len() == most {
+                    near.pop();
+                }
+                let at = near.iter().position(|(other, ..)| square < *other).unwrap_or(near.len());
+                // There is room: at most 15, and the farthest is gone.
+                let _ = near.insert(at, (square, index, row.units));
+                if near.len() == most {
+                    farthest = near.last().map_or(farthest, |(square, ..)| *square);
+                }
+            }
+        }
+        self.mean(map, &near, codes.count).ok_or(NoPosition::Unheard)
+    }
+
+    fn mean(&self, map: &Map<'_>, near: &[(T, usize, [u8; 2])], heard: usize) -> Option<Vicinity<T>> {
+        let &(square, nearest, _) = near.first()?;
+        let neighbours = || {
+            near.iter().map(|&(square, _, units)| {
+                let weight = if self.weighted { T::ONE / square.at_least(T::of(LEAST_SQUARE)) } else { T::ONE };
+                (weight, units.map(|units| T::count(units.into())))
+            })
+        };
+        let (mut total, mut mean) = (T::ZERO, [T::ZERO; 2]);
+        for (weight, [x, y]) in neighbours() {
+            total += weight;
+            mean = [mean[0] + weight * x, mean[1] + weight * y];
+        }
+        let [x, y] = mean.map(|sum| sum / total);
+        let mut scatter = [T::ZERO; 3];
+        for (weight, [px, py]) in neighbours() {
+            let (dx, dy) = (px - x, py - y);
+            for (sum, product) in scatter.iter_mut().zip([dx * dx, dx * dy, dy * dy]) {
+                *sum += weight * product;
+            }
+        }
+        let unit = map.unit::<T>();
+        let scatter = scatter.map(|sum| sum / total * unit * unit);
+        let distance_db = T::of(0.5) * square.at_least(T::ZERO).sqrt();
+        Some(Vicinity { position: map.place([x, y]), scatter, nearest, distance_db, heard })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use rand::{Rng, SeedableRng};
+
+    use super::super::map::tests::surveyed;
+    use super::*;
+
+    const PLAIN: Nearest<f64> = Nearest { neighbours: 3, weighted: false, offset: 0.0 };
+
+    #[test]
+    fn weights_are_those_of_equation_7() {
+        // Distances by hand: to A √(2² + 0²) = 2, to B √(0² + 4²) = 4, to C √(10² + 10²) = 14.14. K = 2: weights ¼ and ¹⁄₁₆, so 0.8
+        // and 0.2 of the way: x = 0.2 · 10 = 2, y 0; scatter 0.8 · 2² + 0.2 · 8² = 16.
+        let bytes = surveyed(&[
+            ([0.0, 0.0], &[Some(-60.0), Some(-70.0)]),
+            ([10.0, 0.0], &[Some(-62.0), Some(-74.0)]),
+            ([0.0, 10.0], &[Some(-72.0), Some(-80.0)]),
+        ]);
+        let (map, _) = Map::decode(&bytes).expect("a map");
+        let nearest = Nearest { neighbours: 2, weighted: true, ..PLAIN };
+        let found = nearest.locate(&map, &[Some(-62.0), Some(-70.0)]).expect("found");
+        // Places are rounded to units of 40 mm (10 m ⁄ 255, up).
+        assert!((found.position[0] - 2.0).abs() < 0.01 && found.position[1].abs() < 0.01, "{found:?}");
+        assert!((found.scatter[0] - 16.0).abs() < 0.1 && found.scatter[2].abs() < 0.1, "{found:?}");
+        assert_eq!((found.nearest, found.heard, found.distance_db), (0, 2, 2.0));
+        let plain = Nearest { neighbours: 2, ..PLAIN }.locate(&map, &[Some(-62.0), Some(-70.0)]).expect("found");
+        assert!((plain.position[0] - 5.0).abs() < 0.01, "{plain:?}");
+    }
+
+    #[test]
+    fn a_receiver_that_hears_all_weaker_is_where_it_is() {
+        // 8 dB below B's levels, and nearer to C's as they stand.
+        let bytes = surveyed(&[
+            ([0.0, 0.0], &[Some(-50.0), Some(-80.0), Some(-60.0)]),
+            ([10.0, 0.0], &[Some(-60.0), Some(-60.0), Some(-60.0)]),
+            ([0.0, 10.0], &[Some(-68.0), Some(-72.0), Some(-64.0)]),
+        ]);
+        let (map, _) = Map::decode(&bytes).expect("a map");
+        let scan = [Some(-68.0), Some(-68.0), Some(-68.0)];
+        assert_eq!(PLAIN.locate(&map, &scan).expect("found").nearest, 2);
+        let found = Nearest { offset: 3.0, ..PLAIN }.locate(&map, &scan).expect("found");
+        // By hand: 3 · 8² − 24² ⁄ (3 + ¹⁄₉) = 192 − 185.143 = 6.857 dB².
+        assert_eq!(found.nearest, 1);
+        assert!((found.distance_db.powi(2) - 6.857).abs() < 0.001, "{found:?}");
+    }
+
+    #[test]
+    fn neighbours_are_those_of_a_sorted_list() {
+        let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(1);
+        let points: Vec<([f64; 2], Vec<Option<f64>>)> = (0..200)
+            .map(|_| {
+                let levels =
+                    (0..12).map(|_| random.random_bool(0.9).then(|| -f64::from(random.random_range(60..190)) / 2.0));
+                let levels = levels.collect();
+                (
+                    [f64::from(random.random_range(0..=255)) / 10.0, f64::from(random.random_range(0..=255)) / 10.0],
+                    levels,
+                )
+            })
+            .collect();
+        let corners = [([0.0, 0.0], std::vec![None; 12]), ([25.5, 25.5], std::vec![None; 12])];
+        let all: Vec<_> = points.into_iter().chain(corners).collect();
+        let rows: Vec<_> = all.iter().map(|(place, levels)| (*place, &levels[..])).collect();
+        let bytes = surveyed(&rows);
+        let (map, _) = Map::decode(&bytes).expect("a map");
+        for neighbours in [1, 3, 5, 15] {
+            let scan: Vec<Option<f64>> = (0..12)
+                .map(|_| random.random_bool(0.8).then(|| -f64::from(random.random_range(60..190)) / 2.0))
+                .collect();
+            let mut sorted: Vec<(f64, [f64; 2])> = rows
+                .iter()
+                .map(|(place, levels)| {
+                    let apart = |(a, b): (&Option<f64>, &Option<f64>)| a.unwrap_or(-95.0) - b.unwrap_or(-95.0);
+                    (scan.iter().zip(*levels).map(apart).map(|d| d * d).sum(), *place)
+                })
+                .collect();
+            sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let near = &sorted[..neighbours];
+            let weight: f64 = near.iter().map(|(square, _)| 1.0 / square).sum();
+            let expected = [0, 1].map(|axis| near.iter().map(|(square, at)| at[axis] / square).sum::<f64>() / weight);
+            let found = Nearest { neighbours, weighted: true, offset: 0.0 }.locate(&map, &scan).expect("found");
+            for axis in [0, 1] {
+                assert!((found.position[axis] - expected[axis]).abs() < 1e-9, "{found:?} {expected:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn scans_of_nothing_and_of_nonsense_have_no_position() {
+        let bytes = surveyed(&[([0.0, 0.0], &[Some(-60.0), None]), ([1.0, 0.0], &[Some(-60.0), None])]);
+        let (map, _) = Map::decode(&bytes).expect("a map");
+        for scan in [&[][..], &[None, None], &[Some(f64::NAN), Some(127.0)], &[None, None, Some(-60.0)]] {
+            assert_eq!(PLAIN.locate(&map, scan), Err(NoPosition::Unheard), "{scan:?}");
+        }
+        // Points alike: their mean, and a scan that fits exactly divides by nothing.
+        let found = Nearest { weighted: true, ..PLAIN }.locate(&map, &[Some(-60.0)]).expect("found");
+        assert!((found.position[0] - 0.5).abs() < 0.01 && found.heard == 1, "{found:?}");
+    }
+}

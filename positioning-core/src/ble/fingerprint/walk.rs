@@ -1,0 +1,231 @@
+//! Where a receiver that walks is, from scan to scan: a Bayes filter over the points of a lattice.
+//!
+//! Between scans the belief spreads to the neighbours of each point, as it does on a random walk; a scan multiplies it by its
+//! likelihood. Fading stands still with the receiver, so that scans in quick succession err alike: each counts for the share of the
+//! fading's own time that has passed since the last.
+
+use heapless::Vec;
+
+use super::lattice::{Likelihood, Moments, Posterior, Receiver};
+use super::{MAX_NODE_POINTS, Map, NoPosition};
+use crate::Real;
+
+/// A pass moves at most so much of a point's belief to each neighbour.
+const MOST_A_PASS: f64 = 0.2;
+/// After more passes than this anything is possible again.
+const MOST_PASSES: usize = 100;
+/// The share of the belief that is put everywhere alike before a scan, so that a lost receiver is found again.
+const LOST: f64 = 1.0e-3;
+
+/// How a receiver walks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Motion<T> {
+    /// How far it goes along each axis in a second, metres (deviation; with the square root of time).
+    pub spread_m: T,
+    /// How long levels err alike, seconds.
+    pub fading_s: T,
+}
+
+impl<T: Real> Default for Motion<T> {
+    /// A person or a robot indoors.
+    fn default() -> Self {
+        Self { spread_m: T::of(0.5), fading_s: T::of(1.3) }
+    }
+}
+
+/// The belief over a map's points; `N` is the room for them.
+#[derive(Clone, Debug, Default)]
+pub struct Walk<T, const N: usize = MAX_NODE_POINTS> {
+    belief: Vec<T, N>,
+    next: Vec<T, N>,
+    at_us: u64,
+}
+
+impl<T: Real, const N: usize> Walk<T, N> {
+    /// Nothing is known.
+    pub fn new() -> Self {
+        Self { belief: Vec::new(), next: Vec::new(), at_us: 0 }
+    }
+
+    /// Takes the scan of `now_us`. The map is a lattice whose points stand column by column; another one than before, or a clock that
+    /// was set back, starts anew. A scan that is refused changes nothing.
+    ///
+    /// # Errors
+    /// See [`NoPosition`].
+    pub fn step(
+        &mut self,
+        map: &Map<'_>,
+        scan: &[Option<T>],
+        receiver: &Receiver<T>,
+        motion: &Motion<T>,
+        now_us: u64,
+    ) -> Result<Posterior<T>, NoPosition> {
+        let likelihood = Likelihood::new(map, scan, receiver)?;
+        let points = map.points();
+        if points > N {
+            return Err(NoPosition::TooManyPoints);
+        }
+        let known = self.belief.len() == points && now_us >= self.at_us;
+        let share = if known { self.spread(map, motion, now_us) } else { self.start(points) };
+        self.at_us = now_us;
+        let uniform = T::of(LOST) / T::count(points);
+        let mut top: Option<T> = None;
+        self.next.clear();
+        for row in map.rows() {
+            let log = share * likelihood.at(&row).log;
+            top = Some(top.map_or(log, |top| top.at_least(log)));
+            // There is room for all points.
+            let _ = self.next.push(log);
+        }
+        let top = top.unwrap_or(T::ZERO);
+        let mut total = T::ZERO;
+        for (belief, log) in self.belief.iter_mut().zip(&self.next) {
+            *belief = (*belief + uniform) * (*log - top).exp();
+            total += *belief;
+        }
+        let mut moments = Moments::default();
+        for (belief, row) in self.belief.iter_mut().zip(map.rows()) {
+            *belief /= total;
+            moments.add_weighted(*belief, &likelihood.at(&row), row.units);
+        }
+        Ok(moments.posterior(map, &likelihood))
+    }
+
+    /// Everything is possible; a first scan counts for one.
+    fn start(&mut self, points: usize) -> T {
+        self.belief.clear();
+        // No more points than room.
+        let _ = self.belief.resize(points, T::ONE / T::count(points));
+        T::ONE
+    }
+
+    /// Lets the belief walk until `now_us`; for how much a scan then counts.
+    fn spread(&mut self, map: &Map<'_>, motion: &Motion<T>, now_us: u64) -> T {
+        let passed_us = u32::try_from(now_us.saturating_sub(self.at_us)).unwrap_or(u32::MAX);
+        let passed_s = T::of(1.0e-6) * T::count(passed_us as usize);
+        // A share s to each of two neighbours along an axis is a variance of 2 s units².
+        let moved = T::of(0.5) * passed_s * (motion.spread_m / map.unit()).squared();
+        let mut passes = 1;
+        while passes <= MOST_PASSES && moved > T::count(passes) * T::of(MOST_A_PASS) {
+            passes += 1;
+        }
+        if passes > MOST_PASSES || !moved.is_finite() {
+            return self.start(map.points());
+        }
+        let share = moved / T::count(passes);
+        for _ in 0..passes {
+            self.pass(map, share);
+        }
+        let counts = passed_s / motion.fading_s;
+        if counts < T::ONE { counts } else { T::ONE }
+    }
+
+    /// Neighbours give each other a share of their belief. What would leave the lattice stays.
+    fn pass(&mut self, map: &Map<'_>, share: T) {
+        self.next.clone_from(&self.belief);
+        let mut beside = map.rows().enumerate().peekable();
+        let mut after = map.rows().skip(1);
+        for (index, row) in map.rows().enumerate() {
+            let [x, y] = row.units;
+            let above = after.next().is_some_and(|next| next.units[0] == x && y.checked_add(1) == Some(next.units[1]));
+            if above {
+                self.exchange(index, index + 1, share);
+            }
+            let Some(right) = x.checked_add(1) else { continue };
+            while beside.next_if(|(_, other)| other.units < [right, y]).is_some() {}
+            if let Some(&(other, _)) = beside.peek().filter(|(_, other)| other.units == [right, y]) {
+                self.exchange(index, other, share);
+            }
+        }
+        core::mem::swap(&mut self.belief, &mut self.next);
+    }
+
+    fn exchange(&mut self, one: usize, other: usize, share: T) {
+        let [Some(a), Some(b)] = [one, other].map(|at| self.belief.get(at).copied()) else { return };
+        let flow = share * (a - b);
+        for (at, flow) in [(one, -flow), (other, flow)] {
+            if let Some(belief) = self.next.get_mut(at) {
+                *belief += flow;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::lattice::tests::row_of;
+    use super::*;
+
+    const STILL: Motion<f64> = Motion { spread_m: 0.0, fading_s: 1.0 };
+
+    fn receiver() -> Receiver<f64> {
+        Receiver { offset_deviation_db: 0.0, ..Receiver::default() }
+    }
+
+    #[test]
+    fn scans_count_for_the_time_between_them() {
+        // Weights 1 and e^−2 of a scan (see `locate`); a second one 0.5 s later counts for half: e^−2 · e^−1 = e^−3 in all, and
+        // 0.1 % of lost belief beside: 0.1192 → (0.119203 + 0.0005) · e^−1 ⁄ ((0.880797 + 0.0005) + …) = 0.04758.
+        let bytes = row_of(&[-60.0, -66.0], 2.0);
+        let (map, _) = Map::decode(&bytes).expect("a map");
+        let mut walk = Walk::<f64, 2>::new();
+        let first = walk.step(&map, &[Some(-60.0)], &receiver(), &STILL, 5_000_000).expect("found");
+        assert!((first.position[0] - 0.238_406).abs() < 1e-5, "{first:?}");
+        let second = walk.step(&map, &[Some(-60.0)], &receiver(), &STILL, 5_500_000).expect("found");
+        assert!((second.position[0] / 2.0 - 0.047_58).abs() < 1e-4, "{second:?}");
+        // The clock is set back: anew.
+        let third = walk.step(&map, &[Some(-60.0)], &receiver(), &STILL, 0).expect("found");
+        assert!((third.position[0] - 0.238_406).abs() < 1e-5, "{third:?}");
+    }
+
+    #[test]
+    fn belief_spreads_as_a_random_walk_and_none_is_lost() {
+        // Levels that say nothing, but the first scan: 41 points, the middle one sure. After 1 s with 0.5 m ⁄ √s on 0.5 m the
+        // variance is (0.5 m)², that of the belief within a point's square apart.
+        let mut levels = [-90.0; 41];
+        levels[20] = -40.0;
+        let bytes = row_of(&levels, 0.5);
+        let (map, _) = Map::decode(&bytes).expect("a map");
+        let mut walk = Walk::<f64, 41>::new();
+        let motion = Motion { spread_m: 0.5, fading_s: 1.0e9 };
+        walk.step(&map, &[Some(-40.0)], &receiver(), &motion, 0).expect("found");
+        let later = walk.step(&map, &[Some(-40.0)], &receiver(), &motion, 1_000_000).expect("found");
+        assert!((later.position[0] - 10.0).abs() < 0.01, "{later:?}");
+        let lost = LOST * 0.25 * (41.0 * 41.0 - 1.0) / 12.0;
+        assert!((later.covariance[0] - 0.25 / 12.0 - (0.25 + lost)).abs() < 0.01, "{later:?}");
+        let sum: f64 = walk.belief.iter().sum();
+        assert!((sum - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn neighbours_are_found_across_gaps() {
+        // An L of five points, column by column: (0,0) (0,1) (0,2) (1,0) (2,0). Sure of (0,0); a pass of 0.1 reaches (0,1) and (1,0).
+        let places = [[0.0, 0.0], [0.0, 1.0], [0.0, 2.0], [1.0, 0.0], [2.0, 0.0]];
+        let points =
+            places.map(|position_m| super::super::Point { position_m, levels: &[Some(-60.0)], deviations: &[3.0] });
+        let mut buffer = [0; 128];
+        let bytes = super::super::encode(&points, &[1], &[-95.0], Some(1.0), &mut buffer).expect("encoded");
+        let (map, _) = Map::decode(bytes).expect("a map");
+        let mut walk = Walk::<f64, 5> { belief: Vec::from_array([1.0, 0.0, 0.0, 0.0, 0.0]), ..Walk::new() };
+        walk.pass(&map, 0.1);
+        let expected = [0.8, 0.1, 0.0, 0.1, 0.0];
+        assert!(walk.belief.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{:?}", walk.belief);
+    }
+
+    #[test]
+    fn nonsense_changes_nothing() {
+        let bytes = row_of(&[-60.0, -66.0], 2.0);
+        let (map, _) = Map::decode(&bytes).expect("a map");
+        let mut walk = Walk::<f64, 2>::new();
+        let motion = Motion::default();
+        walk.step(&map, &[Some(-60.0)], &receiver(), &motion, 0).expect("found");
+        let before = walk.belief.clone();
+        assert_eq!(walk.step(&map, &[Some(f64::NAN)], &receiver(), &motion, 9), Err(NoPosition::Unheard));
+        assert_eq!((walk.belief.clone(), walk.at_us), (before, 0));
+        let odd = Motion { spread_m: f64::NAN, fading_s: f64::NAN };
+        assert!(walk.step(&map, &[Some(-60.0)], &receiver(), &odd, u64::MAX).expect("found").position[0].is_finite());
+        let mut small = Walk::<f64, 1>::new();
+        assert_eq!(small.step(&map, &[Some(-60.0)], &receiver(), &motion, 0), Err(NoPosition::TooManyPoints));
+    }
+}
