@@ -49,6 +49,9 @@ pub trait Real:
     fn exp(self) -> Self;
     /// Natural logarithm.
     fn ln(self) -> Self;
+    /// The logarithm to base 2 of a positive number that is not denormal, within 1.2·10⁻⁴; of anything else some finite number.
+    /// 15 instructions of an FPU in place of a hundred.
+    fn log2_about(self) -> Self;
     /// |x|.
     fn abs(self) -> Self;
     /// Neither NaN nor infinite.
@@ -103,6 +106,15 @@ impl Real for f32 {
         libm::logf(self)
     }
     #[inline(always)]
+    fn log2_about(self) -> Self {
+        // The exponent's bits, and log₂ (1 + t) of the mantissa's as t + t (1 − t) q(t), exact at both ends, q fitted for the least
+        // greatest error: 1.13·10⁻⁴.
+        let bits = self.to_bits();
+        let exponent = (bits >> 23 & 0xff) as i32 - 127;
+        let t = f32::from_bits(bits & 0x007f_ffff | 0x3f80_0000) - 1.0;
+        exponent as f32 + t + t * (1.0 - t) * (0.438_725_74 + t * (-0.239_058_25 + t * 0.082_130_7))
+    }
+    #[inline(always)]
     fn abs(self) -> Self {
         f32::abs(self)
     }
@@ -141,6 +153,11 @@ impl Real for f64 {
     fn ln(self) -> Self {
         libm::log(self)
     }
+    #[inline]
+    fn log2_about(self) -> Self {
+        let logarithm = libm::log2(self);
+        if logarithm.is_finite() { logarithm } else { 0.0 }
+    }
     #[inline(always)]
     fn abs(self) -> Self {
         f64::abs(self)
@@ -174,4 +191,28 @@ fn sqrt_f32(x: f32) -> f32 {
 #[inline(always)]
 fn sqrt_f32(x: f32) -> f32 {
     libm::sqrtf(x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Real;
+
+    #[test]
+    fn the_quick_logarithm_keeps_its_bound() {
+        let mut worst = 0.0_f64;
+        for exponent in [-126, -60, -4, -1, 0, 1, 7, 60, 127] {
+            for step in 0..4096_u16 {
+                let x = (1.0 + f32::from(step) / 4096.0) * 2_f32.powi(exponent);
+                worst = worst.max((x.log2_about().to_f64() - f64::from(x).log2()).abs());
+            }
+        }
+        assert!(worst < 1.2e-4, "{worst}");
+    }
+
+    #[test]
+    fn the_quick_logarithm_of_no_such_number_is_finite() {
+        for x in [0.0_f32, -1.0, f32::NAN, f32::INFINITY, f32::MIN_POSITIVE / 2.0] {
+            assert!(x.log2_about().is_finite() && f64::from(x).log2_about().is_finite());
+        }
+    }
 }

@@ -5,12 +5,13 @@
 //! of the beacons.
 
 use positioning_core::ble::multilateration::{Heard, nonlinear, weighted_linear};
-use positioning_core::ble::path_loss::PathLoss;
+use positioning_core::ble::particles::{self, Levels, ON_HOST, ParticleFilter};
+use positioning_core::ble::path_loss::{PathLoss, Wall};
 use positioning_core::ble::signal::{Beacons, Smoothing, level};
-use positioning_core::engine::{BleRange, Dimensions, Engine, Measurement, Missing, Settings};
+use positioning_core::engine::{BleRange, Dimensions, Engine, Measurement, Settings};
 use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, NoFix, Side};
 
-use super::files::{Beacon, Capture, Sample};
+use super::files::{self, Beacon, Capture, Sample};
 use crate::{NoPosition, Place, Position, Solved};
 
 /// The most beacons that are followed.
@@ -19,6 +20,8 @@ pub const MOST_BEACONS: usize = 64;
 const BEGIN_S: f64 = 3600.0;
 /// What is left of the noise in a window's mean of smoothed levels, dB (table 3.1: 1 to 1.2 over single levels).
 const NOISE_DB: f32 = 1.2;
+/// The time after which a tag that is carried about has left a shadow, seconds.
+const SHADOW_S: f64 = 2.0;
 
 /// How levels become a position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,11 +32,13 @@ pub enum Kernel {
     Nonlinear,
     /// The tag's engine, one range a beacon and window.
     Engine,
+    /// A particle filter over the levels' likelihood, window by window.
+    ParticleFilter,
 }
 
 impl Kernel {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::WeightedLinear, Self::Nonlinear, Self::Engine];
+    pub const ALL: [Self; 4] = [Self::WeightedLinear, Self::Nonlinear, Self::ParticleFilter, Self::Engine];
 
     /// Its name.
     pub fn as_str(self) -> &'static str {
@@ -41,6 +46,7 @@ impl Kernel {
             Self::WeightedLinear => "weighted-linear",
             Self::Nonlinear => "nonlinear",
             Self::Engine => "engine",
+            Self::ParticleFilter => "particle-filter",
         }
     }
 }
@@ -56,6 +62,8 @@ pub struct Setup {
     pub area_m: Option<[[f64; 2]; 2]>,
     /// How far the receiver's own offset may be from none, dB.
     pub offset_db: f64,
+    /// Seed of the particles' random numbers.
+    pub seed: u64,
 }
 
 /// Solves captures with the same beacons.
@@ -65,34 +73,39 @@ pub struct Solver<'a> {
     setup: Setup,
     /// What is zero for the kernels, metres.
     origin: [f64; 2],
+    /// Barriers for particles.
+    walls: Vec<Wall<f32>>,
 }
 
 impl<'a> Solver<'a> {
     /// A solver for these beacons, of which the first [`MOST_BEACONS`] count.
-    pub fn new(beacons: &'a [Beacon], setup: Setup) -> Self {
+    pub fn new(beacons: &'a [Beacon], walls: &[files::Wall], setup: Setup) -> Self {
         let beacons = beacons.get(..MOST_BEACONS).unwrap_or(beacons);
         let origin = std::array::from_fn(|axis| {
             beacons.iter().map(|beacon| beacon.position_m[axis]).sum::<f64>() / beacons.len().max(1) as f64
         });
-        Self { beacons, setup, origin }
+        let mut solver = Self { beacons, setup, origin, walls: Vec::new() };
+        let wall = |wall: &files::Wall| Wall { ends: wall.ends_m.map(|end| solver.local(end)), attenuation: 0.0 };
+        solver.walls = walls.iter().map(wall).collect();
+        solver
     }
 
     /// The positions of all captures, in their order, and their errors where the truth is known.
     pub fn solve(&self, kernel: Kernel, captures: &[Capture]) -> Vec<Solved> {
-        let mut follower = Follower::new(self);
-        let position = |capture: &Capture| match kernel {
-            Kernel::WeightedLinear => self.at_once(capture, weighted_linear),
-            Kernel::Nonlinear => {
-                self.at_once(capture, |heard| nonlinear(heard, self.setup.offset_db as f32, &self.constraints()))
-            }
-            Kernel::Engine => {
-                if capture.is_stay {
-                    follower = Follower::new(self);
+        let mut follower: Option<Follower> = None;
+        let mut position = |capture: &Capture| {
+            let memory = match kernel {
+                Kernel::WeightedLinear => return self.at_once(capture, weighted_linear),
+                Kernel::Nonlinear => {
+                    let offset = self.setup.offset_db as f32;
+                    return self.at_once(capture, |heard| nonlinear(heard, offset, &self.constraints()));
                 }
-                follower.follow(capture)
-            }
+                Kernel::Engine => Memory::Engine,
+                Kernel::ParticleFilter => Memory::Particles,
+            };
+            let earlier = follower.take().filter(|_| !capture.is_stay);
+            follower.insert(earlier.unwrap_or_else(|| Follower::new(self, memory))).follow(capture)
         };
-        let mut position = position;
         let solved = |capture: &Capture| {
             let outcome = position(capture);
             let truth = capture.truth_m.map(|[x_m, y_m]| Place { x_m, y_m, z_m: None });
@@ -102,29 +115,27 @@ impl<'a> Solver<'a> {
         captures.iter().map(solved).collect()
     }
 
-    /// A kernel without memory over the means of a capture's levels; of more beacons than it can take, the loudest.
+    /// A kernel without memory over the means of a capture's levels.
     fn at_once(
         &self,
         capture: &Capture,
         kernel: impl FnOnce(&[Heard<f32, 2>]) -> Result<Fix<f32, 2>, NoFix>,
     ) -> Result<Position, NoPosition> {
-        let mut heard = self.heard(&means(self.beacons, &capture.samples));
-        if heard.len() > MAX_ANCHORS {
-            heard.sort_by(|a, b| b.level.total_cmp(&a.level));
-            heard.truncate(MAX_ANCHORS);
-        }
+        let scan = means(self.beacons, &capture.samples);
+        let mut heard: Vec<Heard<f32, 2>> = self.heard(&scan).into_iter().map(|(_, heard)| heard).collect();
+        loudest(&mut heard);
         let fix = kernel(&heard).map_err(NoPosition::NoFix)?;
         Ok(self.global(fix.position, &fix.covariance, fix.used.len()))
     }
 
-    /// A scan with what is known of the beacons.
-    fn heard(&self, scan: &[Option<f32>]) -> Vec<Heard<f32, 2>> {
-        let beacons = self.beacons.iter().zip(scan);
+    /// A scan with what is known of the beacons, and their places in the file.
+    fn heard(&self, scan: &[Option<f32>]) -> Vec<(usize, Heard<f32, 2>)> {
+        let beacons = self.beacons.iter().zip(scan).enumerate();
         beacons
-            .filter_map(|(beacon, level)| {
+            .filter_map(|(index, (beacon, level))| {
                 let above = beacon.height_m.zip(self.setup.height_m).map_or(0.0, |(beacon, tag)| beacon - tag);
                 let (place, path_loss) = (self.local(beacon.position_m), path_loss(beacon));
-                Some(Heard { place, above: above as f32, level: (*level)?, path_loss })
+                Some((index, Heard { place, above: above as f32, level: (*level)?, path_loss }))
             })
             .collect()
     }
@@ -135,6 +146,19 @@ impl<'a> Solver<'a> {
             Area { min, max }
         });
         Constraints { side: Side::Unknown, area }
+    }
+
+    /// Where particles may start: the known area, or the beacons' box and what a room is beyond it.
+    fn reach(&self) -> Area<f32, 2> {
+        /// Metres beyond the beacons.
+        const BEYOND_M: f32 = 3.0;
+        self.constraints().area.unwrap_or_else(|| {
+            let places = self.beacons.iter().map(|beacon| self.local(beacon.position_m));
+            places.fold(Area { min: [-BEYOND_M; 2], max: [BEYOND_M; 2] }, |area, place| Area {
+                min: std::array::from_fn(|axis| area.min[axis].min(place[axis] - BEYOND_M)),
+                max: std::array::from_fn(|axis| area.max[axis].max(place[axis] + BEYOND_M)),
+            })
+        })
     }
 
     fn local(&self, at_m: [f64; 2]) -> [f32; 2] {
@@ -150,6 +174,14 @@ impl<'a> Solver<'a> {
             covariance_xy: covariance[0][1].into(),
             used,
         }
+    }
+}
+
+/// Of more levels than a kernel can take, the loudest.
+fn loudest(heard: &mut Vec<Heard<f32, 2>>) {
+    if heard.len() > MAX_ANCHORS {
+        heard.sort_by(|a, b| b.level.total_cmp(&a.level));
+        heard.truncate(MAX_ANCHORS);
     }
 }
 
@@ -190,34 +222,51 @@ fn window_ends(capture: &Capture, window_s: f64) -> Vec<f64> {
     ends
 }
 
+/// What a kernel with memory remembers.
+#[derive(Clone, Copy, Debug)]
+enum Memory {
+    Engine,
+    Particles,
+}
+
 /// A kernel with memory.
 struct Follower<'a> {
     solver: &'a Solver<'a>,
     beacons: Box<Beacons<f32, MOST_BEACONS>>,
-    engine: Box<Engine<f32>>,
-    /// The first time, which is [`BEGIN_S`] for the engine, seconds.
+    track: Track,
+    /// The first time, which is [`BEGIN_S`] for the kernel, seconds.
     first_s: Option<f64>,
 }
 
+enum Track {
+    Engine(Box<Engine<f32>>),
+    Particles(Box<ParticleFilter<f32, ON_HOST>>),
+}
+
 impl<'a> Follower<'a> {
-    fn new(solver: &'a Solver<'a>) -> Self {
+    fn new(solver: &'a Solver<'a>, memory: Memory) -> Self {
         let window_us = (solver.setup.window_s * 1.0e6) as u64;
-        let area = solver.constraints().area.map(|area| Area {
-            min: [area.min[0], area.min[1], f32::NEG_INFINITY],
-            max: [area.max[0], area.max[1], f32::INFINITY],
-        });
-        let settings = Settings { area, ..Settings::track(Dimensions::Plane { height: 0.0 }) };
-        Self {
-            solver,
-            beacons: Box::new(Beacons::new(Smoothing::default(), window_us)),
-            engine: Box::new(Engine::new(settings)),
-            first_s: None,
-        }
+        let track = match memory {
+            Memory::Engine => {
+                let area = solver.constraints().area.map(|area| Area {
+                    min: [area.min[0], area.min[1], f32::NEG_INFINITY],
+                    max: [area.max[0], area.max[1], f32::INFINITY],
+                });
+                let settings = Settings { area, ..Settings::track(Dimensions::Plane { height: 0.0 }) };
+                Track::Engine(Box::new(Engine::new(settings)))
+            }
+            Memory::Particles => {
+                let settings = particles::Settings::walking();
+                Track::Particles(Box::new(ParticleFilter::new(settings, solver.setup.seed)))
+            }
+        };
+        let beacons = Box::new(Beacons::new(Smoothing::default(), window_us));
+        Self { solver, beacons, track, first_s: None }
     }
 
     /// Goes through a capture; its position is the last one.
     fn follow(&mut self, capture: &Capture) -> Result<Position, NoPosition> {
-        let mut position = Err(NoPosition::Missing(Missing::NoFix(NoFix::TooFewAnchors)));
+        let mut position = Err(NoPosition::NoFix(NoFix::TooFewAnchors));
         let mut samples = capture.samples.iter().peekable();
         let ends = window_ends(capture, self.solver.setup.window_s);
         for (window, &end_s) in ends.iter().enumerate() {
@@ -227,30 +276,14 @@ impl<'a> Follower<'a> {
                     self.beacons.hear(now_us, beacon, sample.rssi_dbm as f32);
                 }
             }
-            position = self.window(end_s);
+            let now_us = self.microseconds(end_s);
+            let heard = self.solver.heard(&self.beacons.scan(now_us));
+            position = match &mut self.track {
+                Track::Engine(engine) => engine_step(self.solver, engine, now_us, &heard),
+                Track::Particles(filter) => particle_step(self.solver, filter, now_us, &heard),
+            };
         }
         position
-    }
-
-    fn window(&mut self, now_s: f64) -> Result<Position, NoPosition> {
-        let now_us = self.microseconds(now_s);
-        let scan = self.beacons.scan(now_us);
-        let heard = self.solver.heard(&scan);
-        for (beacon, heard) in heard.iter().enumerate() {
-            let [x, y] = heard.place;
-            let range = BleRange {
-                beacon: beacon as u16,
-                place: [x, y, 0.0],
-                distance: heard.distance(),
-                relative_deviation: heard.path_loss.relative(NOISE_DB),
-                lasting_deviation: heard.path_loss.relative_deviation(),
-            };
-            self.engine.step(now_us, &Measurement::BleRange(range));
-        }
-        let fix = self.engine.step(now_us, &Measurement::RoundEnd).fix.map_err(NoPosition::Missing)?;
-        let [x, y, _] = fix.position;
-        let covariance = [0, 1].map(|row: usize| [fix.covariance[row][0], fix.covariance[row][1]]);
-        Ok(self.solver.global([x, y], &covariance, heard.len()))
     }
 
     fn microseconds(&mut self, t_s: f64) -> u64 {
@@ -258,4 +291,47 @@ impl<'a> Follower<'a> {
         // A float too large or negative becomes the largest or least integer.
         ((t_s - first_s + BEGIN_S) * 1.0e6) as u64
     }
+}
+
+fn engine_step(
+    solver: &Solver,
+    engine: &mut Engine<f32>,
+    now_us: u64,
+    heard: &[(usize, Heard<f32, 2>)],
+) -> Result<Position, NoPosition> {
+    for (beacon, heard) in heard {
+        let [x, y] = heard.place;
+        let range = BleRange {
+            beacon: *beacon as u16,
+            place: [x, y, 0.0],
+            distance: heard.distance(),
+            relative_deviation: heard.path_loss.relative(NOISE_DB),
+            lasting_deviation: heard.path_loss.relative_deviation(),
+        };
+        engine.step(now_us, &Measurement::BleRange(range));
+    }
+    let fix = engine.step(now_us, &Measurement::RoundEnd).fix.map_err(NoPosition::Missing)?;
+    let [x, y, _] = fix.position;
+    let covariance = [0, 1].map(|row: usize| [fix.covariance[row][0], fix.covariance[row][1]]);
+    Ok(solver.global([x, y], &covariance, heard.len()))
+}
+
+fn particle_step(
+    solver: &Solver,
+    filter: &mut ParticleFilter<f32, ON_HOST>,
+    now_us: u64,
+    heard: &[(usize, Heard<f32, 2>)],
+) -> Result<Position, NoPosition> {
+    let mut heard: Vec<Heard<f32, 2>> = heard.iter().map(|(_, heard)| *heard).collect();
+    loudest(&mut heard);
+    if heard.is_empty() {
+        return Err(NoPosition::NoFix(NoFix::TooFewAnchors));
+    }
+    if !filter.is_started() {
+        filter.start_in(&solver.reach());
+    }
+    let trust = (solver.setup.window_s / SHADOW_S).min(1.0) as f32;
+    let likelihood = Levels::of(&heard, solver.setup.offset_db as f32, trust);
+    let estimate = filter.step(now_us, &solver.walls, &likelihood).ok_or(NoPosition::NoFix(NoFix::Diverged))?;
+    Ok(solver.global(estimate.position, &estimate.covariance, heard.len()))
 }

@@ -45,7 +45,8 @@ impl<T: Real, const D: usize> Heard<T, D> {
         RangeSample::new(self.place, self.distance())
     }
 
-    fn is_sane(&self) -> bool {
+    /// Whether every number is finite and believable.
+    pub(crate) fn is_sane(&self) -> bool {
         let sum = self.place.iter().fold(self.above.abs() + self.level.abs(), |sum, component| sum + component.abs());
         sum <= T::of(1.0e5) && self.path_loss.is_sane()
     }

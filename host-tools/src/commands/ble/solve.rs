@@ -10,7 +10,7 @@ use host_tools::{Epoch, Place, Wrong};
 use crate::commands::answers::{Answers, ByMethod, Told};
 use crate::commands::recorded::{CornersM, finite};
 
-/// Positions by path loss: weighted linear and nonlinear least squares, and the tag's engine
+/// Positions by path loss: weighted linear and nonlinear least squares, a particle filter, the tag's engine
 ///
 /// The rows of one `epoch` make one position; of a file of stays (`point,x_m,y_m,…`) all rows of one point, whose place is its truth.
 /// Positions are in the plane. What beacons.csv does not know of a beacon's path loss is taken to be usual; `baliza calibrate path-loss`
@@ -28,7 +28,7 @@ pub struct Arguments {
     /// Where the tag truly was: CSV with epoch,t_s,x_m,y_m; gives the errors
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
-    /// Walls, to be drawn: CSV with the corners of an outline, x_m,y_m, or with x1_m,y1_m,x2_m,y2_m
+    /// Walls, which are drawn, and barriers for particles: CSV with the corners of an outline, x_m,y_m, or with x1_m,y1_m,x2_m,y2_m
     #[arg(long, value_name = "FILE")]
     walls: Option<PathBuf>,
     /// How levels become a position: a name, several with commas, or all
@@ -46,6 +46,9 @@ pub struct Arguments {
     /// How far the receiver's levels may be off from those of the calibration, all alike, dB (standard deviation)
     #[arg(long, value_name = "DB", default_value_t = 0.0, value_parser = clap::value_parser!(f64))]
     offset_db: f64,
+    /// Seed of the particles: equal seeds give equal positions
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
     #[command(flatten)]
     answers: Answers,
 }
@@ -79,11 +82,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     super::tell_unknown(&beacons, &captures);
     let solver = Solver::new(
         &beacons,
+        &walls,
         Setup {
             window_s: f64::from(arguments.window_ms) / 1000.0,
             height_m: arguments.height_m,
             area_m: arguments.area.map(|CornersM(corners)| corners),
             offset_db: arguments.offset_db,
+            seed: arguments.seed,
         },
     );
     let solved: ByMethod =

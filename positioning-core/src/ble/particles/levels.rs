@@ -1,0 +1,120 @@
+//! The likelihood of a place by the levels heard there: the path loss (1) with normal shadowing, and the receiver's own offset
+//! integrated out.
+//!
+//! It is asked for every particle, so it is a sum of squares over the beacons with one approximate logarithm each.
+
+use heapless::Vec;
+
+use super::Likelihood;
+use crate::ble::multilateration::Heard;
+use crate::{MAX_ANCHORS, Real};
+
+/// Distances are not told apart below this, metres.
+const NEAREST_M: f64 = 0.3;
+
+/// One beacon: its level is off by `base + slope · log₂ d²`, dB.
+#[derive(Clone, Copy, Debug)]
+struct Term<T> {
+    place: [T; 2],
+    above: T,
+    base: T,
+    slope: T,
+    weight: T,
+}
+
+/// The likelihood of the levels of one scan.
+#[derive(Clone, Debug)]
+pub struct Levels<T> {
+    terms: Vec<Term<T>, MAX_ANCHORS>,
+    /// 1 ⁄ (Σ w + 1 ⁄ σₒ²), of the offset that is integrated out.
+    share: T,
+    /// −½ of the levels' trust.
+    factor: T,
+}
+
+impl<T: Real> Levels<T> {
+    /// Of levels that were heard, at most [`MAX_ANCHORS`] of them; what is not sane is left out.
+    ///
+    /// `offset_deviation` is how far the receiver's own offset may be from none, dB. `trust`, up to 1, is how much of it is news: what
+    /// shadows a level at a place is there in the next scan again, and counts once in the time it takes to leave the place (a
+    /// second or two), not once a scan.
+    pub fn of(heard: &[Heard<T, 2>], offset_deviation: T, trust: T) -> Self {
+        let (mut terms, mut weights) = (Vec::new(), T::ZERO);
+        for heard in heard.iter().filter(|heard| heard.is_sane()) {
+            let path_loss = &heard.path_loss;
+            let weight = T::ONE / path_loss.deviation.squared();
+            let term = Term {
+                place: heard.place,
+                above: heard.above.squared().at_least(T::of(NEAREST_M * NEAREST_M)),
+                base: heard.level - path_loss.level_1m,
+                // 10 n log₁₀ d = 5 n log₁₀ 2 · log₂ d².
+                slope: path_loss.exponent * T::of(5.0 * core::f64::consts::LOG10_2),
+                weight,
+            };
+            if terms.push(term).is_err() {
+                break;
+            }
+            weights += weight;
+        }
+        let variance = offset_deviation.squared();
+        Self { terms, share: variance / (weights * variance + T::ONE), factor: T::of(-0.5) * trust }
+    }
+
+    /// How many levels it holds.
+    pub fn len(&self) -> usize {
+        self.terms.len()
+    }
+
+    /// Whether it holds none, and so knows nothing.
+    pub fn is_empty(&self) -> bool {
+        self.terms.is_empty()
+    }
+}
+
+impl<T: Real> Likelihood<T> for Levels<T> {
+    #[inline]
+    fn ln_at(&self, position: [T; 2]) -> T {
+        let (mut squares, mut sum) = (T::ZERO, T::ZERO);
+        for term in &self.terms {
+            let (x, y) = (position[0] - term.place[0], position[1] - term.place[1]);
+            // Near the beacon, where the model ends, the distance is rounded off.
+            let residual = term.base + term.slope * (x.squared() + y.squared() + term.above).log2_about();
+            squares += term.weight * residual.squared();
+            sum += term.weight * residual;
+        }
+        self.factor * (squares - self.share * sum.squared())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Levels, Likelihood};
+    use crate::ble::multilateration::Heard;
+    use crate::ble::path_loss::PathLoss;
+
+    fn heard(place: [f64; 2], level: f64) -> Heard<f64, 2> {
+        Heard { place, above: 0.0, level, path_loss: PathLoss { level_1m: -50.0, exponent: 2.0, deviation: 4.0 } }
+    }
+
+    #[test]
+    fn the_likelihood_is_that_of_a_hand_calculation() {
+        // At 5 m, d² = 25 + 0.09: residual −66 + 50 + 10 log₁₀ 25.09 = −2.004993, squared 4.019998, −½ · 4.019998 ⁄ 16 = −0.125625.
+        let one = Levels::of(&[heard([0.0, 0.0], -66.0)], 0.0, 1.0).ln_at([3.0, 4.0]);
+        assert!((one + 0.125_625).abs() < 1e-6, "{one}");
+        // From (0, 4) d² is 25.09 and 52.09; the second residual −62 + 50 + 10 log₁₀ 52.09 = 5.167544, squared 26.703507: −0.960110.
+        let both = [heard([3.0, 0.0], -66.0), heard([6.0, 0.0], -62.0)];
+        let at = |offset_deviation, trust| Levels::of(&both, offset_deviation, trust).ln_at([0.0, 4.0]);
+        assert!((at(0.0, 1.0) + 0.960_110).abs() < 1e-6, "{}", at(0.0, 1.0));
+        assert!((at(0.0, 0.25) + 0.25 * 0.960_110).abs() < 1e-6);
+        // An offset of any size explains their mean, 1.581275; left are ∓3.586268: −½ · 25.722643 ⁄ 16 = −0.803833.
+        assert!((at(1.0e6, 1.0) + 0.803_833).abs() < 1e-6, "{}", at(1.0e6, 1.0));
+    }
+
+    #[test]
+    fn what_is_not_sane_is_left_out() {
+        let bad = [heard([f64::NAN, 0.0], -60.0), heard([0.0, 0.0], f64::INFINITY), heard([0.0, 0.0], -60.0)];
+        assert_eq!(Levels::of(&bad, 0.0, 1.0).len(), 1);
+        assert_eq!(Levels::of(&[bad[2]; 20], 0.0, 1.0).len(), 16);
+        assert!(Levels::<f64>::of(&bad[..1], 0.0, 1.0).is_empty());
+    }
+}
