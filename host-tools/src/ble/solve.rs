@@ -5,8 +5,9 @@
 //! of the beacons.
 
 use positioning_core::ble::multilateration::{Heard, nonlinear, weighted_linear};
-use positioning_core::ble::particles::{self, Levels, ON_HOST, ParticleFilter};
+use positioning_core::ble::particles::{self, Levels, Likelihood, ON_HOST, ParticleFilter};
 use positioning_core::ble::path_loss::{PathLoss, Wall};
+use positioning_core::ble::posterior::{Belief, posterior_mean};
 use positioning_core::ble::signal::{Beacons, Smoothing, level};
 use positioning_core::engine::{BleRange, Dimensions, Engine, Measurement, Settings};
 use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, NoFix, Side};
@@ -30,6 +31,8 @@ pub enum Kernel {
     WeightedLinear,
     /// Nonlinear least squares in the levels.
     Nonlinear,
+    /// The mean of where the tag may be.
+    Posterior,
     /// The tag's engine, one range a beacon and window.
     Engine,
     /// A particle filter over the levels' likelihood, window by window.
@@ -38,13 +41,15 @@ pub enum Kernel {
 
 impl Kernel {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::WeightedLinear, Self::Nonlinear, Self::ParticleFilter, Self::Engine];
+    pub const ALL: [Self; 5] =
+        [Self::WeightedLinear, Self::Nonlinear, Self::Posterior, Self::ParticleFilter, Self::Engine];
 
     /// Its name.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::WeightedLinear => "weighted-linear",
             Self::Nonlinear => "nonlinear",
+            Self::Posterior => "posterior",
             Self::Engine => "engine",
             Self::ParticleFilter => "particle-filter",
         }
@@ -100,6 +105,10 @@ impl<'a> Solver<'a> {
                     let offset = self.setup.offset_db as f32;
                     return self.at_once(capture, |heard| nonlinear(heard, offset, &self.constraints()));
                 }
+                Kernel::Posterior => {
+                    let belief = Belief { offset_deviation: self.setup.offset_db as f32, ..Belief::default() };
+                    return self.at_once(capture, |heard| posterior_mean(heard, &self.reach(), &belief));
+                }
                 Kernel::Engine => Memory::Engine,
                 Kernel::ParticleFilter => Memory::Particles,
             };
@@ -148,15 +157,15 @@ impl<'a> Solver<'a> {
         Constraints { side: Side::Unknown, area }
     }
 
-    /// Where particles may start: the known area, or the beacons' box and what a room is beyond it.
+    /// Where the tag can be: the known area, else among the beacons.
     fn reach(&self) -> Area<f32, 2> {
-        /// Metres beyond the beacons.
-        const BEYOND_M: f32 = 3.0;
+        /// At least so large, metres.
+        const LEAST_M: f32 = 0.5;
         self.constraints().area.unwrap_or_else(|| {
             let places = self.beacons.iter().map(|beacon| self.local(beacon.position_m));
-            places.fold(Area { min: [-BEYOND_M; 2], max: [BEYOND_M; 2] }, |area, place| Area {
-                min: std::array::from_fn(|axis| area.min[axis].min(place[axis] - BEYOND_M)),
-                max: std::array::from_fn(|axis| area.max[axis].max(place[axis] + BEYOND_M)),
+            places.fold(Area { min: [-LEAST_M; 2], max: [LEAST_M; 2] }, |area, place| Area {
+                min: std::array::from_fn(|axis| area.min[axis].min(place[axis])),
+                max: std::array::from_fn(|axis| area.max[axis].max(place[axis])),
             })
         })
     }
@@ -331,7 +340,9 @@ fn particle_step(
         filter.start_in(&solver.reach());
     }
     let trust = (solver.setup.window_s / SHADOW_S).min(1.0) as f32;
-    let likelihood = Levels::of(&heard, solver.setup.offset_db as f32, trust);
+    let (levels, reach) = (Levels::of(&heard, solver.setup.offset_db as f32, trust), solver.reach());
+    let within = |at: [f32; 2]| (0..2).all(|axis| (reach.min[axis]..=reach.max[axis]).contains(&at[axis]));
+    let likelihood = |at| if within(at) { levels.ln_at(at) } else { f32::NAN };
     let estimate = filter.step(now_us, &solver.walls, &likelihood).ok_or(NoPosition::NoFix(NoFix::Diverged))?;
     Ok(solver.global(estimate.position, &estimate.covariance, heard.len()))
 }

@@ -2,7 +2,8 @@
 //!
 //! Adverts flow in, one level each: [`signal`] refuses what no receiver can have measured, smooths and averages it, and gives a
 //! *scan*, a slice of levels in dBm by the beacons' order, `None` where a beacon is not heard. [`path_loss`] makes distances of
-//! levels, [`multilateration`] positions of levels, [`particles`] ways of positions; [`offset`] learns what is the receiver's own.
+//! levels, [`multilateration`] and [`posterior`] positions of levels, [`particles`] ways of positions; [`offset`] learns what is
+//! the receiver's own.
 //! [`fingerprint`] compares a scan with a map; [`rooms`] says in which room a scan or a position is.
 //!
 //! Equation and table numbers are those of A. Linde Cerezo, *Desarrollo de un sistema de posicionamiento en interiores
@@ -13,5 +14,6 @@ pub mod multilateration;
 pub mod offset;
 pub mod particles;
 pub mod path_loss;
+pub mod posterior;
 pub mod rooms;
 pub mod signal;

@@ -20,6 +20,8 @@ const MAX_STEPS: usize = 40;
 const NEAREST_M: f64 = 0.3;
 /// So many levels' worth of belief that the path loss' deviation is right, before the levels say how far they agree.
 const BELIEF: f64 = 4.0;
+/// Levels at one place share shadows: so many of them are worth one (as [`Belief`](super::posterior::Belief) has it).
+const SHARED: f64 = 2.0;
 
 /// A level that was heard, with what is known of its beacon.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -252,7 +254,7 @@ impl<T: Real> Agreement<T> {
 
     /// What the variance is multiplied by: the mean square, pooled with the belief in the path loss' own deviation.
     fn inflation(&self) -> T {
-        (self.squares + T::of(BELIEF)) / (self.freedom + T::of(BELIEF))
+        T::of(SHARED) * (self.squares + T::of(BELIEF)) / (self.freedom + T::of(BELIEF))
     }
 }
 
@@ -317,9 +319,9 @@ mod tests {
         // Slopes (20 ⁄ ln 10) Δ ⁄ d² = 8.685890 Δ ⁄ d², Δ = (2, 3), (−4, 3), (2, −5), (−4, −5):
         // (1.33629, 2.00444), (−1.38974, 1.04231), (0.59903, −1.49757), (−0.84740, −1.05925), in dB a metre, signs apart.
         // Σ: xx 4.79395, xy 1.23047, yy 8.46893, over 16 dB²: 0.299622, 0.0769044, 0.529308.
-        // Inverse: determinant 0.152678; xx 3.46683, xy −0.503703, yy 1.96245. Residuals are 0: times 4 ⁄ (2 + 4).
+        // Inverse: determinant 0.152678; xx 3.46683, xy −0.503703, yy 1.96245. Residuals are 0: times 2 · 4 ⁄ (2 + 4).
         let fix = nonlinear(&heard(0.0), 0.0, &Constraints::default()).expect("a position");
-        let expected = [2.0 / 3.0 * 3.46683, -2.0 / 3.0 * 0.503703, 2.0 / 3.0 * 1.96245];
+        let expected = [4.0 / 3.0 * 3.46683, -4.0 / 3.0 * 0.503703, 4.0 / 3.0 * 1.96245];
         let found = [fix.covariance[0][0], fix.covariance[1][0], fix.covariance[1][1]];
         assert!(found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 2e-3), "{found:?}");
     }

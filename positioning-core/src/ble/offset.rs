@@ -69,7 +69,7 @@ impl<T: Real> ReceiverOffset<T> {
     /// Takes the offset out of a scan.
     pub fn correct(&self, scan: &mut [Option<T>]) {
         for level in scan.iter_mut().flatten() {
-            *level = *level - self.offset;
+            *level -= self.offset;
         }
     }
 }

@@ -10,7 +10,7 @@ use host_tools::{Epoch, Place, Wrong};
 use crate::commands::answers::{Answers, ByMethod, Told};
 use crate::commands::recorded::{CornersM, finite};
 
-/// Positions by path loss: weighted linear and nonlinear least squares, a particle filter, the tag's engine
+/// Positions by path loss: least squares, the posterior mean, a particle filter, the tag's engine
 ///
 /// The rows of one `epoch` make one position; of a file of stays (`point,x_m,y_m,…`) all rows of one point, whose place is its truth.
 /// Positions are in the plane. What beacons.csv does not know of a beacon's path loss is taken to be usual; `baliza calibrate path-loss`
@@ -40,11 +40,12 @@ pub struct Arguments {
     /// The tag's height, metres: heights of beacons (z_m) count
     #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = finite)]
     height_m: Option<f64>,
-    /// Where the tag can be at all, metres; the iterated methods stay inside
+    /// Where the tag can be at all, metres: all but weighted-linear stay inside [default: of posterior and particle-filter, the
+    /// box around the beacons]
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = CornersM::parse)]
     area: Option<CornersM>,
     /// How far the receiver's levels may be off from those of the calibration, all alike, dB (standard deviation)
-    #[arg(long, value_name = "DB", default_value_t = 0.0, value_parser = clap::value_parser!(f64))]
+    #[arg(long, value_name = "DB", default_value_t = 2.0, value_parser = clap::value_parser!(f64))]
     offset_db: f64,
     /// Seed of the particles: equal seeds give equal positions
     #[arg(long, default_value_t = 1)]

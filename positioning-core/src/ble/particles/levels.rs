@@ -22,6 +22,15 @@ struct Term<T> {
     weight: T,
 }
 
+impl<T: Real> Term<T> {
+    /// By how much the level is too loud for a place, dB. Near the beacon, where the model ends, the distance is rounded off.
+    #[inline(always)]
+    fn residual(&self, position: [T; 2]) -> T {
+        let (x, y) = (position[0] - self.place[0], position[1] - self.place[1]);
+        self.base + self.slope * (x.squared() + y.squared() + self.above).log2_about()
+    }
+}
+
 /// The likelihood of the levels of one scan.
 #[derive(Clone, Debug)]
 pub struct Levels<T> {
@@ -65,6 +74,16 @@ impl<T: Real> Levels<T> {
         self.terms.len()
     }
 
+    /// How far the levels agree with a place, 0 to 1, as the quality of a [`Fix`](crate::Fix).
+    pub(crate) fn agreement(&self, position: [T; 2]) -> T {
+        let mut weights = T::ZERO;
+        for term in &self.terms {
+            weights += term.weight * term.residual(position).squared();
+        }
+        let count = T::count(self.terms.len());
+        count / (count + weights)
+    }
+
     /// Whether it holds none, and so knows nothing.
     pub fn is_empty(&self) -> bool {
         self.terms.is_empty()
@@ -76,9 +95,7 @@ impl<T: Real> Likelihood<T> for Levels<T> {
     fn ln_at(&self, position: [T; 2]) -> T {
         let (mut squares, mut sum) = (T::ZERO, T::ZERO);
         for term in &self.terms {
-            let (x, y) = (position[0] - term.place[0], position[1] - term.place[1]);
-            // Near the beacon, where the model ends, the distance is rounded off.
-            let residual = term.base + term.slope * (x.squared() + y.squared() + term.above).log2_about();
+            let residual = term.residual(position);
             squares += term.weight * residual.squared();
             sum += term.weight * residual;
         }

@@ -1,0 +1,227 @@
+//! The mean of where a tag may be, given the levels it hears and the area it can be in: the integral over the area of position times
+//! likelihood, by two lattices, the second one where the first found the tag.
+//!
+//! Likelihoods of levels are wide, bent and often in two parts. Their mean errs less than their maximum, which [`nonlinear`] finds, and
+//! their spread is an honest covariance however they are shaped; and one beacon alone already says something.
+//!
+//! [`nonlinear`]: super::multilateration::nonlinear
+
+use super::multilateration::Heard;
+use super::particles::{Levels, Likelihood};
+use crate::{AnchorSet, Area, Fix, MAX_ANCHORS, NoFix, Real};
+
+/// Points of a lattice along each axis.
+const POINTS: usize = 16;
+/// The second lattice reaches so many deviations about the first one's mean.
+const REACH: f64 = 3.5;
+
+/// How levels are believed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Belief<T> {
+    /// How far the receiver's own offset may be from none, dB.
+    pub offset_deviation: T,
+    /// How much of the levels' likelihood counts, up to 1: shadows of several beacons at one place are one another's, and the path loss
+    /// is not quite right.
+    pub trust: T,
+}
+
+impl<T: Real> Default for Belief<T> {
+    /// 2 dB and one half: least error over all fingerprints of a room and a flat, each located by the others.
+    fn default() -> Self {
+        Self { offset_deviation: T::of(2.0), trust: T::of(0.5) }
+    }
+}
+
+/// The mean position in the plane, and its covariance.
+///
+/// # Errors
+/// [`NoFix::TooFewAnchors`] without a level, [`NoFix::TooManyAnchors`] beyond [`MAX_ANCHORS`], [`NoFix::NotFinite`] where a number is none
+/// or the area is empty.
+pub fn posterior_mean<T: Real>(
+    heard: &[Heard<T, 2>],
+    area: &Area<T, 2>,
+    belief: &Belief<T>,
+) -> Result<Fix<T, 2>, NoFix> {
+    if heard.is_empty() {
+        return Err(NoFix::TooFewAnchors);
+    }
+    if heard.len() > MAX_ANCHORS {
+        return Err(NoFix::TooManyAnchors);
+    }
+    let reaches = (0..2).all(|axis| area.max[axis] > area.min[axis] && (area.max[axis] - area.min[axis]).is_finite());
+    if !(reaches && heard.iter().all(Heard::is_sane)) {
+        return Err(NoFix::NotFinite);
+    }
+    let levels = Levels::of(heard, belief.offset_deviation, belief.trust);
+    let coarse = Moments::over(&levels, area);
+    let near = Area {
+        min: core::array::from_fn(|axis| (coarse.mean[axis] - coarse.reach(axis)).at_least(area.min[axis])),
+        max: core::array::from_fn(|axis| (coarse.mean[axis] + coarse.reach(axis)).at_most(area.max[axis])),
+    };
+    let fine = Moments::over(&levels, &near);
+    let found = if fine.weight > T::ZERO { fine } else { coarse };
+    if !(found.mean[0] + found.mean[1]).is_finite() {
+        return Err(NoFix::Diverged);
+    }
+    Ok(Fix {
+        position: found.mean,
+        covariance: found.covariance,
+        // Metres of position a metre of range have no meaning here.
+        dilution_of_precision: [T::ZERO; 2],
+        used: AnchorSet(((1_u32 << heard.len()) - 1) as u16),
+        quality: levels.agreement(found.mean),
+    })
+}
+
+/// Mean and covariance of a likelihood over a lattice.
+struct Moments<T> {
+    weight: T,
+    mean: [T; 2],
+    covariance: [[T; 2]; 2],
+    /// Between two points of the lattice.
+    spacing: [T; 2],
+}
+
+impl<T: Real> Moments<T> {
+    fn over(levels: &Levels<T>, area: &Area<T, 2>) -> Self {
+        let spacing: [T; 2] = core::array::from_fn(|axis| (area.max[axis] - area.min[axis]) / T::count(POINTS));
+        let half = T::of(0.5);
+        // Sums about the area's middle, scaled by the greatest likelihood so far: nothing underflows, and one pass does.
+        let middle: [T; 2] = core::array::from_fn(|axis| half * (area.min[axis] + area.max[axis]));
+        let mut greatest = None;
+        let mut sums = [T::ZERO; 6];
+        for row in 0..POINTS {
+            let y = area.min[1] + (T::count(row) + half) * spacing[1];
+            for column in 0..POINTS {
+                let x = area.min[0] + (T::count(column) + half) * spacing[0];
+                let ln = levels.ln_at([x, y]);
+                let scale = match greatest {
+                    Some(greatest) if ln <= greatest => (ln - greatest).exp(),
+                    Some(least) => {
+                        let shrink = (least - ln).exp();
+                        sums = sums.map(|sum| sum * shrink);
+                        greatest = Some(ln);
+                        T::ONE
+                    }
+                    None => {
+                        greatest = Some(ln);
+                        T::ONE
+                    }
+                };
+                let (x, y) = (x - middle[0], y - middle[1]);
+                let terms = [T::ONE, x, y, x * x, x * y, y * y];
+                for (sum, term) in sums.iter_mut().zip(terms) {
+                    *sum += scale * term;
+                }
+            }
+        }
+        let [weight, x, y, xx, xy, yy] = sums;
+        let (x, y) = (x / weight, y / weight);
+        // A cell of the lattice is as wide as it is.
+        let own = |axis: usize| spacing[axis].squared() / T::of(12.0);
+        let xy = xy / weight - x * y;
+        Self {
+            weight,
+            mean: [middle[0] + x, middle[1] + y],
+            covariance: [
+                [(xx / weight - x * x).at_least(T::ZERO) + own(0), xy],
+                [xy, (yy / weight - y * y).at_least(T::ZERO) + own(1)],
+            ],
+            spacing,
+        }
+    }
+
+    /// How far the second lattice reaches along an axis.
+    fn reach(&self, axis: usize) -> T {
+        T::of(REACH) * self.covariance[axis][axis].sqrt() + self.spacing[axis]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Belief, posterior_mean};
+    use crate::ble::multilateration::Heard;
+    use crate::ble::path_loss::PathLoss;
+    use crate::{Area, NoFix};
+
+    const MODEL: PathLoss<f64> = PathLoss { level_1m: -50.0, exponent: 2.0, deviation: 4.0 };
+    const ROOM: Area<f64, 2> = Area { min: [0.0, 0.0], max: [6.0, 8.0] };
+
+    fn heard(place: [f64; 2], level: f64) -> Heard<f64, 2> {
+        Heard { place, above: 0.0, level, path_loss: MODEL }
+    }
+
+    #[test]
+    fn the_mean_is_that_of_a_fine_integral() {
+        // The same integral by brute force over a lattice of 1 cm.
+        let beacons = [heard([0.0, 0.0], -62.0), heard([6.0, 0.0], -66.0), heard([3.0, 8.0], -63.0)];
+        let (mut weight, mut sums, mut squares) = (0.0, [0.0; 2], [0.0; 2]);
+        for row in 0..800 {
+            for column in 0..600 {
+                let at = [0.005 + 0.01 * f64::from(column), 0.005 + 0.01 * f64::from(row)];
+                let square: f64 = beacons
+                    .iter()
+                    .map(|beacon| {
+                        let d2 = (at[0] - beacon.place[0]).powi(2) + (at[1] - beacon.place[1]).powi(2) + 0.09;
+                        ((beacon.level + 50.0 + 10.0 * d2.log10()) / 4.0).powi(2)
+                    })
+                    .sum();
+                let likelihood = (-0.5 * 0.5 * square).exp();
+                weight += likelihood;
+                for axis in 0..2 {
+                    sums[axis] += likelihood * at[axis];
+                    squares[axis] += likelihood * at[axis] * at[axis];
+                }
+            }
+        }
+        let mean = sums.map(|sum| sum / weight);
+        let fix = posterior_mean(&beacons, &ROOM, &Belief { offset_deviation: 0.0, trust: 0.5 }).expect("a position");
+        for axis in 0..2 {
+            let variance = squares[axis] / weight - mean[axis] * mean[axis];
+            assert!((fix.position[axis] - mean[axis]).abs() < 0.03, "{fix:?} {mean:?}");
+            assert!((fix.covariance[axis][axis] / variance - 1.0).abs() < 0.05, "{fix:?} {variance}");
+        }
+    }
+
+    #[test]
+    fn one_beacon_says_something_and_none_nothing() {
+        let fix = posterior_mean(&[heard([0.0, 0.0], -50.0)], &ROOM, &Belief::default()).expect("a position");
+        assert!(fix.position[0] < 3.0 && fix.position[1] < 4.0 && fix.covariance[1][1] > 1.0, "{fix:?}");
+        assert_eq!(posterior_mean(&[], &ROOM, &Belief::default()), Err(NoFix::TooFewAnchors));
+    }
+
+    #[test]
+    fn a_small_tag_in_a_large_hall_is_found_by_the_second_lattice() {
+        let hall = Area { min: [-200.0, -200.0], max: [200.0, 200.0] };
+        let sharp = |place, level| Heard { path_loss: PathLoss { deviation: 0.5, ..MODEL }, ..heard(place, level) };
+        // Exact levels at (2, 3), as in multilateration's tests.
+        let beacons = [([0.0, 0.0], 13.09_f64), ([6.0, 0.0], 25.09), ([0.0, 8.0], 29.09), ([6.0, 8.0], 41.09)]
+            .map(|(place, square)| sharp(place, -50.0 - 10.0 * square.log10()));
+        let fix = posterior_mean(&beacons, &hall, &Belief { offset_deviation: 0.0, trust: 1.0 }).expect("a position");
+        let error = (fix.position[0] - 2.0).hypot(fix.position[1] - 3.0);
+        assert!(error < 3.0 * (fix.covariance[0][0] + fix.covariance[1][1]).sqrt() && error < 10.0, "{fix:?}");
+    }
+
+    #[test]
+    fn what_is_no_number_is_a_reason() {
+        let good = heard([0.0, 0.0], -60.0);
+        let at = |heard: &[Heard<f64, 2>], area: &Area<f64, 2>| posterior_mean(heard, area, &Belief::default()).err();
+        assert_eq!(at(&[Heard { level: f64::NAN, ..good }], &ROOM), Some(NoFix::NotFinite));
+        assert_eq!(at(&[good], &Area { min: [0.0, 0.0], max: [0.0, 8.0] }), Some(NoFix::NotFinite));
+        assert_eq!(at(&[good], &Area { min: [0.0, f64::NAN], max: [6.0, 8.0] }), Some(NoFix::NotFinite));
+        assert_eq!(at(&[good; 17], &ROOM), Some(NoFix::TooManyAnchors));
+    }
+
+    #[test]
+    fn levels_that_say_nothing_are_the_middle_of_the_area() {
+        let blind = Heard { path_loss: PathLoss { deviation: 99.0, ..MODEL }, ..heard([0.0, 0.0], -60.0) };
+        let fix = posterior_mean(&[blind], &ROOM, &Belief::default()).expect("a position");
+        // A box of 6 by 8: variances 36 ⁄ 12 and 64 ⁄ 12.
+        assert!((fix.position[0] - 3.0).abs() < 0.05 && (fix.position[1] - 4.0).abs() < 0.05, "{fix:?}");
+        assert!(
+            (fix.covariance[0][0] - 3.0).abs() < 0.05 && (fix.covariance[1][1] - 16.0 / 3.0).abs() < 0.1,
+            "{fix:?}"
+        );
+    }
+}
