@@ -37,6 +37,8 @@ enum Command {
     Nlos(commands::nlos::Command),
     #[command(subcommand)]
     Ble(commands::ble::Command),
+    #[command(subcommand)]
+    Calibrate(commands::calibrate::Command),
     Simulate(commands::simulate::Arguments),
     Example(commands::example::Arguments),
     Provision(commands::provision::Arguments),
@@ -66,6 +68,7 @@ fn main() -> ExitCode {
         Command::Bench(Bench::Barral(arguments)) => commands::barral::run(&arguments),
         Command::Nlos(command) => commands::nlos::run(&command),
         Command::Ble(command) => commands::ble::run(&command),
+        Command::Calibrate(command) => commands::calibrate::run(&command),
         Command::Plot(arguments) => commands::plot::run(&arguments),
         Command::Simulate(arguments) => commands::simulate::run(&arguments),
         Command::Example(arguments) => commands::example::run(&arguments),

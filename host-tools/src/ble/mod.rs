@@ -2,5 +2,6 @@
 //!
 //! The mathematics is `positioning_core::ble`, that of the tag; here are the files, the runs over them and their figures.
 
+pub mod calibration;
 pub mod files;
 pub mod solve;

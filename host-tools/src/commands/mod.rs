@@ -3,6 +3,7 @@
 mod answers;
 pub mod barral;
 pub mod ble;
+pub mod calibrate;
 pub mod decode;
 pub mod example;
 pub mod garcia;

@@ -8,6 +8,7 @@ mod distribution;
 mod format;
 mod legend;
 mod map;
+mod path_loss;
 mod style;
 mod thesis;
 
@@ -19,6 +20,7 @@ use crate::Statistics;
 
 pub use distribution::distribution;
 pub use format::Format;
+pub use path_loss::path_loss;
 pub use thesis::thesis;
 
 /// What to draw.

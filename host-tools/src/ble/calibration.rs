@@ -1,0 +1,174 @@
+//! Path loss of every beacon from levels at known points: what `baliza calibrate path-loss` does.
+//!
+//! Stays flow in; a point counts once, with the mean of its levels (section 4.3.1). Out flow level at one metre and exponent of
+//! every beacon by regression on (1), robust against points in a shadow (Huber's weights), with a prior so wide that it matters for a
+//! handful of points alone.
+
+use positioning_core::ble::path_loss::PathLoss;
+use positioning_core::ble::signal::level;
+
+use super::files::{Beacon, Stay};
+
+/// Distances are not told apart below this, metres.
+const NEAREST_M: f64 = 0.1;
+/// Bounds of an exponent.
+const EXPONENTS: (f64, f64) = (0.5, 6.0);
+/// What is believed before: an exponent to so much, a level at one metre to so many dB.
+const PRIOR: (f64, f64) = (2.0, 30.0);
+/// The usual deviation is worth so many points.
+const BELIEF: f64 = 2.0;
+/// A residual of so many deviations weighs less (P. Huber, *Robust Statistics*, 1981).
+const HUBER: f64 = 1.5;
+/// Rounds of weighing.
+const ROUNDS: usize = 20;
+
+/// What was heard of a beacon at one point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Heard {
+    /// Metres.
+    pub distance_m: f64,
+    /// Mean level, dBm.
+    pub level_dbm: f64,
+}
+
+/// The path loss of one beacon.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calibrated {
+    /// The beacon.
+    pub beacon: String,
+    /// Where it was heard.
+    pub points: Vec<Heard>,
+    /// Its path loss; `None` where it was never heard.
+    pub path_loss: Option<PathLoss<f64>>,
+    /// Standard deviations of the level at one metre, dB, and of the exponent.
+    pub sigma: [f64; 2],
+}
+
+/// Calibrates every beacon, in their order. Heights of beacons count where that of the tag is known.
+pub fn calibrate(beacons: &[Beacon], stays: &[Stay], height_m: Option<f64>) -> Vec<Calibrated> {
+    beacons
+        .iter()
+        .map(|beacon| {
+            let points: Vec<Heard> = stays.iter().filter_map(|stay| heard(beacon, stay, height_m)).collect();
+            let fitted = fit(&points);
+            Calibrated {
+                beacon: beacon.name.clone(),
+                points,
+                path_loss: fitted.map(|(path_loss, _)| path_loss),
+                sigma: fitted.map_or([0.0; 2], |(_, sigma)| sigma),
+            }
+        })
+        .collect()
+}
+
+fn heard(beacon: &Beacon, stay: &Stay, height_m: Option<f64>) -> Option<Heard> {
+    let of_it = stay.samples.iter().filter(|sample| sample.beacon == beacon.name);
+    let levels: Vec<f64> = of_it.filter_map(|sample| level(sample.rssi_dbm).ok()).collect();
+    let up = beacon.height_m.zip(height_m).map_or(0.0, |(beacon, tag)| beacon - tag);
+    let [x, y] = [0, 1].map(|axis: usize| stay.position_m[axis] - beacon.position_m[axis]);
+    let distance_m = (x * x + y * y + up * up).sqrt().max(NEAREST_M);
+    (!levels.is_empty()).then(|| Heard { distance_m, level_dbm: levels.iter().sum::<f64>() / levels.len() as f64 })
+}
+
+/// Regression of levels on 10 log₁₀ d; `None` without points.
+pub fn fit(points: &[Heard]) -> Option<(PathLoss<f64>, [f64; 2])> {
+    if points.is_empty() {
+        return None;
+    }
+    let usual = PathLoss::<f64>::default();
+    let mut model = usual;
+    let mut sigma = [0.0; 2];
+    let mut weights = vec![1.0; points.len()];
+    for _ in 0..ROUNDS {
+        // Normal equations of level₁ − n x, about the prior.
+        let variance = model.deviation.powi(2);
+        let (exponent, level) = (variance / PRIOR.0.powi(2), variance / PRIOR.1.powi(2));
+        let (mut sum, mut x, mut xx) = (level, 0.0, exponent);
+        let (mut z, mut xz) = (level * usual.level_1m, -exponent * usual.exponent);
+        for (point, weight) in points.iter().zip(&weights) {
+            let log = 10.0 * point.distance_m.log10();
+            sum += weight;
+            x += weight * log;
+            xx += weight * log * log;
+            z += weight * point.level_dbm;
+            xz += weight * log * point.level_dbm;
+        }
+        let determinant = sum * xx - x * x;
+        let slope = (sum * xz - x * z) / determinant;
+        model.exponent = (-slope).clamp(EXPONENTS.0, EXPONENTS.1);
+        model.level_1m = (z + model.exponent * x) / sum;
+        sigma = [(variance * xx / determinant).sqrt(), (variance * sum / determinant).sqrt()];
+        let residuals: Vec<f64> = points.iter().map(|point| point.level_dbm - model.level(point.distance_m)).collect();
+        let squares: f64 = residuals.iter().zip(&weights).map(|(residual, weight)| weight * residual * residual).sum();
+        // Two parameters were fitted, as far as there were points for them.
+        let freedom = (points.len() as f64 - 2.0).max(0.0);
+        model.deviation = ((squares + BELIEF * usual.deviation.powi(2)) / (freedom + BELIEF)).sqrt();
+        let most = HUBER * model.deviation;
+        weights = residuals.iter().map(|residual| most / residual.abs().max(most)).collect();
+    }
+    Some((model, sigma))
+}
+
+/// The file of beacons with their path loss: `beacon,x_m,y_m,z_m,rssi_1m_dbm,path_loss_exponent,deviation_db`. What was never heard keeps
+/// what it had.
+///
+/// # Errors
+/// None but those of memory.
+pub fn to_csv(beacons: &[Beacon], calibrated: &[Calibrated]) -> csv::Result<Vec<u8>> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(["beacon", "x_m", "y_m", "z_m", "rssi_1m_dbm", "path_loss_exponent", "deviation_db"])?;
+    for (beacon, calibrated) in beacons.iter().zip(calibrated) {
+        let hundredths = |value: f64| format!("{value:.2}");
+        let known = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
+        let [x_m, y_m] = beacon.position_m.map(|coordinate| coordinate.to_string());
+        let [level, exponent, deviation] = match &calibrated.path_loss {
+            Some(found) => [found.level_1m, found.exponent, found.deviation].map(hundredths),
+            None => [beacon.rssi_1m_dbm, beacon.path_loss_exponent, beacon.deviation_db].map(known),
+        };
+        writer.write_record([&beacon.name, &x_m, &y_m, &known(beacon.height_m), &level, &exponent, &deviation])?;
+    }
+    writer.into_inner().map_err(|error| error.into_error().into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Heard, fit};
+
+    fn points(levels: &[(f64, f64)]) -> Vec<Heard> {
+        levels.iter().map(|&(distance_m, level_dbm)| Heard { distance_m, level_dbm }).collect()
+    }
+
+    #[test]
+    fn exact_levels_give_their_path_loss() {
+        // Beacon 3 of table 5.4: −47.78 − 31.7 log₁₀ d; the prior is worth less than a point.
+        let exact: Vec<_> =
+            (1..=20).map(|step| f64::from(step) * 0.6).map(|d| (d, -47.78 - 31.7 * d.log10())).collect();
+        let (found, sigma) = fit(&points(&exact)).expect("points");
+        assert!((found.exponent - 3.17).abs() < 0.01 && (found.level_1m + 47.78).abs() < 0.1, "{found:?}");
+        assert!(found.deviation < 2.5 && sigma[1] < 0.3, "{found:?} {sigma:?}");
+    }
+
+    #[test]
+    fn a_point_in_a_shadow_pulls_less_than_in_plain_regression() {
+        let mut levels: Vec<_> = (1..=10).map(f64::from).map(|d| (d, -50.0 - 20.0 * d.log10())).collect();
+        levels[9].1 -= 30.0;
+        let (found, _) = fit(&points(&levels)).expect("points");
+        // Plain regression, by hand: x = 10 log₁₀ d has mean 6.5598 and Σ (x − x̄)² = 89.906; the last point's x − x̄ = 3.4402 adds
+        // 30 · 3.4402 ⁄ 89.906 = 1.148 to the exponent of 2.
+        assert!(found.exponent > 1.9 && found.exponent < 2.9, "{found:?}");
+    }
+
+    #[test]
+    fn few_points_stay_sensible() {
+        assert_eq!(fit(&[]), None);
+        // One point: its level counts, the exponent is as believed before.
+        let (found, sigma) = fit(&points(&[(1.0, -45.0)])).expect("a point");
+        assert!((found.exponent - 2.4).abs() < 1e-9 && (found.level_1m + 45.0).abs() < 1.0, "{found:?}");
+        assert!(sigma[1] > 1.5, "{sigma:?}");
+        // Points at one distance, and levels that grow with the distance.
+        let (found, _) = fit(&points(&[(3.0, -60.0), (3.0, -62.0), (3.0, -61.0)])).expect("points");
+        assert!(found.is_sane() && (found.level(3.0) + 61.0).abs() < 1.0, "{found:?}");
+        let (found, _) = fit(&points(&[(1.0, -80.0), (2.0, -70.0), (4.0, -60.0), (8.0, -50.0)])).expect("points");
+        assert!(found.is_sane() && found.exponent == 0.5, "{found:?}");
+    }
+}

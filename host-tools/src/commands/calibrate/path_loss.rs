@@ -1,0 +1,117 @@
+//! `baliza calibrate path-loss`: level at one metre and path loss exponent of every beacon.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use anyhow::Result;
+use host_tools::ble::calibration::{Calibrated, calibrate, to_csv};
+use host_tools::ble::files::{read_beacons, read_stays};
+use host_tools::{Wrong, output, plot};
+
+use crate::commands::recorded::finite;
+use crate::commands::{PictureFile, print, print_json, rounded, tell, write};
+
+/// Level at one metre and path loss exponent of every beacon, by regression over fingerprints
+///
+/// A point counts once, with the mean of its levels. --out writes the file of beacons again, with what was found; `baliza ble solve` reads
+/// it. With few points the exponent stays near the usual one.
+#[derive(clap::Args)]
+#[command(after_help = "Example:\n  baliza calibrate path-loss --beacons beacons.csv --fingerprints fingerprints.csv \
+                  --out calibrated.csv --plot path-loss.svg")]
+pub struct Arguments {
+    /// Beacons: CSV with beacon,x_m,y_m and, where known, z_m
+    #[arg(long, value_name = "FILE")]
+    beacons: PathBuf,
+    /// Levels at known points: CSV with point,x_m,y_m,beacon,rssi_dbm,t_s
+    #[arg(long, value_name = "FILE")]
+    fingerprints: PathBuf,
+    /// The height at which levels were taken, metres: heights of beacons (z_m) count
+    #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = finite)]
+    height_m: Option<f64>,
+    /// Write the beacons with their path loss here
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Draw levels against distance, as .svg or .png
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+    /// Print JSON: a list of objects with beacon, points, rssi_1m_dbm, path_loss_exponent, deviation_db, rssi_1m_sigma_db,
+    /// path_loss_exponent_sigma (null where the beacon was never heard)
+    #[arg(long)]
+    json: bool,
+}
+
+/// What is printed of a beacon.
+#[derive(Debug, serde::Serialize)]
+struct Row<'a> {
+    beacon: &'a str,
+    points: usize,
+    rssi_1m_dbm: Option<f64>,
+    path_loss_exponent: Option<f64>,
+    deviation_db: Option<f64>,
+    rssi_1m_sigma_db: Option<f64>,
+    path_loss_exponent_sigma: Option<f64>,
+}
+
+impl<'a> Row<'a> {
+    fn of(calibrated: &'a Calibrated) -> Self {
+        let found = calibrated.path_loss;
+        Self {
+            beacon: &calibrated.beacon,
+            points: calibrated.points.len(),
+            rssi_1m_dbm: found.map(|found| rounded(found.level_1m)),
+            path_loss_exponent: found.map(|found| rounded(found.exponent)),
+            deviation_db: found.map(|found| rounded(found.deviation)),
+            rssi_1m_sigma_db: found.map(|_| rounded(calibrated.sigma[0])),
+            path_loss_exponent_sigma: found.map(|_| rounded(calibrated.sigma[1])),
+        }
+    }
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    if let Some(file) = &arguments.out {
+        output::check("--out", file)?;
+    }
+    let picture = PictureFile::plot(arguments.plot.as_deref())?;
+    let beacons = read_beacons(&arguments.beacons)?;
+    let stays = read_stays(&arguments.fingerprints)?;
+    let calibrated = calibrate(&beacons, &stays, arguments.height_m);
+    if calibrated.iter().all(|beacon| beacon.points.is_empty()) {
+        let wrong = format!("none of the beacons of {} was heard", arguments.beacons.display());
+        return Err(Wrong::file(&arguments.fingerprints, wrong).into());
+    }
+    if let Some(file) = &arguments.out {
+        write(file, &to_csv(&beacons, &calibrated)?)?;
+    }
+    let rows: Vec<Row> = calibrated.iter().map(Row::of).collect();
+    if arguments.json {
+        print_json(&rows)?;
+    } else {
+        print(table(&rows).as_bytes())?;
+    }
+    if let Some(picture) = picture {
+        picture.write_and_tell(plot::path_loss(&calibrated)?)?;
+    }
+    if let Some(file) = &arguments.out {
+        tell(&format!("beacons: {}\n", file.display()));
+    }
+    Ok(())
+}
+
+/// The rows in Markdown.
+fn table(rows: &[Row]) -> String {
+    let mut text = String::from(
+        "| beacon | points | level at 1 m, dBm | path loss exponent | deviation, dB |\n|---|---:|---:|---:|---:|\n",
+    );
+    for row in rows {
+        let figure = |value: Option<f64>, sigma: Option<f64>| match (value, sigma) {
+            (Some(value), Some(sigma)) => format!("{value:.2} ± {sigma:.2}"),
+            (Some(value), None) => format!("{value:.2}"),
+            (None, _) => "-".to_owned(),
+        };
+        let level = figure(row.rssi_1m_dbm, row.rssi_1m_sigma_db);
+        let exponent = figure(row.path_loss_exponent, row.path_loss_exponent_sigma);
+        let deviation = figure(row.deviation_db, None);
+        let _ = writeln!(text, "| {} | {} | {level} | {exponent} | {deviation} |", row.beacon, row.points);
+    }
+    text
+}

@@ -1,0 +1,53 @@
+//! Levels against distance with the fitted path loss, a panel a beacon (the thesis' figure 4.5).
+
+use anyhow::Result;
+use plotters::prelude::*;
+
+use super::axes::Axes;
+use super::drawing;
+use super::style::{INK, number, pen, stroke};
+use crate::ble::calibration::Calibrated;
+
+/// Panels beside each other.
+const ACROSS: usize = 3;
+/// Size of a panel, pixels.
+const PANEL: (u32, u32) = (400, 300);
+/// Points of a curve.
+const POINTS: u32 = 120;
+
+/// Draws every beacon that was heard.
+///
+/// # Errors
+/// The drawing library's.
+pub fn path_loss(calibrated: &[Calibrated]) -> Result<String> {
+    let heard: Vec<_> = calibrated.iter().filter_map(|beacon| Some((beacon, beacon.path_loss?))).collect();
+    let across = heard.len().clamp(1, ACROSS);
+    let down = heard.len().div_ceil(across).max(1);
+    let points = || calibrated.iter().flat_map(|beacon| &beacon.points);
+    let farthest = 1.05 * points().map(|point| point.distance_m).fold(1.0, f64::max);
+    let loudest = points().map(|point| point.level_dbm).fold(-60.0, f64::max);
+    let faintest = points().map(|point| point.level_dbm).fold(-80.0, f64::min);
+    drawing((PANEL.0 * across as u32, PANEL.1 * down as u32), |area| {
+        let panels = area.split_evenly((down, across));
+        for (panel, (beacon, path_loss)) in panels.iter().zip(heard) {
+            let title = format!(
+                "{}: n {}, {} dBm at 1 m",
+                beacon.beacon,
+                number((path_loss.exponent * 100.0).round() / 100.0),
+                number((path_loss.level_1m * 10.0).round() / 10.0)
+            );
+            let axes =
+                Axes { title: &title, names: ["distance, metres", "RSSI, dBm"], left: 60, ticks: [6, 6], unit: "" };
+            let mut chart = axes.draw(panel, 0.0..farthest, faintest - 4.0..loudest + 4.0)?;
+            let curve: Vec<(f64, f64)> = (1..=POINTS)
+                .map(|step| farthest * f64::from(step) / f64::from(POINTS))
+                .map(|distance| (distance, path_loss.level(distance)))
+                .filter(|(_, level)| (faintest - 4.0..=loudest + 4.0).contains(level))
+                .collect();
+            chart.draw_series([pen("robust").line::<(f64, f64)>(curve)])?;
+            let dots = beacon.points.iter().map(|point| (point.distance_m, point.level_dbm));
+            chart.draw_series(dots.map(|at| Circle::new(at, stroke(3.0), INK.mix(0.6).filled())))?;
+        }
+        Ok(())
+    })
+}
