@@ -18,6 +18,7 @@ mod bounding_box;
 mod constraints;
 pub mod engine;
 mod fix;
+pub mod fusion;
 mod geometry;
 mod linalg;
 mod linear;

@@ -43,6 +43,8 @@ pub trait Real:
     fn count(number: usize) -> Self;
     /// The value as `f64`, exactly.
     fn to_f64(self) -> f64;
+    /// The whole part, from 0 to `u32::MAX`: less is 0, and so is NaN.
+    fn truncated(self) -> u32;
     /// Square root, correctly rounded; NaN below zero.
     fn sqrt(self) -> Self;
     /// eˣ.
@@ -94,6 +96,10 @@ impl Real for f32 {
         f64::from(self)
     }
     #[inline(always)]
+    fn truncated(self) -> u32 {
+        self as u32
+    }
+    #[inline(always)]
     fn sqrt(self) -> Self {
         sqrt_f32(self)
     }
@@ -140,6 +146,10 @@ impl Real for f64 {
     #[inline(always)]
     fn to_f64(self) -> f64 {
         self
+    }
+    #[inline(always)]
+    fn truncated(self) -> u32 {
+        self as u32
     }
     #[inline(always)]
     fn sqrt(self) -> Self {

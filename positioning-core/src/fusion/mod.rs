@@ -1,0 +1,268 @@
+//! Positions from received powers and delays together: patent ES 2 397 388 A2 ("Procedimiento para la determinación de la posición
+//! fusionando la información de los niveles de potencia y el retardo temporal de propagación de las señales recibidas").
+//!
+//! In flow [`Observation`]s, one a value; [`Fusion::step`] makes of all values since the last step an [`Estimate`], or says why there is
+//! [`Missing`]. Powers alone, delays alone and both are the same call: a node counts with what it gives, and
+//! [`Sources`] can leave one kind out.
+//!
+//! The patent states its method in words; the equations and their numbers are ours.
+//!
+//! 1. **Mixture of kernels.** The recent values of a node (8, a line taken out) make the density of a value about its mean:
+//!    f(e) = n⁻¹ Σₖ N(e − eₖ; h²), h = s (4 ⁄ 3n)^(1⁄5). The patent leaves kernel and width open ("for example" a Gaussian one); the width follows
+//!    s², the variance of the recent values pooled with the expected one, so that it adapts. The mixture's variance is s².
+//! 2. **All fresh values**, independent draws: p(r | u) = Πᵢ f(rᵢ − u), with u the level without noise.
+//! 3. **The bias marginalised**: L(d) = ∫ p(r | m(d) + b) p(b) db. Powers: m(d) = p₁ − 10 n log₁₀ d, b Gaussian: the error of the channel's
+//!    parameters, and shadowing. Delays: m(d) = d after the affine model; b = 0 in line of sight but for what calibration left, and else positive:
+//!    exponential when the link is new, then what the link showed so far.
+//! 4. **Product over nodes**: VP(x) = Πⱼ Lⱼ(‖x − aⱼ‖).
+//! 5. **First position**: argmax VP in the box maxⱼ (aⱼ − ρⱼ) ≤ x ≤ minⱼ (aⱼ + ρⱼ), with ρⱼ the farthest from which the values can come.
+//! 6. **Motion**, a Taylor series: x(t + Δ) = x + v Δ + …, its remainder a white acceleration.
+//! 7. **Recursion**: p(xₜ | r₁…ₜ) ∝ VP(xₜ) ∫ p(xₜ | xₜ₋₁) p(xₜ₋₁ | r₁…ₜ₋₁) dxₜ₋₁, by particles; its mean, its mode and its covariance are the estimate.
+//!
+//! The patent estimates the channel's parameters at every instant, and marginalises over their error. Here each particle does both: along its
+//! own way it keeps the mean of every node's bias and the probability that the link is blocked, the variance being the same for all
+//! (a Rao-Blackwellised filter; so is the velocity). Errors that last therefore count once, and a beacon beside good anchors is calibrated as the
+//! tag walks. `docs/architecture.md` has the reasons.
+mod cloud;
+mod likelihood;
+mod node;
+mod output;
+mod random;
+mod settings;
+mod start;
+#[cfg(test)]
+mod tests;
+mod weigh;
+mod window;
+
+pub use node::{Channel, Observation};
+pub use output::{Estimate, Missing, Verdict};
+pub use settings::{DelayErrors, PowerErrors, Settings, Sources};
+
+use heapless::Vec;
+
+use crate::Real;
+use cloud::Cloud;
+use node::Node;
+use random::Random;
+use window::Window;
+
+/// Particles that a node has memory for.
+pub const NODE_PARTICLES: usize = 256;
+
+/// A clock that goes back by more than this has begun anew, microseconds.
+const OVERTAKING_US: u64 = 1_000_000;
+/// A node that was not heard for so long may lose its room to another, microseconds.
+const SILENT_US: u64 = 5_000_000;
+/// Fewer effective particles than this share are resampled.
+const FEW: f64 = 0.5;
+/// Below this evidence a node, a step's values are unexplained.
+const UNEXPLAINED: f64 = -4.0;
+/// So many such steps in sequence end a track.
+const PATIENCE: u8 = 5;
+/// What a position outside the area takes from the logarithm of a weight.
+const OUTSIDE: f64 = 20.0;
+
+/// The fusion: P particles ([`NODE_PARTICLES`] on a tag) in D dimensions (2: at a known height; 3), at most N nodes.
+#[derive(Clone, Debug)]
+pub struct Fusion<T, const D: usize, const P: usize, const N: usize> {
+    settings: Settings<T>,
+    nodes: Vec<Node<T>, N>,
+    cloud: Cloud<T, D, P, N>,
+    random: Random,
+    tracking: bool,
+    evidence: T,
+    unexplained: u8,
+    /// The latest time seen, that of the last step, and that of the last step with values.
+    now_us: u64,
+    stepped_us: u64,
+    used_us: u64,
+}
+
+impl<T: Real, const D: usize, const P: usize, const N: usize> Fusion<T, D, P, N> {
+    /// A fusion that has heard nothing.
+    pub fn new(settings: Settings<T>) -> Self {
+        const { assert!(D == 2 || D == 3, "positions are in the plane or in space") };
+        const { assert!(P > 0 && P <= 32_768, "there are particles, and 16 bits count them") };
+        let random = Random::new(settings.seed);
+        Self {
+            settings,
+            nodes: Vec::new(),
+            cloud: Cloud::new(),
+            random,
+            tracking: false,
+            evidence: T::ZERO,
+            unexplained: 0,
+            now_us: 0,
+            stepped_us: 0,
+            used_us: 0,
+        }
+    }
+
+    /// Takes one value of the time `now_us`, microseconds. It counts at the next step.
+    pub fn observe(&mut self, now_us: u64, observation: &Observation<T>) -> Verdict {
+        if !observation.is_sane() {
+            return Verdict::NotSane;
+        }
+        match (self.settings.sources, observation.channel.is_power()) {
+            (Sources::Power, false) | (Sources::Delay, true) => return Verdict::Ignored,
+            (Sources::Power | Sources::Both, true) | (Sources::Delay | Sources::Both, false) => {}
+        }
+        self.watch_clock(now_us);
+        let Some(at) = self.room(observation) else { return Verdict::NoRoom };
+        if let Some(node) = self.nodes.get_mut(at) {
+            node.channel = observation.channel;
+            node.heard_us = self.now_us;
+            node.window.push(observation.channel.level(observation.value), self.now_us, self.settings.recent_us);
+        }
+        Verdict::Held
+    }
+
+    /// Moves on to `now_us` with all values since the last step.
+    pub fn step(&mut self, now_us: u64) -> Result<Estimate<T, D>, Missing> {
+        self.watch_clock(now_us);
+        let dt = self.now_us.saturating_sub(self.stepped_us);
+        self.stepped_us = self.now_us;
+        if self.tracking && self.now_us.saturating_sub(self.used_us) > self.settings.gap_us {
+            self.tracking = false;
+            return Err(Missing::Gap);
+        }
+        // At most a gap: far less than the 24 bits of an f32 in milliseconds.
+        let dt = T::count((dt.min(self.settings.gap_us) / 1000) as usize) * T::of(1e-3);
+        for node in &mut self.nodes {
+            if self.now_us.saturating_sub(node.heard_us) > self.settings.recent_us {
+                node.window.used();
+            }
+        }
+        let fresh = self.nodes.iter().filter(|node| node.window.has_fresh()).count();
+        let started = !self.tracking;
+        if started {
+            if fresh <= D {
+                return Err(Missing::TooFewNodes);
+            }
+            self.start();
+        } else {
+            self.go_on(dt, fresh);
+        }
+        let balance = self.cloud.normalise();
+        let Some(balance) = balance.filter(|_| self.cloud.is_finite()) else {
+            self.tracking = false;
+            return Err(Missing::Diverged);
+        };
+        self.tracking = true;
+        self.watch(balance.evidence, fresh);
+        if fresh > 0 {
+            self.used_us = self.now_us;
+            self.nodes.iter_mut().for_each(|node| node.window.used());
+        }
+        let estimate = self.estimate(fresh, started);
+        if balance.effective < T::of(FEW) * T::count(P) {
+            self.cloud.resample(self.nodes.len(), &mut self.random);
+        }
+        Ok(estimate)
+    }
+
+    fn watch_clock(&mut self, now_us: u64) {
+        if now_us.saturating_add(OVERTAKING_US) < self.now_us {
+            self.tracking = false;
+            self.nodes.clear();
+            (self.now_us, self.stepped_us, self.used_us) = (now_us, now_us, now_us);
+        }
+        self.now_us = self.now_us.max(now_us);
+    }
+
+    /// Ends a track that explains nothing of what is measured: the next step begins another.
+    fn watch(&mut self, evidence: T, fresh: usize) {
+        self.evidence = evidence;
+        let explained = evidence >= T::of(UNEXPLAINED) * T::count(fresh);
+        self.unexplained = if explained { 0 } else { self.unexplained + 1 };
+        if self.unexplained >= PATIENCE {
+            (self.tracking, self.unexplained) = (false, 0);
+        }
+    }
+
+    /// The place of a value's node, old or new.
+    fn room(&mut self, observation: &Observation<T>) -> Option<usize> {
+        if let Some(at) = self.nodes.iter().position(|node| node.is(observation)) {
+            if self.nodes.get(at).is_some_and(|node| node.place != observation.place) {
+                self.replace(at, observation);
+            }
+            return Some(at);
+        }
+        if self.nodes.push(self.node(observation)).is_ok() {
+            let at = self.nodes.len() - 1;
+            self.replace(at, observation);
+            return Some(at);
+        }
+        let (at, oldest) = self.nodes.iter().enumerate().min_by_key(|(_, node)| node.heard_us)?;
+        if self.now_us.saturating_sub(oldest.heard_us) < SILENT_US {
+            return None;
+        }
+        self.replace(at, observation);
+        Some(at)
+    }
+
+    fn node(&self, observation: &Observation<T>) -> Node<T> {
+        Node {
+            id: observation.node,
+            place: observation.place,
+            channel: observation.channel,
+            window: Window::new(),
+            heard_us: self.now_us,
+            variance: self.settings.bias_variance(observation.channel.is_power()),
+            share: self.settings.delay.blocked,
+            known: false,
+            way: T::ZERO,
+            time: T::ZERO,
+        }
+    }
+
+    /// A node of which nothing is known yet.
+    fn replace(&mut self, at: usize, observation: &Observation<T>) {
+        let fresh = self.node(observation);
+        let belief = self.settings.belief();
+        if let (Some(node), Some(memory)) = (self.nodes.get_mut(at), self.cloud.memory.get_mut(at)) {
+            *node = fresh;
+            *memory = [belief; P];
+        }
+    }
+
+    /// The next step of a track.
+    fn go_on(&mut self, dt: T, fresh: usize) {
+        let velocity = self.cloud.mean_velocity();
+        let speed = velocity.iter().fold(T::ZERO, |sum, v| sum + v.squared()).sqrt();
+        for node in &mut self.nodes {
+            node.way += speed * dt;
+            node.time += dt;
+        }
+        self.learn_shares(dt);
+        self.cloud.predict(dt, self.settings.acceleration.squared(), &mut self.random);
+        self.cloud.unlog();
+        if fresh > 0 {
+            self.keep_inside();
+            self.weigh(T::ONE, true);
+        }
+    }
+
+    fn estimate(&self, nodes: usize, started: bool) -> Estimate<T, D> {
+        let mean = self.cloud.mean_position();
+        let covariance = self.cloud.covariance(&mean);
+        let mut estimate = Estimate {
+            mean,
+            mode: mean,
+            covariance,
+            velocity: self.cloud.mean_velocity(),
+            evidence: self.evidence,
+            nodes,
+            started,
+        };
+        let mut heaviest = T::ZERO;
+        for (position, &weight) in self.cloud.position.iter().zip(&self.cloud.weight) {
+            if weight > heaviest {
+                (heaviest, estimate.mode) = (weight, *position);
+            }
+        }
+        estimate.mode = self.cloud.mode(estimate.mode, estimate.spread());
+        estimate
+    }
+}

@@ -1,0 +1,162 @@
+//! Beacons and anchors: what is given of them, and what is kept.
+
+use super::window::Window;
+use crate::Real;
+
+/// Magnitudes beyond this are no measurement, metres.
+const FARTHEST_M: f64 = 1.0e5;
+/// Nearer than this a power says nothing more, metres.
+const NEAREST_M: f64 = 0.1;
+/// ln 10 ⁄ 10.
+const PER_DECIBEL: f64 = core::f64::consts::LN_10 / 10.0;
+
+/// How a value relates to the distance, in line of sight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Channel<T> {
+    /// Received power in dBm: `at_1m` − 10 · `exponent` · log₁₀ d.
+    Power {
+        /// At one metre, dBm.
+        at_1m: T,
+        /// The path loss exponent n.
+        exponent: T,
+    },
+    /// A delay in any unit, affine in the distance: d = `offset` + `scale` · delay.
+    Delay {
+        /// Metres.
+        offset: T,
+        /// Metres a unit.
+        scale: T,
+    },
+}
+
+/// One value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Observation<T> {
+    /// The node's number. A node may give both powers and delays.
+    pub node: u16,
+    /// Where it is, metres.
+    pub place: [T; 3],
+    /// What its values mean, as well as it is known.
+    pub channel: Channel<T>,
+    /// The value, in the channel's unit.
+    pub value: T,
+}
+
+impl<T: Real> Channel<T> {
+    /// Delays that are ranges already, metres.
+    pub fn range() -> Self {
+        Self::Delay { offset: T::ZERO, scale: T::ONE }
+    }
+
+    pub(super) fn is_power(&self) -> bool {
+        match self {
+            Self::Power { .. } => true,
+            Self::Delay { .. } => false,
+        }
+    }
+
+    /// A value as a level: dBm, or metres.
+    pub(super) fn level(&self, value: T) -> T {
+        match *self {
+            Self::Power { .. } => value,
+            Self::Delay { offset, scale } => offset + scale * value,
+        }
+    }
+
+    /// The level that is expected at a squared distance, m².
+    #[inline(always)]
+    pub(super) fn expected(&self, squared: T) -> T {
+        match *self {
+            // 10 log₁₀ d = 10 ⁄ (2 ln 10) ln d².
+            Self::Power { at_1m, exponent } => {
+                at_1m - exponent * T::of(0.5 / PER_DECIBEL) * squared.at_least(T::of(NEAREST_M * NEAREST_M)).ln()
+            }
+            Self::Delay { .. } => squared.sqrt(),
+        }
+    }
+
+    /// The distance at which a level is expected, metres; at most [`FARTHEST_M`].
+    pub(super) fn distance(&self, level: T) -> T {
+        let distance = match *self {
+            Self::Power { at_1m, exponent } => (T::of(PER_DECIBEL) * (at_1m - level) / exponent).exp(),
+            Self::Delay { .. } => level,
+        };
+        distance.at_least(T::ZERO).at_most(T::of(FARTHEST_M))
+    }
+
+    fn is_sane(&self) -> bool {
+        match *self {
+            Self::Power { at_1m, exponent } => {
+                at_1m.abs() <= T::of(200.0) && exponent > T::of(0.1) && exponent < T::of(20.0)
+            }
+            Self::Delay { offset, scale } => offset.abs() <= T::of(FARTHEST_M) && scale.is_finite(),
+        }
+    }
+}
+
+impl<T: Real> Observation<T> {
+    pub(super) fn is_sane(&self) -> bool {
+        let level = self.channel.level(self.value);
+        let place = self.place.iter().fold(T::ZERO, |sum, c| sum + c.abs());
+        let value = match self.channel {
+            // 127 means "unknown", and no receiver hears 0 dBm.
+            Channel::Power { .. } => level < T::ZERO && level > T::of(-128.0),
+            Channel::Delay { .. } => level.abs() <= T::of(FARTHEST_M),
+        };
+        value && self.channel.is_sane() && place <= T::of(FARTHEST_M)
+    }
+}
+
+/// A node that is heard.
+#[derive(Clone, Debug)]
+pub(super) struct Node<T> {
+    pub(super) id: u16,
+    pub(super) place: [T; 3],
+    pub(super) channel: Channel<T>,
+    pub(super) window: Window<T>,
+    /// When it was heard last.
+    pub(super) heard_us: u64,
+    /// Variance of the bias, dB² or m², given a particle's way.
+    pub(super) variance: T,
+    /// Share of the time in which the link has been blocked.
+    pub(super) share: T,
+    /// Whether particles have learnt of it.
+    pub(super) known: bool,
+    /// Way and time since its values were last used, metres and seconds.
+    pub(super) way: T,
+    pub(super) time: T,
+}
+
+impl<T: Real> Node<T> {
+    pub(super) fn is(&self, observation: &Observation<T>) -> bool {
+        self.id == observation.node && self.channel.is_power() == observation.channel.is_power()
+    }
+
+    /// How much of a bias is still the same as when the node's values were last used, with these lengths, metres and seconds.
+    pub(super) fn kept(&self, way: T, time: T) -> T {
+        (-(self.way / way + self.time / time)).exp()
+    }
+
+    /// How probable it is that the link is what it was, where it stays so for this time, seconds.
+    pub(super) fn sight_kept(&self, time: T) -> T {
+        if self.known { (-self.time / time).exp() } else { T::ZERO }
+    }
+
+    /// The particles have learnt from its values.
+    pub(super) fn learnt(&mut self) {
+        self.known = true;
+        (self.way, self.time) = (T::ZERO, T::ZERO);
+    }
+
+    /// The squared distance to a point, of which the plane's third coordinate is `height`, m².
+    #[inline(always)]
+    pub(super) fn squared<const D: usize>(&self, point: &[T; D], height: T) -> T {
+        let mut sum = if D < 3 { (self.place[2] - height).squared() } else { T::ZERO };
+        for (p, a) in point.iter().zip(&self.place) {
+            sum += (*p - *a).squared();
+        }
+        sum
+    }
+}

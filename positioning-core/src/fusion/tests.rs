@@ -1,0 +1,291 @@
+//! The fusion as a whole: against references that share nothing with it, and with hostile input.
+
+use std::boxed::Box;
+use std::vec::Vec;
+
+use super::*;
+use crate::Area;
+
+type Node256 = Box<Fusion<f32, 2, 256, 12>>;
+
+const POWER: Channel<f32> = Channel::Power { at_1m: -59.0, exponent: 2.0 };
+
+fn fusion(sources: Sources) -> Node256 {
+    Box::new(Fusion::new(Settings { sources, ..Settings::indoors(0.0) }))
+}
+
+fn observation(node: u16, place: [f32; 2], channel: Channel<f32>, value: f32) -> Observation<f32> {
+    Observation { node, place: [place[0], place[1], 0.0], channel, value }
+}
+
+fn distance(a: [f64; 2], b: [f32; 2]) -> f64 {
+    (a[0] - f64::from(b[0])).hypot(a[1] - f64::from(b[1]))
+}
+
+const CORNERS: [[f32; 2]; 4] = [[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]];
+
+/// Mean and deviation of a posterior over 0 to 10 m and 0 to 8 m, on a grid of 2 cm.
+fn by_grid(density: impl Fn([f64; 2]) -> f64) -> ([f64; 2], f64) {
+    let (mut sum, mut mean, mut square) = (0.0, [0.0; 2], 0.0);
+    for i in 0..500 {
+        for j in 0..400 {
+            let p = [0.01 + 0.02 * f64::from(i), 0.01 + 0.02 * f64::from(j)];
+            let w = density(p);
+            sum += w;
+            (mean[0], mean[1]) = (mean[0] + w * p[0], mean[1] + w * p[1]);
+            square += w * (p[0] * p[0] + p[1] * p[1]);
+        }
+    }
+    let mean = mean.map(|m| m / sum);
+    (mean, (square / sum - mean[0] * mean[0] - mean[1] * mean[1]).sqrt())
+}
+
+#[test]
+fn the_first_position_by_powers_is_that_of_a_fine_grid() {
+    // One value a beacon: Gaussian of 3² + 5² dB², and one stray in a hundred over 9 deviations.
+    let values = [-79.0, -74.0, -73.0, -76.0];
+    let (mean, spread) = by_grid(|p| {
+        let variance: f64 = 9.0 + 25.0;
+        let one = |(place, value): (&[f32; 2], &f32)| {
+            let x = f64::from(*value) + 59.0 + 20.0 * distance(p, *place).max(0.1).log10();
+            (-0.5 * x * x / variance).exp() / (std::f64::consts::TAU * variance).sqrt() + 0.01 / (9.0 * variance.sqrt())
+        };
+        CORNERS.iter().zip(&values).map(one).product()
+    });
+    let area = Some(Area { min: [0.0; 3], max: [10.0, 8.0, 1.0] });
+    let errors: Vec<[f64; 2]> = (0..20)
+        .map(|seed| {
+            let mut fusion: Node256 = Box::new(Fusion::new(Settings { area, seed, ..Settings::indoors(0.0) }));
+            for (k, (place, value)) in CORNERS.iter().zip(&values).enumerate() {
+                fusion.observe(0, &observation(k as u16, *place, POWER, *value));
+            }
+            let estimate = fusion.step(0).expect("four beacons");
+            [distance(mean, estimate.mean), f64::from(estimate.spread()) / spread]
+        })
+        .collect();
+    // 256 particles: the mean of a cloud of 3 m is worth 0.2 m, after stages of resampling somewhat less.
+    let worst = errors.iter().map(|[error, _]| *error).fold(0.0, f64::max);
+    assert!(worst < 0.25 * spread, "{worst} of {spread}");
+    assert!(errors.iter().all(|[_, ratio]| (0.75..1.3).contains(ratio)), "{errors:?} {spread}");
+}
+
+#[test]
+fn straight_ranges_make_a_kalman_filter() {
+    // Anchors a kilometre off along the axes: distances are coordinates. The reference is the textbook's filter in f64, of position
+    // and velocity, with the same density of acceleration.
+    let anchors = [[-1000.0, 0.0], [1000.0, 0.0], [0.0, -1000.0], [0.0, 1000.0]];
+    let settings = Settings {
+        reach: 1200.0_f32,
+        delay: DelayErrors { noise: 0.1, bias: 0.01, blocked: 0.0, excess: 1.0, way: 2.0, time: 1e9, learning: 1e9 },
+        ..Settings::indoors(0.0)
+    };
+    let mut fusion: Box<Fusion<f32, 2, 2048, 4>> = Box::new(Fusion::new(settings));
+    let mut random = Random::new(9);
+    let (mut x, mut v, mut p) = (0.0_f64, 0.0_f64, [1e3, 0.0, 0.49]);
+    let (q, dt) = (0.49, 0.2);
+    let (mut square, mut count) = (0.0, 0.0);
+    for k in 0..200_u32 {
+        let at = [(0.1 * f64::from(k)).sin() * 2.0, 0.0];
+        let mut sum = 0.0;
+        for (node, anchor) in anchors.iter().enumerate() {
+            let noise: f64 = random.normal();
+            let range = (distance(at, *anchor) + 0.1 * noise) as f32;
+            // Along x the one counts up, the other down.
+            match node {
+                0 => sum += f64::from(range) - 1000.0,
+                1 => sum += 1000.0 - f64::from(range),
+                _ => {}
+            }
+            fusion.observe(u64::from(k) * 200_000, &observation(node as u16, *anchor, Channel::range(), range));
+        }
+        if k > 0 {
+            let [a, b, c] = p;
+            x += dt * v;
+            p = [a + 2.0 * dt * b + dt * dt * c + q * dt.powi(3) / 3.0, b + dt * c + q * dt * dt / 2.0, c + q * dt];
+        }
+        // The mean of two ranges, 0.1 m each.
+        let (s, innovation) = (p[0] + 0.005 + 0.000_05, sum / 2.0 - x);
+        let gain = [p[0] / s, p[1] / s];
+        (x, v) = (x + gain[0] * innovation, v + gain[1] * innovation);
+        p = [p[0] * (1.0 - gain[0]), p[1] * (1.0 - gain[0]), p[2] - gain[1] * p[1]];
+        let estimate = fusion.step(u64::from(k) * 200_000).expect("four anchors");
+        if k >= 10 {
+            square += (f64::from(estimate.mean[0]) - x).powi(2);
+            count += 1.0;
+        }
+    }
+    // The filter's deviation is 0.055 m. Kernels adapt to eight values, and particles are 2048.
+    let difference = (square / count).sqrt();
+    assert!(difference < 0.02, "{difference} beside {}", p[0].sqrt());
+}
+
+#[test]
+fn a_blocked_anchor_does_not_pull() {
+    let mut fusion = fusion(Sources::Delay);
+    let at = [4.0, 3.0];
+    let mut last = None;
+    for k in 0..20_u64 {
+        for (node, corner) in CORNERS.iter().enumerate() {
+            let excess = if node == 3 { 2.0 } else { 0.0 };
+            let range = (distance(at, *corner) + excess) as f32;
+            fusion.observe(k * 200_000, &observation(node as u16, *corner, Channel::range(), range));
+        }
+        last = fusion.step(k * 200_000).ok();
+    }
+    let error = distance(at, last.expect("four anchors").mean);
+    assert!(error < 0.1, "{error}");
+}
+
+#[test]
+fn a_beacon_is_calibrated_while_anchors_know_better() {
+    // All powers 8 dB too strong: a factor of 2.5 in distance. Anchors for ten seconds, then beacons alone.
+    let mut fusion = fusion(Sources::Both);
+    let at = [4.0, 3.0];
+    let mut last = None;
+    for k in 0..60_u64 {
+        for (node, corner) in CORNERS.iter().enumerate() {
+            let range = distance(at, *corner) as f32;
+            if k < 50 {
+                fusion.observe(k * 200_000, &observation(node as u16, *corner, Channel::range(), range));
+            }
+            let power = -51.0 - 20.0 * range.log10();
+            fusion.observe(k * 200_000, &observation(node as u16, *corner, POWER, power));
+        }
+        last = fusion.step(k * 200_000).ok();
+    }
+    let error = distance(at, last.expect("a track").mean);
+    assert!(error < 0.4, "{error}");
+}
+
+#[test]
+fn sources_are_heeded() {
+    let power = observation(1, [0.0, 0.0], POWER, -60.0);
+    let range = observation(1, [0.0, 0.0], Channel::range(), 2.0);
+    let verdicts = |sources| [fusion(sources).observe(0, &power), fusion(sources).observe(0, &range)];
+    assert_eq!(verdicts(Sources::Power), [Verdict::Held, Verdict::Ignored]);
+    assert_eq!(verdicts(Sources::Delay), [Verdict::Ignored, Verdict::Held]);
+    assert_eq!(verdicts(Sources::Both), [Verdict::Held, Verdict::Held]);
+}
+
+#[test]
+fn a_delay_in_ticks_is_its_affine_distance() {
+    // 300 ticks of 0.0047 m, less an antenna delay of 100 ticks.
+    let channel = Channel::Delay { offset: -0.47, scale: 0.0047 };
+    assert!((channel.level(300.0_f64) - 0.94).abs() < 1e-12);
+}
+
+#[test]
+fn what_is_no_value_is_refused() {
+    let mut fusion = fusion(Sources::Both);
+    for value in [f32::NAN, f32::INFINITY, 127.0, 0.0, 5.0, -200.0] {
+        assert_eq!(fusion.observe(0, &observation(1, [0.0; 2], POWER, value)), Verdict::NotSane, "{value}");
+    }
+    for value in [f32::NAN, f32::NEG_INFINITY, 1e9] {
+        assert_eq!(fusion.observe(0, &observation(1, [0.0; 2], Channel::range(), value)), Verdict::NotSane);
+    }
+    let nowhere = observation(1, [f32::NAN, 0.0], POWER, -60.0);
+    assert_eq!(fusion.observe(0, &nowhere), Verdict::NotSane);
+    let flat = Channel::Power { at_1m: -59.0, exponent: 0.0 };
+    assert_eq!(fusion.observe(0, &observation(1, [0.0; 2], flat, -60.0)), Verdict::NotSane);
+    assert_eq!(fusion.step(1), Err(Missing::TooFewNodes));
+}
+
+#[test]
+fn two_nodes_do_not_begin_a_track_and_one_continues_it() {
+    let mut fusion = fusion(Sources::Both);
+    for node in 0..2 {
+        fusion.observe(0, &observation(node, CORNERS[usize::from(node)], POWER, -70.0));
+    }
+    assert_eq!(fusion.step(0), Err(Missing::TooFewNodes));
+    for (node, corner) in CORNERS.iter().enumerate() {
+        fusion.observe(200_000, &observation(node as u16, *corner, POWER, -73.0));
+    }
+    assert!(fusion.step(200_000).is_ok_and(|estimate| estimate.started && estimate.nodes == 4));
+    fusion.observe(400_000, &observation(0, CORNERS[0], POWER, -73.0));
+    assert!(fusion.step(400_000).is_ok_and(|estimate| !estimate.started && estimate.nodes == 1));
+}
+
+#[test]
+fn nodes_at_one_place_make_a_ring_and_no_panic() {
+    let mut fusion = fusion(Sources::Both);
+    for node in 0..4 {
+        fusion.observe(0, &observation(node, [5.0, 5.0], Channel::range(), 3.0));
+    }
+    let estimate = fusion.step(0).expect("four nodes");
+    // All directions alike: the deviation is the radius.
+    assert!((estimate.spread() - 3.0).abs() < 0.6, "{}", estimate.spread());
+}
+
+#[test]
+fn uncertainty_grows_without_values_until_the_gap() {
+    let mut fusion = fusion(Sources::Delay);
+    for (node, corner) in CORNERS.iter().enumerate() {
+        let range = distance([4.0, 3.0], *corner) as f32;
+        fusion.observe(0, &observation(node as u16, *corner, Channel::range(), range));
+    }
+    let spreads: Vec<f32> = (0..=10).filter_map(|s| fusion.step(s * 1_000_000).ok()).map(|e| e.spread()).collect();
+    assert!(spreads.len() == 11 && spreads.windows(2).all(|pair| pair[0] < pair[1]), "{spreads:?}");
+    assert_eq!(fusion.step(10_200_000), Err(Missing::Gap));
+    assert_eq!(fusion.step(10_400_000), Err(Missing::TooFewNodes));
+}
+
+#[test]
+fn a_clock_that_begins_anew_begins_a_track_anew_and_overtaken_values_count() {
+    let mut fusion = fusion(Sources::Delay);
+    let mut round = |now: u64, backwards: u64| {
+        for (node, corner) in CORNERS.iter().enumerate() {
+            let range = distance([4.0, 3.0], *corner) as f32;
+            let now = now - backwards * node as u64;
+            assert_eq!(fusion.observe(now, &observation(node as u16, *corner, Channel::range(), range)), Verdict::Held);
+        }
+        fusion.step(now).map(|estimate| estimate.started)
+    };
+    assert_eq!(round(60_000_000, 100_000), Ok(true));
+    assert_eq!(round(60_200_000, 100_000), Ok(false));
+    assert_eq!(round(1_000_000, 0), Ok(true));
+    assert_eq!(round(u64::MAX, 0), Err(Missing::Gap));
+}
+
+#[test]
+fn a_kidnapped_tag_is_found_again() {
+    let mut fusion = fusion(Sources::Delay);
+    let mut error = f64::NAN;
+    for k in 0..60_u64 {
+        let at = if k < 20 { [2.0, 2.0] } else { [9.0, 7.0] };
+        for (node, corner) in CORNERS.iter().enumerate() {
+            let range = distance(at, *corner) as f32;
+            fusion.observe(k * 200_000, &observation(node as u16, *corner, Channel::range(), range));
+        }
+        error = fusion.step(k * 200_000).map_or(f64::NAN, |estimate| distance(at, estimate.mean));
+    }
+    assert!(error < 0.3, "{error}");
+}
+
+#[test]
+fn a_full_table_refuses_until_a_node_falls_silent() {
+    let mut fusion = fusion(Sources::Power);
+    for node in 0..12 {
+        assert_eq!(fusion.observe(0, &observation(node, CORNERS[0], POWER, -60.0)), Verdict::Held);
+    }
+    assert_eq!(fusion.observe(0, &observation(12, CORNERS[0], POWER, -60.0)), Verdict::NoRoom);
+    assert_eq!(fusion.observe(6_000_000, &observation(12, CORNERS[0], POWER, -60.0)), Verdict::Held);
+}
+
+#[test]
+fn space_has_four_anchors_and_three_coordinates() {
+    let mut fusion: Box<Fusion<f32, 3, 1024, 8>> = Box::new(Fusion::new(Settings::indoors(0.0)));
+    let at = [4.0_f32, 3.0, 1.0];
+    let places = [[0.0, 0.0, 3.0], [10.0, 0.0, 0.2], [10.0, 8.0, 2.8], [0.0, 8.0, 0.3], [5.0, 4.0, 3.0]];
+    let mut last = None;
+    for k in 0..10_u64 {
+        for (node, place) in places.iter().enumerate() {
+            let value = at.iter().zip(place).map(|(a, b): (&f32, &f32)| (a - b).powi(2)).sum::<f32>().sqrt();
+            let range = Observation { node: node as u16, place: *place, channel: Channel::range(), value };
+            fusion.observe(k * 200_000, &range);
+        }
+        last = fusion.step(k * 200_000).ok();
+    }
+    let mean = last.expect("five anchors").mean;
+    let error = mean.iter().zip(at).map(|(m, a)| (m - a).powi(2)).sum::<f32>().sqrt();
+    assert!(error < 0.2, "{mean:?}");
+}
