@@ -1,7 +1,7 @@
 //! The particles: samples of the tag's position, and what each of them believes of velocity, biases and lines of sight.
 
-use super::random::Random;
 use crate::Real;
+use crate::ble::particles::{Random, systematic};
 
 /// P particles in D dimensions with what they remember of N nodes.
 #[derive(Clone, Debug)]
@@ -83,7 +83,7 @@ impl<T: Real, const D: usize, const P: usize, const N: usize> Cloud<T, D, P, N> 
         let scale = T::ONE / sum;
         let mut squares = T::ZERO;
         for weight in &mut self.weight {
-            *weight = *weight * scale;
+            *weight *= scale;
             squares += weight.squared();
         }
         Some(Balance { evidence: greatest + sum.ln(), effective: T::ONE / squares })
@@ -99,32 +99,17 @@ impl<T: Real, const D: usize, const P: usize, const N: usize> Cloud<T, D, P, N> 
         self.weight.iter_mut().for_each(|w| *w = w.at_least(T::of(1e-30)).ln());
     }
 
-    /// Systematic resampling in place: heavy particles take the places of light ones. `nodes` memories are kept.
+    /// Resampling in place: heavy particles take the places of light ones. The memories of `nodes` nodes go with them.
     pub(super) fn resample(&mut self, nodes: usize, random: &mut Random) {
-        let step = T::ONE / T::count(P);
-        let mut next = random.uniform::<T>() * step;
-        let mut sum = T::ZERO;
-        let mut copies = [0_u16; P];
-        for (count, &weight) in copies.iter_mut().zip(&self.weight) {
-            sum += weight;
-            while next < sum {
-                *count += 1;
-                next += step;
+        let mut sources: [u16; P] = core::array::from_fn(|place| place as u16);
+        let weight = |&place: &u16| self.weight.get(usize::from(place)).copied().unwrap_or(T::ZERO);
+        systematic(&mut sources, random.uniform(), weight, |_| ());
+        for (to, &from) in sources.iter().enumerate() {
+            if usize::from(from) != to {
+                self.copy(from.into(), to, nodes);
             }
         }
-        let mut from = 0;
-        for to in 0..P {
-            if copies.get(to).is_some_and(|&count| count > 0) {
-                continue;
-            }
-            while copies.get(from).is_some_and(|&count| count < 2) {
-                from += 1;
-            }
-            let Some(count) = copies.get_mut(from) else { break };
-            *count -= 1;
-            self.copy(from, to, nodes);
-        }
-        self.weight = [step; P];
+        self.weight = [T::ONE / T::count(P); P];
     }
 
     fn copy(&mut self, from: usize, to: usize, nodes: usize) {

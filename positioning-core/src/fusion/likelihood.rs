@@ -46,7 +46,7 @@ impl<T: Real> Likelihood<T> {
                 add_bell(&mut density, kernel - fresh + half, step, width);
             }
             scale_to_peak(&mut density);
-            product.iter_mut().zip(&density).for_each(|(p, &d)| *p = *p * d);
+            product.iter_mut().zip(&density).for_each(|(p, &d)| *p *= d);
             scale_to_peak(&mut product);
         }
         let direct = smooth(&product, bias_variance.sqrt() / step);
@@ -146,14 +146,14 @@ fn add_bell<T: Real>(table: &mut [T; KNOTS], middle: T, step: T, width: T) {
     let mut bell = peak;
     for knot in above {
         *knot += bell;
-        bell = bell * up;
-        up = up * curve;
+        bell *= up;
+        up *= curve;
     }
     bell = peak * down;
     for knot in below.iter_mut().rev() {
-        down = down * curve;
+        down *= curve;
         *knot += bell;
-        bell = bell * down;
+        bell *= down;
     }
 }
 
@@ -161,7 +161,7 @@ fn scale_to_peak<T: Real>(table: &mut [T; KNOTS]) {
     let peak = table.iter().fold(T::ZERO, |peak, &d| peak.at_least(d));
     if peak > T::ZERO {
         let scale = T::ONE / peak;
-        table.iter_mut().for_each(|d| *d = *d * scale);
+        table.iter_mut().for_each(|d| *d *= scale);
     }
 }
 

@@ -27,7 +27,6 @@ mod cloud;
 mod likelihood;
 mod node;
 mod output;
-mod random;
 mod settings;
 mod start;
 #[cfg(test)]
@@ -42,13 +41,13 @@ pub use settings::{DelayErrors, PowerErrors, Settings, Sources};
 use heapless::Vec;
 
 use crate::Real;
+use crate::ble::particles::Random;
 use cloud::Cloud;
 use node::Node;
-use random::Random;
 use window::Window;
 
-/// Particles that a node has memory for.
-pub const NODE_PARTICLES: usize = 256;
+/// Particles on a node.
+pub const ON_NODE: usize = crate::ble::particles::ON_NODE;
 
 /// A clock that goes back by more than this has begun anew, microseconds.
 const OVERTAKING_US: u64 = 1_000_000;
@@ -63,7 +62,7 @@ const PATIENCE: u8 = 5;
 /// What a position outside the area takes from the logarithm of a weight.
 const OUTSIDE: f64 = 20.0;
 
-/// The fusion: P particles ([`NODE_PARTICLES`] on a tag) in D dimensions (2: at a known height; 3), at most N nodes.
+/// The fusion: P particles ([`ON_NODE`] on a tag) in D dimensions (2: at a known height; 3), at most N nodes.
 #[derive(Clone, Debug)]
 pub struct Fusion<T, const D: usize, const P: usize, const N: usize> {
     settings: Settings<T>,

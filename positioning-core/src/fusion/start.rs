@@ -27,7 +27,7 @@ impl<T: Real, const D: usize, const P: usize, const N: usize> Fusion<T, D, P, N>
                 position[axis] = low[axis] + part * width;
                 part += step;
                 if part >= T::ONE {
-                    part = part - T::ONE;
+                    part -= T::ONE;
                 }
             }
         }
@@ -48,7 +48,7 @@ impl<T: Real, const D: usize, const P: usize, const N: usize> Fusion<T, D, P, N>
                 self.cloud.normalise();
                 self.cloud.resample(self.nodes.len(), &mut self.random);
                 self.cloud.scatter(scatter, &mut self.random);
-                scatter = scatter * T::of(FINER);
+                scatter *= T::of(FINER);
             }
         }
     }

@@ -27,14 +27,14 @@ impl<T: Real, const D: usize, const P: usize, const N: usize> Fusion<T, D, P, N>
         let kept = node.kept(settings.power.way, settings.power.time);
         let bias_variance = kept.squared() * node.variance + (T::ONE - kept.squared()) * settings.power.bias.squared();
         let likelihood = Likelihood::new(&mixture, bias_variance, None);
-        let norm = T::ONE / likelihood.peak();
+        let (norm, part) = (T::ONE / likelihood.peak(), part * T::of(core::f64::consts::LN_2));
         let gain = bias_variance / (bias_variance + likelihood.variance);
         let most = T::of(MOST_DEVIATIONS) * (bias_variance + likelihood.variance).sqrt();
         for ((position, memory), weight) in cloud.position.iter().zip(memory).zip(&mut cloud.weight) {
             let expected = node.channel.expected(node.squared(position, settings.height));
             let bias = kept * memory.bias;
             let x = mixture.mean - expected - bias;
-            *weight += part * (likelihood.direct(x) * norm).ln();
+            *weight += part * (likelihood.direct(x) * norm).log2_about();
             if learn {
                 memory.bias = bias + gain * x.at_most(most).at_least(-most);
             }
@@ -58,7 +58,7 @@ impl<T: Real, const D: usize, const P: usize, const N: usize> Fusion<T, D, P, N>
         let anew = Likelihood::new(&mixture, errors.bias.squared(), Some(errors.excess));
         let lasting = Likelihood::new(&mixture, spread, None);
         let gain = spread / (spread + lasting.variance);
-        let norm = T::ONE / anew.peak();
+        let (norm, part) = (T::ONE / anew.peak(), part * T::of(core::f64::consts::LN_2));
         for ((position, belief), weight) in cloud.position.iter().zip(memory).zip(&mut cloud.weight) {
             let x = mixture.mean - node.channel.expected(node.squared(position, settings.height));
             let excess = errors.excess + kept * (belief.bias - errors.excess);
@@ -69,7 +69,7 @@ impl<T: Real, const D: usize, const P: usize, const N: usize> Fusion<T, D, P, N>
             let became = became * blocked;
             let stayed = stayed * lasting.direct(x - excess);
             let density = direct + became + stayed;
-            *weight += part * (density * norm).ln();
+            *weight += part * (density * norm).log2_about();
             if learn {
                 let blocked = became + stayed;
                 belief.blocked = blocked / density;
@@ -102,7 +102,7 @@ impl<T: Real, const D: usize, const P: usize, const N: usize> Fusion<T, D, P, N>
         for (position, weight) in self.cloud.position.iter().zip(&mut self.cloud.weight) {
             let inside = position.iter().enumerate().all(|(axis, &p)| p >= area.min[axis] && p <= area.max[axis]);
             if !inside {
-                *weight = *weight - T::of(OUTSIDE);
+                *weight -= T::of(OUTSIDE);
             }
         }
     }

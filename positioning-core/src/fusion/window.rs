@@ -85,7 +85,7 @@ impl<T: Real> Window<T> {
         // The kernels' places and the kernels' own width together have the variance.
         let between = (variance - width.squared()).at_least(T::ZERO);
         let scale = if squares > T::ZERO { (between * T::count(kernels.len()) / squares).sqrt() } else { T::ZERO };
-        kernels.iter_mut().for_each(|e| *e = *e * scale);
+        kernels.iter_mut().for_each(|e| *e *= scale);
         let width = if scale == T::ZERO { variance.sqrt() } else { width };
         let fresh = fresh.iter().map(|v| v.value - mean).collect();
         Some(Mixture { kernels, width, variance, mean, fresh })

@@ -10,6 +10,7 @@ mod resample;
 
 pub use levels::Levels;
 pub use random::Random;
+pub(crate) use resample::systematic;
 
 use super::path_loss::Wall;
 use crate::{Area, Real};
