@@ -50,6 +50,8 @@ pub struct Board {
     pub care: Care,
     /// What the node is told.
     pub start: Start,
+    /// What the record is in, and what lies beside it.
+    pub flash: Nvmc<'static>,
     /// Of the executor that ranging runs in, above the thread's.
     pub ranging: SendSpawner,
     /// The radio of the nRF52832.
@@ -90,7 +92,8 @@ impl Board {
             reset: Reset::new(p.P0_24.into()),
             delay: driver_delay,
         };
-        let record = node_record::load(&mut Nvmc::new(p.NVMC), node_record::Pages::DWM1001.offsets);
+        let mut flash = Nvmc::new(p.NVMC);
+        let record = node_record::load(&mut flash, node_record::Pages::DWM1001.offsets);
         let eui = identity::of_random(device_id());
         Self {
             uwb,
@@ -104,6 +107,7 @@ impl Board {
                 telemetry,
             },
             start: Start { record, eui, reset, crash },
+            flash,
             ranging: start_ranging(),
             #[cfg(feature = "ble")]
             bluetooth: bluetooth::Parts {

@@ -8,7 +8,7 @@ mod uwb;
 
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::exti::{self, ExtiInput};
-use embassy_stm32::flash::Flash;
+use embassy_stm32::flash;
 use embassy_stm32::gpio::{Input, Level, Output, OutputOpenDrain, Pull, Speed};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority, typelevel};
 use embassy_stm32::mode::Blocking;
@@ -42,6 +42,9 @@ bind_interrupts!(struct Interrupts {
     UART5 => RangingInterrupt;
 });
 
+/// The chip's flash.
+pub type Flash = flash::Flash<'static, Blocking>;
+
 /// The display, on SPI2.
 pub type Lcd = crate::lcd::Lcd<Spi<'static, Blocking, Master>, Output<'static>>;
 
@@ -59,6 +62,8 @@ pub struct Board {
     pub lcd: Lcd,
     /// What the node is told: there is always a record, made of the switches and of what is in flash.
     pub start: Start,
+    /// What the record is in, and what lies beside it.
+    pub flash: Flash,
     /// Of the executor that ranging runs in, above the thread's.
     pub ranging: SendSpawner,
 }
@@ -116,7 +121,8 @@ impl Board {
         cortex_m::asm::delay(72 * 50);
         let [anchor, s1_5, s1_6, s1_7, native] = switches.map(|line| line.is_low());
 
-        let record = node_record::load(&mut Flash::new_blocking(p.FLASH), node_record::Pages::EVK1000.offsets);
+        let mut flash = Flash::new_blocking(p.FLASH);
+        let record = node_record::load(&mut flash, node_record::Pages::EVK1000.offsets);
         if let Err(fault) = &record
             && *fault != node_record::Fault::Missing
         {

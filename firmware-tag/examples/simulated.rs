@@ -8,7 +8,7 @@ use std::pin::pin;
 use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_common::{Reporter, Settings};
-use firmware_tag::{Handover, places, run_as_told};
+use firmware_tag::{Handover, Locator, places, run_as_told};
 use node_record::{Record, Role};
 use small_air::{AirRadio, World, room, uptime_us};
 use telemetry::{Board, Reset, ResetCause};
@@ -33,7 +33,8 @@ pub fn live(record: &Record, life_us: u64, tag_in: TagIn) -> Result<(Vec<u8>, u3
     let radio = tag_in(&world).ok_or("the world is full")?;
     reporter.journal.reset(Reset { t_us: uptime_us(), cause: ResetCause::PowerOn, crash: None });
     let told = (&handover, &reporter);
-    let app = run_as_told(radio, world.delay(), (&settings, &tag), &anchors, told, Board::Simulated);
+    let app =
+        run_as_told(radio, world.delay(), (&settings, &tag), Locator::of(&tag, &anchors, None), told, Board::Simulated);
 
     let mut telemetry = Vec::new();
     let everything = pin!(join(app, room::anchors(&world, settings.network)));

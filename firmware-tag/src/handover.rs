@@ -14,6 +14,8 @@ use ranging::RadioInstant;
 use ranging::exchange::{self, Difference, Guidance, Range};
 use ranging::native::MAX_ROUND;
 
+use crate::Sounding;
+
 /// Rounds that may wait for the engine: it is late by two at most, then the oldest go.
 const ROUNDS: usize = 2;
 /// Sightings that may wait.
@@ -75,6 +77,8 @@ impl<'a> Measured<'a> {
 pub(crate) struct Round {
     /// When the poll left or came, since the node started, microseconds.
     pub(crate) poll_us: u64,
+    /// The impulse response of its last frame, where it was read.
+    pub(crate) sounding: Option<Sounding>,
     owned: Owned,
 }
 
@@ -86,7 +90,7 @@ enum Owned {
 }
 
 impl Round {
-    pub(crate) fn of(measured: &Measured<'_>, poll_us: u64) -> Self {
+    pub(crate) fn of(measured: &Measured<'_>, poll_us: u64, sounding: Option<Sounding>) -> Self {
         let owned = match *measured {
             Measured::Ranges(round) => Owned::Ranges(
                 exchange::Round { ranges: &[], ..round },
@@ -97,7 +101,7 @@ impl Round {
                 round.differences.iter().take(MAX_ROUND).copied().collect(),
             ),
         };
-        Self { poll_us, owned }
+        Self { poll_us, sounding, owned }
     }
 
     pub(crate) fn measured(&self) -> Measured<'_> {
@@ -144,7 +148,7 @@ impl<M: RawMutex> Handover<M> {
     pub const fn new() -> Self {
         Self {
             rounds: Channel::new(),
-            guidance: Mutex::new(Cell::new(Guidance { position_m: None, rate: None })),
+            guidance: Mutex::new(Cell::new(Guidance { position_m: None, rate: None, turns: false })),
             sightings: Channel::new(),
             quiet: Signal::new(),
             heard: Tally::new(),
@@ -214,7 +218,7 @@ mod tests {
 
     fn round(number: u16) -> Round {
         let measured = exchange::Round { number, poll: RadioInstant::default(), asked: 4, ranges: &[] };
-        Round::of(&Measured::Ranges(measured), 0)
+        Round::of(&Measured::Ranges(measured), 0, None)
     }
 
     #[test]
@@ -229,9 +233,9 @@ mod tests {
     #[test]
     fn a_rate_waits_until_it_is_taken_and_a_position_stays() {
         let handover = Handover::<NoopRawMutex>::new();
-        handover.guide(Guidance { position_m: None, rate: Some(Rate::Greedy) });
-        handover.guide(Guidance { position_m: Some([1.0, 2.0, 3.0]), rate: None });
-        let taken = Guidance { position_m: Some([1.0, 2.0, 3.0]), rate: Some(Rate::Greedy) };
+        handover.guide(Guidance { position_m: None, rate: Some(Rate::Greedy), turns: false });
+        handover.guide(Guidance { position_m: Some([1.0, 2.0, 3.0]), rate: None, turns: true });
+        let taken = Guidance { position_m: Some([1.0, 2.0, 3.0]), rate: Some(Rate::Greedy), turns: true };
         assert_eq!(handover.take_guidance(), taken);
         assert_eq!(handover.take_guidance(), Guidance { rate: None, ..taken });
     }

@@ -11,7 +11,10 @@ mod handover;
 mod locator;
 mod pace;
 pub mod scan;
+#[cfg(feature = "_board")]
+mod shelf;
 mod sightings;
+mod sounding;
 mod told;
 mod tracker;
 
@@ -25,17 +28,21 @@ use embassy_futures::select::{Either, select};
 use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
 use embedded_hal_async::delay::DelayNs;
 use firmware_common::{Reporter, Settings, TagMachine, build};
-use ranging::RadioInstant;
 use ranging::exchange::{Action, Event, Guidance, Link, Machine, Report};
 use ranging::node::{self, Listener, Restart};
+use ranging::{Radio, RadioInstant};
 use telemetry::{Board, Hello, Role, Sighting};
 
 use handover::{Quiet, Round};
+use sounding::Sounder;
 
 pub use handover::{Handover, Heard, Measured};
 pub use locator::{AnchorPlace, Epoch, Locator, Position, places};
 pub use pace::Pace;
+#[cfg(feature = "_board")]
+pub use shelf::Shelf;
 pub use sightings::{KnownBeacons, tell_sightings};
+pub use sounding::Sounding;
 pub use told::Told;
 pub use tracker::Tracker;
 
@@ -112,7 +119,7 @@ pub async fn run_as_told<R: Restart, D: DelayNs + Clone, M: RawMutex, const BYTE
     radio: R,
     delay: D,
     (settings, tag): (&Settings, &node_record::Tag),
-    anchors: &[AnchorPlace],
+    locator: Locator<'_>,
     (handover, reporter): (&Handover<M>, &Reporter<M, BYTES>),
     board: Board,
 ) -> Infallible {
@@ -122,7 +129,7 @@ pub async fn run_as_told<R: Restart, D: DelayNs + Clone, M: RawMutex, const BYTE
     let sink = Told::new(reporter, tag.report_ranges);
     let machine = TagMachine::new(settings, tag);
     let ranging = ranging(radio, delay.clone(), machine, handover, &sink);
-    let engine = engine(handover, delay.clone(), Locator::of(tag, anchors), Pace::of(tag), &sink);
+    let engine = engine(handover, delay.clone(), locator, Pace::of(tag), &sink);
     join3(ranging, engine, reporter.keep_telling(hello, delay)).await.0
 }
 
@@ -134,7 +141,7 @@ pub async fn ranging<R: Restart, M: RawMutex>(
     handover: &Handover<M>,
     sink: &impl Sink,
 ) -> Infallible {
-    node::run(&mut radio, &mut delay, &mut machine, &mut Ranging { handover, sink }).await
+    node::run(&mut radio, &mut delay, &mut machine, &mut Ranging { handover, sink, sounder: Sounder::default() }).await
 }
 
 /// The task that makes positions, sole owner of whatever that needs.
@@ -146,16 +153,17 @@ pub async fn engine<M: RawMutex>(
     sink: &impl Sink,
 ) -> Infallible {
     let mut tracker = Tracker::new(locator);
+    let turns = tracker.wants_response();
     loop {
         sink.alive(Task::Engine);
         let round = match select(handover.next_round(), delay.delay_ms(IDLE_MS)).await {
             Either::First(round) => round,
             Either::Second(()) => continue,
         };
-        let epoch = tracker.follow(round.measured(), round.poll_us);
+        let epoch = tracker.follow(round.measured(), round.sounding.as_ref(), round.poll_us);
         let position = epoch.outcome.as_ref().ok();
         let rate = pace.after(sink.now_us(), position);
-        handover.guide(Guidance { position_m: position.map(|position| position.position_m), rate });
+        handover.guide(Guidance { position_m: position.map(|position| position.position_m), rate, turns });
         sink.publish(epoch).await;
     }
 }
@@ -164,13 +172,14 @@ pub async fn engine<M: RawMutex>(
 struct Ranging<'a, M: RawMutex, S> {
     handover: &'a Handover<M>,
     sink: &'a S,
+    sounder: Sounder,
 }
 
 impl<M: RawMutex, S: Sink> Ranging<'_, M, S> {
-    fn hand_over(&self, measured: &Measured<'_>, present: RadioInstant) {
+    fn hand_over(&mut self, measured: &Measured<'_>, present: RadioInstant) {
         let age_us = u64::try_from(present.since(measured.poll()).as_micros()).unwrap_or(0);
         let poll_us = self.sink.now_us().saturating_sub(age_us);
-        let dropped = self.handover.put_round(Round::of(measured, poll_us));
+        let dropped = self.handover.put_round(Round::of(measured, poll_us, self.sounder.take()));
         (0..dropped).for_each(|_| self.sink.round_dropped());
     }
 }
@@ -182,11 +191,18 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
             Report::Differences(round) => self.hand_over(&Measured::Differences(round), present),
             Report::Link(link) => self.sink.link(link),
         }
-        self.handover.take_guidance()
+        let guidance = self.handover.take_guidance();
+        self.sounder.wanted = guidance.turns;
+        guidance
+    }
+
+    async fn look<R: Radio>(&mut self, radio: &mut R, _: &Report<'_>) -> Result<(), R::Error> {
+        self.sounder.look(radio, self.sink.now_us()).await
     }
 
     fn observe(&mut self, now: RadioInstant, event: &Event<'_>, action: &Action<'_>) {
         self.sink.step(event);
+        self.sounder.observe(event, action);
         match action {
             Action::WaitUntil(instant) => {
                 let micros = u64::try_from(instant.since(now).as_micros()).unwrap_or(0);

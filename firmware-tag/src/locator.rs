@@ -2,9 +2,10 @@
 
 use heapless::Vec;
 use positioning_core::engine::{Dimensions, Settings, Solvers};
+use positioning_core::nlos::Model;
 use positioning_core::{NoFix, Noise, Real, Side};
 
-use crate::Measured;
+use crate::{Measured, Sounding};
 
 /// An anchor that the tag knows of by its configuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,6 +24,8 @@ pub struct Locator<'a> {
     pub settings: Settings<f32>,
     /// Places known by configuration; they count more than what the anchors say of themselves.
     pub anchors: &'a [AnchorPlace],
+    /// What tells blocked links; `None`: their powers.
+    pub model: Option<&'a Model<'a>>,
 }
 
 /// What became of one round.
@@ -34,6 +37,8 @@ pub struct Epoch<'a> {
     pub poll_us: u64,
     /// The position, or why there is none.
     pub outcome: Result<Position, NoFix>,
+    /// The impulse response of its last frame, where it was read.
+    pub sounding: Option<&'a Sounding>,
 }
 
 /// A position in space; a tag at a known height has that height, and no variance in z.
@@ -65,12 +70,22 @@ impl<'a> Locator<'a> {
             Some(height) => Settings::track(Dimensions::Plane { height }),
             None => Settings::solve(Dimensions::Space { side: Side::Unknown }, Solvers::robust()),
         };
-        Self { settings: Settings { noise: Noise::by_powers(), solvers: Solvers::on_node(), ..settings }, anchors }
+        let settings = Settings { noise: Noise::by_powers(), solvers: Solvers::on_node(), ..settings };
+        Self { settings, anchors, model: None }
     }
 
-    /// That of a tag with this record.
-    pub fn of(tag: &node_record::Tag, anchors: &'a [AnchorPlace]) -> Self {
-        Self::new(tag.height_m, anchors)
+    /// That of a tag with this record, and with the classifier beside it.
+    pub fn of(tag: &node_record::Tag, anchors: &'a [AnchorPlace], model: Option<&'a Model<'a>>) -> Self {
+        Self::new(tag.height_m, anchors).with_model(model)
+    }
+
+    /// Has this classifier, where there is one, tell blocked links: then a doubt is one of half a metre.
+    pub fn with_model(mut self, model: Option<&'a Model<'a>>) -> Self {
+        self.model = model;
+        if model.is_some() {
+            self.settings.noise = Noise::indoors();
+        }
+        self
     }
 }
 

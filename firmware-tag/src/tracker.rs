@@ -1,22 +1,26 @@
 //! From rounds to positions: in flow the ranges or differences of a round, through the engine, out flows an [`Epoch`].
 //!
-//! All that a round measured is of the time of its poll. What the received powers say of a link's line of sight goes along.
+//! All that a round measured is of the time of its poll. What is known of a link's line of sight goes along: by a trained classifier,
+//! which may ask for the impulse response, or by the received powers.
 
 use heapless::Vec;
 use positioning_core::engine::{Engine, Measurement, Missing, Tdoa, Verdict};
-use positioning_core::nlos::{Classifier, Feature, Features};
-use positioning_core::{NoFix, POWER_DOUBT, Real, engine};
+use positioning_core::nlos::{Feature, Features, Judge, Reception, first_path_to_noise_db};
+use positioning_core::{NoFix, Real, engine};
 use ranging::Diagnostics;
 use ranging::exchange::{Difference, Differences, Range, Round};
 use ranging::native::MAX_ROUND;
 
-use crate::{AnchorPlace, Epoch, Locator, Measured, Position};
+use crate::{AnchorPlace, Epoch, Locator, Measured, Position, Sounding};
 
 /// Follows one tag.
 #[derive(Clone, Debug)]
 pub struct Tracker<'a> {
     engine: Engine<f32>,
     anchors: &'a [AnchorPlace],
+    judge: Judge<'a>,
+    /// Where the tag was at the end of the last round, metres, where that is known.
+    last_m: Option<[f32; 3]>,
 }
 
 /// What the engine has taken of a round.
@@ -33,18 +37,30 @@ struct Taken {
 impl<'a> Tracker<'a> {
     /// Knows nothing of the tag yet.
     pub fn new(locator: Locator<'a>) -> Self {
-        Self { engine: Engine::new(locator.settings), anchors: locator.anchors }
+        Self {
+            engine: Engine::new(locator.settings),
+            anchors: locator.anchors,
+            judge: Judge::new(locator.model),
+            last_m: None,
+        }
+    }
+
+    /// Whether the impulse responses of frames are of use.
+    pub fn wants_response(&self) -> bool {
+        self.judge.wants_response()
     }
 
     /// The position at the end of a round, whose poll left or came at `poll_us`. A round that measured nothing, or nothing that
-    /// could belong to the track, has none: where the track would be by itself is no news.
-    pub fn follow<'r>(&mut self, measured: Measured<'r>, poll_us: u64) -> Epoch<'r> {
+    /// could belong to the track, has none: where the track would be by itself is no news. `sounding` is the impulse response of
+    /// one of its frames.
+    pub fn follow<'r>(&mut self, measured: Measured<'r>, sounding: Option<&'r Sounding>, poll_us: u64) -> Epoch<'r> {
         let mut taken = Taken::default();
         match &measured {
-            Measured::Ranges(round) => self.take_ranges(round, poll_us, &mut taken),
+            Measured::Ranges(round) => self.take_ranges(round, sounding, poll_us, &mut taken),
             Measured::Differences(round) => self.take_differences(round, poll_us, &mut taken),
         }
         let end = self.engine.step_on_node(poll_us, &Measurement::RoundEnd);
+        self.last_m = end.fix.as_ref().ok().map(|fix| fix.position);
         if end.fix.is_ok() {
             taken.used |= taken.held;
         }
@@ -63,18 +79,28 @@ impl<'a> Tracker<'a> {
             Ok(_) | Err(Missing::RoundOpen | Missing::Lost(_)) => Err(NoFix::TooFewAnchors),
             Err(Missing::NoFix(reason)) => Err(reason),
         };
-        Epoch { measured, poll_us, outcome }
+        Epoch { measured, poll_us, outcome, sounding }
     }
 
-    fn take_ranges(&mut self, round: &Round<'_>, poll_us: u64, taken: &mut Taken) {
+    fn take_ranges(&mut self, round: &Round<'_>, sounding: Option<&Sounding>, poll_us: u64, taken: &mut Taken) {
         for (place, range) in (0..MAX_ROUND as u8).zip(round.ranges) {
             let Some(at) = self.place_of(range) else { continue };
+            let mut features = self.features(&range.diagnostics);
+            if let Some(sounding) = sounding.filter(|sounding| sounding.peer == range.peer) {
+                features.set_shape(&sounding.shape);
+            }
+            let reception = Reception {
+                features,
+                range_m: range.distance_m,
+                power_dbm: range.diagnostics.rx_power_dbm,
+                ends_m: self.last_m.map(|last| [last, at]),
+            };
             let range = engine::Range {
                 anchor: range.peer,
                 place: at,
                 distance: range.distance_m,
                 deviation: range.deviation_m,
-                blocked: blocked(&range.diagnostics),
+                blocked: self.judge.blocked(poll_us, range.peer, &reception),
                 excess: None,
             };
             let verdict = self.engine.step_on_node(poll_us, &Measurement::Range(range)).verdict;
@@ -89,6 +115,12 @@ impl<'a> Tracker<'a> {
         let reference = self.configured(round.reference).unwrap_or(round.reference_m);
         for (place, difference) in (0..MAX_ROUND as u16).zip(round.differences) {
             let at = self.configured(difference.peer).unwrap_or(difference.position_m);
+            let reception = Reception {
+                features: self.features(&difference.diagnostics),
+                range_m: f32::NAN,
+                power_dbm: difference.diagnostics.rx_power_dbm,
+                ends_m: None,
+            };
             let tdoa = Tdoa {
                 anchor: difference.peer,
                 place: at,
@@ -96,7 +128,7 @@ impl<'a> Tracker<'a> {
                 reference_place: reference,
                 difference: between(round, difference, [reference, at]),
                 deviations: [round.reference_deviation_m, difference.deviation_m],
-                blocked: [None, blocked(&difference.diagnostics)],
+                blocked: [None, self.judge.blocked(poll_us, difference.peer, &reception)],
             };
             match self.engine.step_on_node(poll_us, &Measurement::Tdoa(tdoa)).verdict {
                 Verdict::Used | Verdict::Readmitted => taken.used |= 1 << place,
@@ -109,6 +141,18 @@ impl<'a> Tracker<'a> {
                 | Verdict::Started(_) => {}
             }
         }
+    }
+
+    /// What the diagnostics of one reception tell.
+    fn features(&self, diagnostics: &Diagnostics) -> Features {
+        let mut features = Features::default();
+        features.set(Feature::PowerDifference, diagnostics.rx_power_dbm - diagnostics.first_path_power_dbm);
+        if self.judge.asks(Feature::FirstPathToNoise) {
+            let amplitudes = diagnostics.first_path_amplitudes.map(f32::from);
+            let to_noise = first_path_to_noise_db(amplitudes, f32::from(diagnostics.noise_deviation));
+            features.set_known(Feature::FirstPathToNoise, to_noise);
+        }
+        features
     }
 
     fn configured(&self, anchor: u16) -> Option<[f32; 3]> {
@@ -130,16 +174,10 @@ fn between(round: &Differences<'_>, difference: &Difference, places: [[f32; 3]; 
     difference.difference_m + apart(told) - apart(places)
 }
 
-/// The probability that what these diagnostics are of came late.
-fn blocked(diagnostics: &Diagnostics) -> Option<f32> {
-    let mut features = Features::default();
-    features.set(Feature::PowerDifference, diagnostics.rx_power_dbm - diagnostics.first_path_power_dbm);
-    POWER_DOUBT.nlos_probability(&features)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use positioning_core::nlos::{Kind, Model, Platt, Shape, Skewness};
     use ranging::RadioInstant;
     use std::vec::Vec;
 
@@ -197,7 +235,7 @@ mod tests {
 
     /// After twenty rounds, 50 ms each.
     fn settled(mut tracker: Tracker<'_>, measured: Measured<'_>) -> Position {
-        let outcomes: Vec<_> = (1..=20).map(|k| tracker.follow(measured, 50_000 * k).outcome).collect();
+        let outcomes: Vec<_> = (1..=20).map(|k| tracker.follow(measured, None, 50_000 * k).outcome).collect();
         outcomes.last().copied().unwrap().unwrap()
     }
 
@@ -233,11 +271,11 @@ mod tests {
     fn too_few_ranges_give_a_reason_until_there_is_a_track() {
         let heard = ranges(|i| Some(CORNERS[i]));
         let mut tracker = at_floor(&[]);
-        assert_eq!(tracker.follow(round(&heard[..2]), 10_000).outcome, Err(NoFix::TooFewAnchors));
-        assert!(tracker.follow(round(&heard), 60_000).outcome.is_ok());
-        let one = tracker.follow(round(&heard[2..3]), 110_000).outcome.unwrap();
+        assert_eq!(tracker.follow(round(&heard[..2]), None, 10_000).outcome, Err(NoFix::TooFewAnchors));
+        assert!(tracker.follow(round(&heard), None, 60_000).outcome.is_ok());
+        let one = tracker.follow(round(&heard[2..3]), None, 110_000).outcome.unwrap();
         assert_eq!(one.used, 0b1);
-        assert_eq!(tracker.follow(round(&[]), 160_000).outcome, Err(NoFix::TooFewAnchors));
+        assert_eq!(tracker.follow(round(&[]), None, 160_000).outcome, Err(NoFix::TooFewAnchors));
     }
 
     #[test]
@@ -245,10 +283,10 @@ mod tests {
         let heard = ranges(|i| Some(CORNERS[i]));
         let mut tracker = at_floor(&[]);
         for k in 1..=20 {
-            tracker.follow(round(&heard), 50_000 * k).outcome.unwrap();
+            tracker.follow(round(&heard), None, 50_000 * k).outcome.unwrap();
         }
         let wild = heard.map(|range| Range { distance_m: 60.0, ..range });
-        assert_eq!(tracker.follow(round(&wild), 1_050_000).outcome, Err(NoFix::RangesDisjoint));
+        assert_eq!(tracker.follow(round(&wild), None, 1_050_000).outcome, Err(NoFix::RangesDisjoint));
     }
 
     #[test]
@@ -257,10 +295,10 @@ mod tests {
         let position = settled(at_floor(&[]), heard(CORNERS[0], &all));
         assert!(near(position.position_m, TAG), "{position:?}");
         assert_eq!(position.used, 0b111);
-        let first = at_floor(&[]).follow(heard(CORNERS[0], &all), 10_000).outcome.unwrap();
+        let first = at_floor(&[]).follow(heard(CORNERS[0], &all), None, 10_000).outcome.unwrap();
         assert_eq!(first.used, 0b111);
         let two = &all[..1];
-        assert_eq!(at_floor(&[]).follow(heard(CORNERS[0], two), 10_000).outcome, Err(NoFix::TooFewAnchors));
+        assert_eq!(at_floor(&[]).follow(heard(CORNERS[0], two), None, 10_000).outcome, Err(NoFix::TooFewAnchors));
     }
 
     #[test]
@@ -279,10 +317,42 @@ mod tests {
     fn a_weak_first_path_is_a_doubt() {
         // 11 dB are even odds, 20 dB 1/(1 + e^-4.5) = 0.989.
         let of = |rx_power_dbm, first_path_power_dbm| {
-            blocked(&Diagnostics { rx_power_dbm, first_path_power_dbm, ..Diagnostics::default() })
+            let told = Diagnostics { rx_power_dbm, first_path_power_dbm, ..Diagnostics::default() };
+            let features = at_floor(&[]).features(&told);
+            let reception = Reception { features, range_m: 3.0, power_dbm: rx_power_dbm, ends_m: None };
+            Judge::new(None).blocked(0, 1, &reception)
         };
         assert!((of(-80.0, -91.0).unwrap() - 0.5).abs() < 1e-5);
         assert!((of(-75.0, -95.0).unwrap() - 0.989).abs() < 1e-3);
         assert_eq!(of(f32::NAN, -80.0), None);
+    }
+
+    #[test]
+    fn what_the_impulse_response_tells_weighs_its_range() {
+        let skewness =
+            |los_mean, nlos_mean| Skewness { feature: Feature::Skewness, los_mean, nlos_mean, deviation: 0.5 };
+        let model = Model { kind: Kind::Skewness(skewness(5.0, 0.0)), calibration: Platt::NONE };
+        let mut tracker = Tracker::new(Locator::new(Some(0.0), &[]).with_model(Some(&model)));
+        assert!(tracker.wants_response());
+        // A single peak among 29 zeros: skewness (1 - 2/30)/√(1/30·29/30) = 5.2; its mirror image −5.2.
+        let shape = |peak: bool| {
+            let window: [u16; 30] = core::array::from_fn(|at| if (at == 16) == peak { 900 } else { 0 });
+            Shape::of(&window, 16.0).unwrap()
+        };
+        // Four anchors, the first of them half a metre too far: the same ranges, but its response says direct or blocked.
+        let mut heard = ranges(|i| Some(CORNERS[i]));
+        heard[0].distance_m += 0.5;
+        let mut error_m = |direct| {
+            let sounding = Sounding { peer: 1, shape: shape(direct) };
+            let mut outcome = Err(NoFix::TooFewAnchors);
+            for k in 1..=20 {
+                outcome = tracker.follow(round(&heard), Some(&sounding), 50_000 * k).outcome;
+            }
+            tracker = Tracker::new(Locator::new(Some(0.0), &[]).with_model(Some(&model)));
+            let [x, y, _] = outcome.unwrap().position_m;
+            (x - TAG[0]).hypot(y - TAG[1])
+        };
+        let (believed, doubted) = (error_m(true), error_m(false));
+        assert!(doubted < 0.7 * believed, "{believed} m with it, {doubted} m doubting it");
     }
 }

@@ -6,6 +6,7 @@
 use std::collections::HashMap;
 use std::path::Path;
 
+use crate::nlos::{Diagnostics, Told};
 use crate::table::quoted;
 use crate::{Table, Wrong};
 
@@ -38,10 +39,8 @@ pub struct Measured {
     pub range_m: f64,
     /// Ground truth of the line of sight, where known.
     pub line_of_sight: Option<bool>,
-    /// Received power, dBm, where known.
-    pub received_dbm: Option<f64>,
-    /// Power of the first path, dBm, where known.
-    pub first_path_dbm: Option<f64>,
+    /// What its receiver tells of the line of sight.
+    pub told: Told,
 }
 
 /// The ranges that make one fix.
@@ -103,7 +102,7 @@ impl Recording {
         let mut table = Table::open(file)?;
         let (epoch, anchor, range) = (table.column("epoch")?, table.column("anchor")?, table.column("range_m")?);
         let (time, sight) = (table.optional("t_s"), table.optional("los"));
-        let (received, first_path) = (table.optional("rx_power_dbm"), table.optional("fp_power_dbm"));
+        let diagnostics = Diagnostics::of_ranges(&table);
         while let Some(row) = table.next_row()? {
             let (name, t_s) = (row.some_text(epoch)?, row.number(time)?);
             let at = *by_name.entry(name.to_owned()).or_insert_with(|| {
@@ -116,8 +115,7 @@ impl Recording {
             };
             let line_of_sight = row.truth_value(sight)?;
             if let Some(range_m) = row.number(range)? {
-                let (received_dbm, first_path_dbm) = (row.number(received)?, row.number(first_path)?);
-                let measured = Measured { anchor, range_m, line_of_sight, received_dbm, first_path_dbm };
+                let measured = Measured { anchor, range_m, line_of_sight, told: diagnostics.read(&row)? };
                 self.epochs[at].ranges.push(measured);
             }
         }

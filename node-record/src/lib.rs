@@ -16,9 +16,9 @@ mod store;
 mod validate;
 
 pub use board::{Board, Pages};
-pub use page::{Fault, HEADER_BYTES, MAX_BYTES, decode, encode};
+pub use page::{Fault, HEADER_BYTES, MAX_BYTES, MODEL_AT, MODEL_BYTES, decode, encode};
 pub use record::*;
-pub use store::{Next, StoreError, load, newest, next, store};
+pub use store::{Next, StoreError, load, load_model, model_of, newest, next, store};
 pub use validate::{Invalid, Value};
 
 /// The record's version.

@@ -10,6 +10,8 @@
 //! | 12 | 4 | CRC-32 (ISO-HDLC, that of Ethernet) of the twelve bytes before and of the record |
 //! | 16 | … | the record in postcard |
 //!
+//! | 1280 | 400 | [`MODEL_AT`]: a tag's trained classifier of line of sight, with its own checksum, or erased |
+//!
 //! Numbers are little-endian. The rest of the page is erased, 0xFF. The header stays the same in all versions, so that
 //! an unknown version is known to be one.
 
@@ -19,6 +21,11 @@ use crate::{Invalid, Record, VERSION};
 
 /// Bytes that a record in its page has room for; the rest of the page is left erased.
 pub const MAX_BYTES: usize = 1280;
+/// Where the page has a tag's trained classifier of line of sight, as `positioning_core::nlos::Model` lays it out. Records of
+/// nodes that never had one are the same without it: nothing there is erased flash.
+pub const MODEL_AT: usize = MAX_BYTES;
+/// Bytes that a classifier has room for: the largest perceptron in bytes takes 389.
+pub const MODEL_BYTES: usize = 400;
 /// Bytes before the record.
 pub const HEADER_BYTES: usize = 16;
 

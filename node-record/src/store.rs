@@ -5,7 +5,7 @@
 
 use embedded_storage::nor_flash::{NorFlash, ReadNorFlash};
 
-use crate::page::{HEADER_BYTES, Header, MAX_BYTES, decode, encode, parse};
+use crate::page::{HEADER_BYTES, Header, MAX_BYTES, MODEL_AT, MODEL_BYTES, decode, encode, parse};
 use crate::{Fault, Invalid, Record};
 
 /// Bytes that are compared at once after writing.
@@ -45,7 +45,30 @@ pub fn load(flash: &mut impl ReadNorFlash, pages: [u32; 2]) -> Result<Record, Fa
     decode(&buffer).map(|(record, _)| record)
 }
 
-/// Writes a record into the page that does not count, header last, and reads it back.
+/// What stands beside the record that counts, for a trained classifier: `model` is filled and given back, `None` where it is
+/// erased. Whether it is a classifier, its own checksum says.
+///
+/// # Errors
+/// As [`load`], but for the record's version and content, which are not looked at.
+pub fn load_model<'b>(
+    flash: &mut impl ReadNorFlash,
+    pages: [u32; 2],
+    model: &'b mut [u8; MODEL_BYTES],
+) -> Result<Option<&'b [u8]>, Fault> {
+    let mut buffer = [0; MAX_BYTES];
+    let which = later(survey(flash, pages, &mut buffer))?;
+    flash.read(pages[which] + MODEL_AT as u32, model).map_err(|_| Fault::Corrupt)?;
+    Ok(model.iter().any(|byte| *byte != 0xFF).then_some(model))
+}
+
+/// The same of a page in memory, or of as much of its beginning as was read.
+pub fn model_of(page: &[u8]) -> Option<&[u8]> {
+    let model = page.get(MODEL_AT..)?;
+    let model = model.get(..MODEL_BYTES).unwrap_or(model);
+    model.iter().any(|byte| *byte != 0xFF).then_some(model)
+}
+
+/// Writes a record, without a classifier, into the page that does not count, header last, and reads it back.
 ///
 /// # Errors
 /// The record is invalid, the flash refuses, or does not keep what was written. The record before counts then.

@@ -221,6 +221,9 @@ pub struct Guidance {
     pub position_m: Option<[f32; 3]>,
     /// How often a tag is to range from now on; `None`: as before.
     pub rate: Option<Rate>,
+    /// Whether anchors take turns in being the last that a round asks, so that the impulse response of each can be read now and
+    /// then ([`Radio::impulse_response`]).
+    pub turns: bool,
 }
 
 /// Does an action with a radio; answers with the time and the event for the next step. A report is the caller's to read before.

@@ -47,6 +47,13 @@ pub trait Listener {
     /// what the machine is to know before its next step.
     async fn report(&mut self, report: Report<'_>, present: RadioInstant) -> Guidance;
 
+    /// Before a report is handed over, the radio is the listener's: what it still holds of the last frame can be read. An error is
+    /// the radio's own.
+    async fn look<R: Radio>(&mut self, radio: &mut R, report: &Report<'_>) -> Result<(), R::Error> {
+        let _ = (radio, report);
+        Ok(())
+    }
+
     /// Sees, at each step, what became of the last action, and the next one before it is done: for counting, signs of life, and
     /// whoever waits for the radio to be quiet. `now` is the step's.
     fn observe(&mut self, now: RadioInstant, event: &Event<'_>, action: &Action<'_>) {
@@ -93,6 +100,7 @@ async fn attempt<R: Restart>(
         listener.observe(now, &event, &action);
         match action {
             Action::Report(report) => {
+                listener.look(radio, &report).await?;
                 now = radio.now().await?;
                 let guidance = listener.report(report, now).await;
                 machine.guide(guidance);

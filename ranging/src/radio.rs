@@ -54,6 +54,40 @@ pub trait Radio {
 
     /// Switches transmitter and receiver off.
     async fn idle(&mut self) -> Result<(), Self::Error>;
+
+    /// Gives `take` the channel impulse response of the last frame, sample by sample, as far as `window` reaches; answers with the
+    /// index of the first one. `None`: there is none, because the receiver was told to stay on after the frame and
+    /// accumulates anew, or the radio has none to give.
+    async fn impulse_response(
+        &mut self,
+        window: ResponseWindow,
+        take: impl FnMut(Sample),
+    ) -> Result<Option<u16>, Self::Error> {
+        let _ = (window, take);
+        Ok(None)
+    }
+}
+
+/// Which samples of an impulse response are wanted. Near the ends of the accumulator they are moved inside.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ResponseWindow {
+    /// Place of the first path, from the frame's diagnostics, samples.
+    pub first_path_index: f32,
+    /// Samples before that of the first path.
+    pub before: u16,
+    /// Samples in all.
+    pub count: u16,
+}
+
+/// One complex sample of the accumulator; samples are 1.0016 ns apart.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Sample {
+    /// Real part.
+    pub i: i16,
+    /// Imaginary part.
+    pub q: i16,
 }
 
 /// A radio that lives elsewhere: see the machine's counterpart in [`exchange`](crate::exchange).
@@ -89,6 +123,14 @@ impl<R: Radio> Radio for &mut R {
 
     async fn idle(&mut self) -> Result<(), Self::Error> {
         (**self).idle().await
+    }
+
+    async fn impulse_response(
+        &mut self,
+        window: ResponseWindow,
+        take: impl FnMut(Sample),
+    ) -> Result<Option<u16>, Self::Error> {
+        (**self).impulse_response(window, take).await
     }
 }
 

@@ -20,7 +20,8 @@ use ranging::node::Restart;
 use ranging::phy::{DataRate, Prf as PhyPrf, Sfd as PhySfd};
 use ranging::radio::MAX_FRAME;
 use ranging::{
-    Diagnostics, PhyConfig, Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError,
+    Diagnostics, PhyConfig, Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, RxFrame, Sample, Start,
+    TransmitError,
 };
 
 use crate::air::{
@@ -70,6 +71,8 @@ struct State {
     listening: bool,
     keep_listening: bool,
     heard: VecDeque<Option<Received>>,
+    /// What was accumulated of the last frame, while the receiver is off after it.
+    accumulated: Option<Response>,
     waiting: Option<Waker>,
 }
 
@@ -78,6 +81,7 @@ struct Received {
     bytes: Rc<[u8]>,
     rx_time: RadioInstant,
     diagnostics: Diagnostics,
+    response: Response,
 }
 
 impl Antenna {
@@ -98,6 +102,7 @@ impl Antenna {
                 listening: false,
                 keep_listening: false,
                 heard: VecDeque::new(),
+                accumulated: None,
                 waiting: None,
             }))
         };
@@ -166,6 +171,7 @@ impl Antenna {
 impl State {
     fn switch_on(&mut self, world: &World) {
         self.listening = true;
+        self.accumulated = None;
         world.air().listen(world.kernel(), self.port, self.settings);
     }
 
@@ -205,6 +211,7 @@ impl State {
                 noise_deviation: response.noise.round() as u16,
                 clock_offset_ppm: offset_ppm as f32,
             },
+            response,
         })
     }
 }
@@ -311,7 +318,8 @@ impl Radio for Direct {
         self.0.listen(keep_listening);
         let until = self.0.time_of(begin + window.ticks().max(0) + WINDOW_END_TICKS);
         match self.0.next(until).await {
-            Some(Some(Received { bytes, rx_time, diagnostics })) => {
+            Some(Some(Received { bytes, rx_time, diagnostics, response })) => {
+                self.0.state.borrow_mut().accumulated = (!keep_listening).then_some(response);
                 // The receiver may have stopped for want of a place to put frames.
                 if keep_listening {
                     self.0.listen(true);
@@ -336,6 +344,23 @@ impl Radio for Direct {
     async fn idle(&mut self) -> Result<(), Infallible> {
         self.0.switch_off();
         Ok(())
+    }
+
+    async fn impulse_response(
+        &mut self,
+        window: ResponseWindow,
+        mut take: impl FnMut(Sample),
+    ) -> Result<Option<u16>, Infallible> {
+        let state = self.0.state.borrow();
+        let Some(response) = &state.accumulated else { return Ok(None) };
+        let all = response.length as u16;
+        let count = window.count.min(all);
+        let first = (window.first_path_index as u16).saturating_sub(window.before).min(all - count);
+        for at in first..first + count {
+            let [i, q] = response.sample(at.into());
+            take(Sample { i, q });
+        }
+        Ok(Some(first))
     }
 }
 

@@ -6,8 +6,9 @@ use boards::dwm1001::{self, Board, Bus, Delay, Interrupt, Reset};
 use boards::node::{self, Guard, Reporter, Tasks};
 use embassy_executor::Spawner;
 use firmware_common::TagMachine;
-use firmware_tag::{AnchorPlace, Locator, Pace, Told};
-use node_record::{Role, Tag};
+use firmware_tag::{AnchorPlace, Locator, Pace, Shelf, Told};
+use node_record::{Pages, Role, Tag};
+use positioning_core::nlos::Model;
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
 use telemetry::Condition;
@@ -21,6 +22,7 @@ static RADIO: StaticCell<Radio> = StaticCell::new();
 static MACHINE: StaticCell<TagMachine> = StaticCell::new();
 #[cfg(feature = "ble")]
 static RECORD: StaticCell<node_record::Record> = StaticCell::new();
+static SHELF: Shelf = Shelf::new();
 static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
 
 /// What the tag's tasks share.
@@ -31,6 +33,7 @@ struct Shared {
     #[cfg(feature = "ble")]
     record: &'static node_record::Record,
     tag: Tag,
+    model: Option<&'static Model<'static>>,
 }
 
 impl Shared {
@@ -46,7 +49,7 @@ async fn ranging(radio: &'static mut Radio, delay: Delay, machine: &'static mut 
 
 #[embassy_executor::task]
 async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
-    let (locator, pace) = (Locator::of(&shared.tag, anchors), Pace::of(&shared.tag));
+    let (locator, pace) = (Locator::of(&shared.tag, anchors, shared.model), Pace::of(&shared.tag));
     firmware_tag::engine(shared.handover, embassy_time::Delay, locator, pace, &shared.told()).await;
 }
 
@@ -96,7 +99,7 @@ mod bluetooth {
 
 /// Spawns all tasks; without a record to follow, only those that tell so.
 fn start(spawner: Spawner) {
-    let board = Board::take();
+    let mut board = Board::take();
     let reporter: &_ = REPORTER.init_with(|| Reporter::new(dwm1001::uptime_us));
     let (hello, followed) = node::introduce(reporter, dwm1001::KIND, telemetry::Role::Tag, board.start);
     let mut tasks = Tasks::None;
@@ -117,6 +120,7 @@ fn start(spawner: Spawner) {
                     #[cfg(feature = "ble")]
                     record,
                     tag,
+                    model: SHELF.fill(&mut board.flash, Pages::DWM1001.offsets),
                 };
                 tasks = Tasks::RangingAndEngine;
                 board.ranging.spawn(ranging(radio, board.delay, machine, shared).unwrap());

@@ -2,13 +2,14 @@
 #![no_std]
 #![no_main]
 
-use boards::evk1000::{self, Board, Bus, Delay, Interrupt, Reset, SharedPanel, Shown};
+use boards::evk1000::{self, Board, Bus, Delay, Flash, Interrupt, Reset, SharedPanel, Shown};
 use boards::node::{self, Guard, Reporter, Tasks};
 use boards::panel::{Awaiting, Panel};
 use embassy_executor::{SendSpawner, Spawner};
 use firmware_common::{AnchorMachine, Settings, TagMachine};
-use firmware_tag::{AnchorPlace, Epoch, Locator, Pace, Sink, Task, Told};
-use node_record::{Record, Role, Tag};
+use firmware_tag::{AnchorPlace, Epoch, Locator, Pace, Shelf, Sink, Task, Told};
+use node_record::{Pages, Record, Role, Tag};
+use positioning_core::nlos::Model;
 use ranging::dw1000::Dw1000;
 use ranging::exchange::{Event, Link};
 use static_cell::StaticCell;
@@ -20,6 +21,7 @@ type Handover = firmware_tag::Handover<Guard>;
 static REPORTER: StaticCell<Reporter> = StaticCell::new();
 static HANDOVER: StaticCell<Handover> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
+static SHELF: Shelf = Shelf::new();
 static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
 static TAG: StaticCell<TagMachine> = StaticCell::new();
 static ANCHOR: StaticCell<AnchorMachine> = StaticCell::new();
@@ -75,8 +77,13 @@ async fn tag_ranging(
 }
 
 #[embassy_executor::task]
-async fn engine(handover: &'static Handover, tag: Tag, anchors: &'static [AnchorPlace], sink: TagShown) {
-    let (locator, pace) = (Locator::of(&tag, anchors), Pace::of(&tag));
+async fn engine(
+    handover: &'static Handover,
+    tag: Tag,
+    (anchors, model): (&'static [AnchorPlace], Option<&'static Model<'static>>),
+    sink: TagShown,
+) {
+    let (locator, pace) = (Locator::of(&tag, anchors, model), Pace::of(&tag));
     firmware_tag::engine(handover, Delay, locator, pace, &sink).await;
 }
 
@@ -96,19 +103,21 @@ struct Parts {
     radio: &'static mut Radio,
     reporter: &'static Reporter,
     panel: &'static SharedPanel,
+    flash: Flash,
 }
 
 /// Spawns the role's tasks; which have to show that they are alive.
 fn spawn(spawner: Spawner, above: SendSpawner, parts: Parts, record: &Record, settings: &Settings) -> Tasks {
-    let Parts { radio, reporter, panel } = parts;
+    let Parts { radio, reporter, panel, mut flash } = parts;
     match settings.role {
         Role::Tag(tag) => {
             let handover: &_ = HANDOVER.init_with(Handover::new);
             let sink = TagShown { told: Told::new(reporter, tag.report_ranges), panel };
             let anchors = ANCHORS.init_with(|| firmware_tag::places(record));
+            let model = SHELF.fill(&mut flash, Pages::EVK1000.offsets);
             let machine = TAG.init_with(|| TagMachine::new(settings, &tag));
             above.spawn(tag_ranging(radio, machine, handover, sink).unwrap());
-            spawner.spawn(engine(handover, tag, anchors, sink).unwrap());
+            spawner.spawn(engine(handover, tag, (anchors, model), sink).unwrap());
             Tasks::RangingAndEngine
         }
         Role::Anchor { position_m } => {
@@ -125,7 +134,7 @@ fn spawn(spawner: Spawner, above: SendSpawner, parts: Parts, record: &Record, se
 
 /// Spawns all tasks.
 fn start(spawner: Spawner) {
-    let Board { uwb, switches, mut care, lcd, start, ranging: above, .. } = Board::take();
+    let Board { uwb, switches, mut care, lcd, start, flash, ranging: above, .. } = Board::take();
     let reporter: &_ = REPORTER.init_with(|| Reporter::new(evk1000::uptime_us));
     let (role, awaiting) = if switches.anchor {
         (telemetry::Role::Anchor, Awaiting::Poll)
@@ -139,7 +148,7 @@ fn start(spawner: Spawner) {
     let mut tasks = Tasks::None;
     if let Some((record, settings)) = followed {
         let radio = RADIO.init_with(|| Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio));
-        tasks = spawn(spawner, above, Parts { radio, reporter, panel }, &record, &settings);
+        tasks = spawn(spawner, above, Parts { radio, reporter, panel, flash }, &record, &settings);
     }
     spawner.spawn(evk1000::supervise(reporter, tasks, care).unwrap());
     spawner.spawn(node::keep_telling(reporter, hello).unwrap());

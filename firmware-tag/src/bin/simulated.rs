@@ -10,7 +10,7 @@ use boards::simulated::{Board, exit};
 use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use firmware_common::{Reporter, Settings, settings};
-use firmware_tag::{Handover, places, run_as_told};
+use firmware_tag::{Handover, Locator, places, run_as_told};
 use node_record::{Fault, Record, Role};
 use small_air::{room, uptime_us};
 use telemetry::{Condition, Reset, ResetCause};
@@ -43,7 +43,14 @@ fn live(board: &mut Board, record: &Record) -> Result<(), Condition> {
     let world = room::world(&settings.network);
     let radio = room::tag(&world).ok_or(Condition::RadioFailed(1))?;
     let told = (&HANDOVER, &REPORTER);
-    let app = run_as_told(radio, world.delay(), (&settings, &tag), &anchors, told, telemetry::Board::Simulated);
+    let app = run_as_told(
+        radio,
+        world.delay(),
+        (&settings, &tag),
+        Locator::of(&tag, &anchors, None),
+        told,
+        telemetry::Board::Simulated,
+    );
     let everything = pin!(join(app, room::anchors(&world, settings.network)));
     world.run(room::LIFE_US, everything, || {
         board.take_out(&REPORTER.journal);

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
+use host_tools::nlos::Chosen;
 use host_tools::simulate::{Capture, Logbook, picture, position_header, position_row};
 use host_tools::{Wrong, output};
 use positioning_core::Method;
@@ -53,6 +54,13 @@ pub struct Arguments {
     /// Let all ranges count alike, whatever their powers tell of the line of sight
     #[arg(long)]
     ignore_powers: bool,
+    /// A trained classifier that tells links without line of sight, in the tags: a file of `nlos train`. Where it asks for impulse
+    /// responses, tags read them, and --out has their features
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Which of the file's classifiers, where it has several
+    #[arg(long, value_name = "NAME", requires = "model")]
+    classifier: Option<String>,
     /// How tags find themselves [default: the scenario's, or native]
     #[arg(long, value_name = "MODE")]
     mode: Option<ModeName>,
@@ -82,6 +90,7 @@ Examples:
   baliza simulate
   baliza simulate --tags 15 --anchors 16 --loss 0.1 --plot room.png
   baliza simulate --scenario office.toml --out run --pcap run.pcap
+  baliza simulate --scenario office.toml --model nlos.model --classifier skewness
   baliza simulate --mode tdoa --tags 100 --anchors 8 --level air
   baliza simulate --level air --tags 1000 --anchors 200 --rate 10 --json";
 
@@ -169,6 +178,11 @@ impl Arguments {
         scenario.tag.rate_hz = self.rate.or(scenario.tag.rate_hz);
         scenario.tag.method = self.method.or(scenario.tag.method);
         scenario.tag.weigh_nlos &= !self.ignore_powers;
+        if let Some(file) = &self.model {
+            let chosen = Chosen::read(file, self.classifier.as_deref())?;
+            // It lives as long as the program: there is one.
+            scenario.tag.model = Some(chosen.bytes().to_vec().leak());
+        }
         scenario.tag.height_m = match (self.dims, self.height_m) {
             (Some(3), Some(_)) => return Err(Wrong::flag("--height-m", "only with --dims 2")),
             (Some(3), None) => None,

@@ -1,7 +1,10 @@
 //! `baliza track`: the tag's own engine over the epochs in order.
 
+use std::path::PathBuf;
+
 use anyhow::Result;
 use clap::ValueEnum;
+use host_tools::nlos::Chosen;
 use host_tools::track::{Tracker, Weighting, settings};
 
 use super::recorded::Recorded;
@@ -16,9 +19,17 @@ use crate::progress::Progress;
 pub struct Arguments {
     #[command(flatten)]
     recorded: Recorded,
-    /// What to make of the probability that a link is without line of sight, which comes from rx_power_dbm and fp_power_dbm
+    /// What to make of the probability that a link is without line of sight, which comes from rx_power_dbm and fp_power_dbm,
+    /// or from --model
     #[arg(long, value_name = "HOW", default_value = "weigh")]
     nlos: Nlos,
+    /// A trained classifier that tells links without line of sight: a file of `nlos train`; where a range lacks what it
+    /// asks for, its powers tell
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Which of the file's classifiers, where it has several
+    #[arg(long, value_name = "NAME", requires = "model")]
+    classifier: Option<String>,
     /// Tell also how the errors go with the uncertainties (in JSON: inside_1_sigma, nees)
     #[arg(long, requires = "truth")]
     consistency: bool,
@@ -27,7 +38,8 @@ pub struct Arguments {
 const EXAMPLES: &str = "\
 Examples:
   baliza track --anchors anchors.csv --ranges ranges.csv > positions.csv
-  baliza track --anchors anchors.csv --ranges ranges.csv --truth truth.csv --dims 2 --height-from-truth --consistency --json";
+  baliza track --anchors anchors.csv --ranges ranges.csv --truth truth.csv --dims 2 --height-from-truth --consistency --json
+  baliza track --anchors anchors.csv --ranges ranges.csv --model nlos.model --classifier logistic";
 
 /// `--nlos`.
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -46,8 +58,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Nlos::Ignore => Weighting::Ignore,
         Nlos::Alike => Weighting::Alike,
     };
+    let chosen =
+        arguments.model.as_ref().map(|file| Chosen::read(file, arguments.classifier.as_deref())).transpose()?;
+    let model = chosen.as_ref().map(Chosen::model).transpose()?;
     arguments.recorded.run(arguments.consistency, |recording, setup| {
-        let mut tracker = Tracker::new(&recording.anchors, setup, settings(&setup, weighting));
+        let mut tracker =
+            Tracker::new(&recording.anchors, setup, settings(&setup, weighting, model.is_some()), model.as_ref());
         let progress = Progress::new(recording.epochs.len());
         let epochs = recording.epochs.iter();
         let solved = epochs.map(|epoch| {

@@ -5,7 +5,9 @@
 //! `positioning_core::nlos`, the same on the node.
 
 mod backpropagation;
+mod chosen;
 mod conjugate_gradient;
+mod diagnostics;
 mod folds;
 mod gaussian_process;
 pub mod mitigation;
@@ -15,6 +17,8 @@ mod samples;
 mod score;
 
 pub use backpropagation::{Example, Goal, Network};
+pub use chosen::Chosen;
+pub use diagnostics::{Diagnostics, Told};
 pub use recipe::{Method, RECIPES, Recipe};
 pub use samples::{DEFAULT_PLACEMENT, Sample, Samples};
 pub use score::Score;

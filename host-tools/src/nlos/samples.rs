@@ -6,11 +6,10 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use positioning_core::nlos::{
-    BEFORE, Feature, Features, MovingMean, Shape, WINDOW, first_path_to_noise_db, power_difference_db,
-};
+use positioning_core::nlos::{BEFORE, Features, Means, Shape, WINDOW};
 
-use crate::{Column, Row, Table, Wrong};
+use super::diagnostics::{Diagnostics, Told};
+use crate::{Table, Wrong};
 
 /// One reception.
 #[derive(Clone, Debug)]
@@ -34,23 +33,6 @@ pub struct Samples {
     pub placements: Vec<String>,
 }
 
-/// The moving means of one link.
-#[derive(Default)]
-struct Link {
-    range_m: MovingMean,
-    power_dbm: MovingMean,
-}
-
-/// The columns that both kinds of file may have.
-struct Diagnostics {
-    range: Column,
-    power: Column,
-    first_path_power: Column,
-    amplitudes: [Column; 3],
-    cir_power: Column,
-    noise: Column,
-}
-
 impl Samples {
     /// Adds the receptions of a `cir.csv`; `placement` names the column that tells placements apart.
     ///
@@ -62,16 +44,9 @@ impl Samples {
         let place = if placement == DEFAULT_PLACEMENT { table.optional(placement) } else { table.column(placement)? };
         let first_path = table.column("fp_idx")?;
         let columns = WINDOW_COLUMNS.iter().map(|name| table.column(name)).collect::<Result<Vec<_>, _>>()?;
-        let diagnostics = Diagnostics {
-            range: table.optional("range_m"),
-            power: table.optional("rsl_dbm"),
-            first_path_power: table.optional("fsl_dbm"),
-            amplitudes: ["fp_amp1", "fp_amp2", "fp_amp3"].map(|name| table.optional(name)),
-            cir_power: table.optional("cir_pwr"),
-            noise: table.optional("noise_std_est"),
-        };
+        let diagnostics = Diagnostics::of_responses(&table);
         let truth = table.optional("gt_m");
-        let mut links: HashMap<usize, Link> = HashMap::new();
+        let mut links: HashMap<usize, Means> = HashMap::new();
         let before = self.all.len();
         while let Some(row) = table.next_row()? {
             let blocked = match row.text(label) {
@@ -80,8 +55,7 @@ impl Samples {
                 _ => Some(true),
             };
             let placement = self.placement(file, row.text(place));
-            let link = links.entry(placement).or_default();
-            let mut features = diagnostics.features(&row, link)?;
+            let mut features = complete(diagnostics.read(&row)?, links.entry(placement).or_default());
             let mut window = [0; WINDOW];
             for (sample, &column) in window.iter_mut().zip(&columns) {
                 // A magnitude that no accumulator has is the nearest that it has.
@@ -115,20 +89,14 @@ impl Samples {
         let anchor = table.column("anchor")?;
         let place = if placement == DEFAULT_PLACEMENT { anchor } else { table.column(placement)? };
         let (sight, epoch) = (table.optional("los"), table.optional("epoch"));
-        let diagnostics = Diagnostics {
-            range: table.column("range_m")?,
-            power: table.optional("rx_power_dbm"),
-            first_path_power: table.optional("fp_power_dbm"),
-            amplitudes: ["fp_amp1", "fp_amp2", "fp_amp3"].map(|name| table.optional(name)),
-            cir_power: table.optional("cir_pwr"),
-            noise: table.optional("std_noise"),
-        };
-        let mut links: HashMap<String, Link> = HashMap::new();
+        table.column("range_m")?;
+        let diagnostics = Diagnostics::of_ranges(&table);
+        let mut links: HashMap<String, Means> = HashMap::new();
         let before = self.all.len();
         while let Some(row) = table.next_row()? {
             let blocked = row.truth_value(sight)?.map(|direct| !direct);
             let link = links.entry(row.some_text(anchor)?.to_owned()).or_default();
-            let features = diagnostics.features(&row, link)?;
+            let features = complete(diagnostics.read(&row)?, link);
             let placement = self.placement(file, row.text(place));
             let truth = true_range_m(row.text(epoch), row.text(anchor));
             let error_m = row.number(diagnostics.range)?.zip(truth).map(|(range, truth)| range - truth);
@@ -151,27 +119,11 @@ impl Samples {
     }
 }
 
-impl Diagnostics {
-    fn features(&self, row: &Row<'_>, link: &mut Link) -> Result<Features, Wrong> {
-        let mut features = Features::default();
-        let mut amplitudes = [f32::NAN; 3];
-        for (amplitude, column) in amplitudes.iter_mut().zip(self.amplitudes) {
-            *amplitude = row.number(column)?.map_or(f32::NAN, |number| number as f32);
-        }
-        let known = |column| -> Result<f32, Wrong> { Ok(row.number(column)?.map_or(f32::NAN, |number| number as f32)) };
-        let (power, first_path_power) = (known(self.power)?, known(self.first_path_power)?);
-        let difference = power_difference_db(known(self.cir_power)?, amplitudes);
-        features.set(Feature::PowerDifference, difference.unwrap_or(power - first_path_power));
-        features.set_known(Feature::FirstPathToNoise, first_path_to_noise_db(amplitudes, known(self.noise)?));
-        // A mean is that of this reception: without it there is none.
-        let range = known(self.range)?;
-        let means = [(Feature::RangeMean, range, &mut link.range_m), (Feature::PowerMean, power, &mut link.power_dbm)];
-        for (feature, value, mean) in means {
-            let mean = mean.push(value);
-            features.set_known(feature, mean.filter(|_| value.is_finite()));
-        }
-        Ok(features)
-    }
+/// What a reception tells, with the moving means of its link.
+fn complete(told: Told, means: &mut Means) -> Features {
+    let mut features = told.features;
+    means.complete(&mut features, told.range_m, told.power_dbm);
+    features
 }
 
 /// The column of `cir.csv` that tells placements apart, where it has one.

@@ -1,6 +1,7 @@
 //! A simulation's records as the files of a recording, and its positions as `solve` writes them; each with one more
 //! column, the tag. Epochs count through all tags, so that one number is one fix.
 
+use positioning_core::nlos::{Feature, Features};
 use sim::scenario::{Epoch, Scenario, What};
 
 use crate::positions::COLUMNS;
@@ -33,6 +34,8 @@ pub struct Logbook {
     truth: Writer,
     positions: Writer,
     method: &'static str,
+    /// Features of impulse responses that ranges have columns for: none where tags read no responses.
+    features: Vec<Feature>,
 }
 
 impl Logbook {
@@ -46,12 +49,17 @@ impl Logbook {
             let [x, y, z] = anchor.at.map(metres);
             anchors.write_record([anchor.address.to_string(), x, y, z])?;
         }
+        let reads = scenario.tag.model.is_some();
+        let features: Vec<_> = Feature::ALL.into_iter().filter(|feature| reads && feature.is_of_response()).collect();
+        let columns: Vec<_> =
+            RANGE_COLUMNS.into_iter().chain(features.iter().map(|feature| feature.as_str())).collect();
         Ok(Self {
             anchors,
-            ranges: with_header(&RANGE_COLUMNS)?,
+            ranges: with_header(&columns)?,
             truth: with_header(&["epoch", "t_s", "x_m", "y_m", "z_m", "tag"])?,
             positions: with_header(&position_header())?,
             method: scenario.tag.method_name(),
+            features,
         })
     }
 
@@ -65,7 +73,13 @@ impl Logbook {
         for measured in &epoch.ranges {
             let (range, d) = (measured.range, measured.range.diagnostics);
             let [amp1, amp2, amp3] = d.first_path_amplitudes.map(|a| a.to_string());
-            self.ranges.write_record([
+            let mut told = Features::default();
+            if let Some(shape) = &measured.shape {
+                told.set_shape(shape);
+            }
+            let told =
+                self.features.iter().map(|&feature| told.get(feature).map_or_else(String::new, |x| x.to_string()));
+            let row = [
                 number.clone(),
                 time.clone(),
                 range.peer.to_string(),
@@ -81,7 +95,8 @@ impl Logbook {
                 d.preamble_count.to_string(),
                 d.noise_deviation.to_string(),
                 tag.clone(),
-            ])?;
+            ];
+            self.ranges.write_record(row.into_iter().chain(told))?;
         }
         let [x, y, z] = epoch.truth_m.map(metres);
         self.truth.write_record([number, time, x, y, z, tag])?;

@@ -1,13 +1,14 @@
 //! A recording through the tag's own engine, epoch after epoch in order, in the tag's own `f32`: what `baliza track` does.
 //!
-//! In flow the ranges with their times; the received and first path's powers, where a recording has them, become a
-//! probability that the link is without line of sight. Out flows the position at the end of every epoch.
+//! In flow the ranges with their times; what a recording tells of a reception becomes the probability that the link is
+//! without line of sight, by a trained model or by its powers. Out flows the position at the end of every epoch.
 
 use positioning_core::Side;
 use positioning_core::engine::{Dimensions, Engine, Measurement, Range, Settings};
-use positioning_core::nlos::{Classifier, Feature, Features};
-use positioning_core::{Area, Blocked, Noise, POWER_DOUBT};
+use positioning_core::nlos::{Judge, Model, Reception};
+use positioning_core::{Area, Blocked, Noise};
 
+use crate::nlos::Told;
 use crate::recording::{Anchor, Epoch, Measured, Place};
 use crate::solve::{Half, Height, NoPosition, Position, Setup, Solved, Space, middle_m};
 
@@ -29,8 +30,8 @@ pub enum Weighting {
     Alike,
 }
 
-/// The engine's settings for a recording.
-pub fn settings(setup: &Setup, weighting: Weighting) -> Settings<f32> {
+/// The engine's settings for a recording; `trained` where a classifier tells blocked links, and not the powers alone.
+pub fn settings(setup: &Setup, weighting: Weighting, trained: bool) -> Settings<f32> {
     let dimensions = match setup.space {
         Space::Plane(_) => Dimensions::Plane { height: 0.0 },
         Space::Full(half) => Dimensions::Space {
@@ -46,7 +47,8 @@ pub fn settings(setup: &Setup, weighting: Weighting) -> Settings<f32> {
         Weighting::Ignore => Blocked::Ignore { threshold: 0.5, at_least: 4 },
         Weighting::Alike => Blocked::Alike,
     };
-    Settings { blocked, noise: Noise::by_powers(), ..Settings::track(dimensions) }
+    let noise = if trained { Noise::indoors() } else { Noise::by_powers() };
+    Settings { blocked, noise, ..Settings::track(dimensions) }
 }
 
 /// Follows a tag through a recording.
@@ -55,6 +57,9 @@ pub struct Tracker<'a> {
     anchors: &'a [Anchor],
     setup: Setup,
     engine: Engine<f32>,
+    judge: Judge<'a>,
+    /// Where the tag was at the end of the last epoch, in the engine's frame, where that is known.
+    last: Option<[f32; 3]>,
     /// What is zero for the engine, metres.
     origin: [f64; 3],
     /// The time of the first epoch, and of the last one, seconds.
@@ -62,8 +67,8 @@ pub struct Tracker<'a> {
 }
 
 impl<'a> Tracker<'a> {
-    /// Beginning with the next epoch.
-    pub fn new(anchors: &'a [Anchor], setup: Setup, mut settings: Settings<f32>) -> Self {
+    /// Beginning with the next epoch; without a model the powers tell blocked links.
+    pub fn new(anchors: &'a [Anchor], setup: Setup, mut settings: Settings<f32>, model: Option<&'a Model<'a>>) -> Self {
         let origin = middle_m(anchors);
         settings.area = setup.area_m.map(|[least, greatest]| {
             let local = |axis: usize, coordinate: f64| (coordinate - origin[axis]) as f32;
@@ -72,7 +77,8 @@ impl<'a> Tracker<'a> {
                 max: [local(0, greatest[0]), local(1, greatest[1]), f32::INFINITY],
             }
         });
-        Self { anchors, setup, engine: Engine::new(settings), origin, times_s: None }
+        let engine = Engine::new(settings);
+        Self { anchors, setup, engine, judge: Judge::new(model), last: None, origin, times_s: None }
     }
 
     /// The position at the end of the next epoch, and its error where the truth is known.
@@ -97,11 +103,13 @@ impl<'a> Tracker<'a> {
             }
         };
         for measured in &epoch.ranges {
-            if let Some(range) = self.range(measured) {
+            if let Some(range) = self.range(now_us, measured) {
                 self.engine.step(now_us, &Measurement::Range(range));
             }
         }
-        let fix = self.engine.step(now_us, &Measurement::RoundEnd).fix.map_err(NoPosition::Missing)?;
+        let fix = self.engine.step(now_us, &Measurement::RoundEnd).fix.map_err(NoPosition::Missing);
+        self.last = fix.ok().map(|fix| fix.position);
+        let fix = fix?;
         let [x_m, y_m, z_m] = std::array::from_fn(|axis| f64::from(fix.position[axis]) + self.origin[axis]);
         let [sigma_x, sigma_y, sigma_z] = fix.sigma().map(f64::from);
         Ok(Position {
@@ -124,26 +132,16 @@ impl<'a> Tracker<'a> {
         ((now - first + BEGIN_S) * 1.0e6) as u64
     }
 
-    fn range(&self, measured: &Measured) -> Option<Range<f32>> {
+    fn range(&mut self, now_us: u64, measured: &Measured) -> Option<Range<f32>> {
         let place = &self.anchors.get(measured.anchor)?.place;
         let flat = self.setup.space == Space::Plane(Height::Unknown);
         let z_m = if flat { self.origin[2] } else { place.z_m? };
         let local = |axis: usize, coordinate: f64| (coordinate - self.origin[axis]) as f32;
-        Some(Range {
-            anchor: u16::try_from(measured.anchor).ok()?,
-            place: [local(0, place.x_m), local(1, place.y_m), local(2, z_m)],
-            distance: measured.range_m as f32,
-            deviation: DEVIATION_M,
-            blocked: blocked(measured),
-            excess: None,
-        })
+        let place = [local(0, place.x_m), local(1, place.y_m), local(2, z_m)];
+        let (anchor, distance) = (u16::try_from(measured.anchor).ok()?, measured.range_m as f32);
+        let Told { features, range_m, power_dbm } = measured.told;
+        let ends_m = self.last.map(|last| [last, place]);
+        let blocked = self.judge.blocked(now_us, anchor, &Reception { features, range_m, power_dbm, ends_m });
+        Some(Range { anchor, place, distance, deviation: DEVIATION_M, blocked, excess: None })
     }
-}
-
-/// The probability that a link is blocked, by its powers.
-fn blocked(measured: &Measured) -> Option<f32> {
-    let difference = measured.received_dbm? - measured.first_path_dbm?;
-    let mut features = Features::default();
-    features.set(Feature::PowerDifference, difference as f32);
-    POWER_DOUBT.nlos_probability(&features)
 }

@@ -1,6 +1,9 @@
 //! Which page counts, and which is written.
 
-use node_record::{Fault, MAX_BYTES, Next, Record, StoreError, VERSION, encode, load, newest, next, store};
+use node_record::{
+    Fault, MAX_BYTES, MODEL_AT, MODEL_BYTES, Next, Record, StoreError, VERSION, encode, load, load_model, model_of,
+    newest, next, store,
+};
 
 use crate::examples::{anchor, beacon, longest, tag};
 use crate::flash::{Failed, Flash};
@@ -33,6 +36,32 @@ fn pages_take_turns() {
     }
     // Nothing beside the two pages was touched.
     assert!(flash.bytes[..4096].iter().chain(&flash.bytes[8192..12_288]).all(|byte| *byte == 0xFF));
+}
+
+#[test]
+fn a_classifier_goes_with_its_record() {
+    let mut model = [0; MODEL_BYTES];
+    assert_eq!(load_model(&mut Nrf::erased(), Nrf::PAGES, &mut model), Err(Fault::Missing));
+    // A record as it always was has none.
+    let mut flash = with(Some((&tag(), 3)), Some((&tag(), 4)));
+    assert_eq!(load_model(&mut flash, Nrf::PAGES, &mut model), Ok(None));
+    for (page, byte) in Nrf::PAGES.into_iter().zip([b'a', b'b']) {
+        flash.bytes[page as usize + MODEL_AT..][..5].fill(byte);
+    }
+    let mut expected = [0xFF; MODEL_BYTES];
+    expected[..5].fill(b'b');
+    assert_eq!(load_model(&mut flash, Nrf::PAGES, &mut model), Ok(Some(&expected[..])));
+    assert_eq!(model_of(flash.page(1)), Some(&expected[..]));
+    assert_eq!(load(&mut flash, Nrf::PAGES), Ok(tag()), "the record does not mind it");
+    // That of a damaged page does not count; a new record takes its page whole.
+    flash.bytes[Nrf::PAGES[1] as usize + 20] ^= 4;
+    assert_eq!(load_model(&mut flash, Nrf::PAGES, &mut model).map(|model| model.map(|model| model[0])), Ok(Some(b'a')));
+    store(&mut flash, Nrf::PAGES, &anchor()).unwrap();
+    assert_eq!(load_model(&mut flash, Nrf::PAGES, &mut model), Ok(None));
+    // As much of a page as was read.
+    let page = flash.page(0);
+    assert_eq!(model_of(&page[..MODEL_AT + 3]), Some(&b"aaa"[..]));
+    assert_eq!((model_of(&page[..MODEL_AT]), model_of(&[])), (None, None));
 }
 
 #[test]

@@ -34,11 +34,13 @@ pub enum Feature {
     RangeMean,
     /// Mean of the last five received powers from the anchor, dBm.
     PowerMean,
+    /// The range less the distance from the anchor to where the track has the tag, metres.
+    TrackResidual,
 }
 
 impl Feature {
     /// All, in order.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Skewness,
         Self::Kurtosis,
         Self::SkewnessNear,
@@ -52,7 +54,28 @@ impl Feature {
         Self::FirstPathToNoise,
         Self::RangeMean,
         Self::PowerMean,
+        Self::TrackResidual,
     ];
+
+    /// Whether it takes the impulse response to know it.
+    pub const fn is_of_response(self) -> bool {
+        match self {
+            Self::Skewness
+            | Self::Kurtosis
+            | Self::SkewnessNear
+            | Self::KurtosisNear
+            | Self::FirstPathToPeak
+            | Self::FirstPathRatio
+            | Self::RiseTime
+            | Self::MeanExcessDelay
+            | Self::RmsDelaySpread => true,
+            Self::PowerDifference
+            | Self::FirstPathToNoise
+            | Self::RangeMean
+            | Self::PowerMean
+            | Self::TrackResidual => false,
+        }
+    }
 
     /// Its name in tables and commands, with its unit where it has one.
     pub const fn as_str(self) -> &'static str {
@@ -70,6 +93,7 @@ impl Feature {
             Self::FirstPathToNoise => "first_path_to_noise_db",
             Self::RangeMean => "range_mean_m",
             Self::PowerMean => "power_mean_dbm",
+            Self::TrackResidual => "track_residual_m",
         }
     }
 }

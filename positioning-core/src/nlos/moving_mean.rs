@@ -8,9 +8,9 @@ const LENGTH: usize = 5;
 pub struct MovingMean {
     values: [f32; LENGTH],
     /// How many of them are there.
-    count: usize,
+    count: u8,
     /// Where the next goes.
-    next: usize,
+    next: u8,
 }
 
 impl MovingMean {
@@ -23,15 +23,15 @@ impl MovingMean {
     /// while there has been no value.
     pub fn push(&mut self, value: f32) -> Option<f32> {
         if value.is_finite() {
-            if let Some(place) = self.values.get_mut(self.next) {
+            if let Some(place) = self.values.get_mut(usize::from(self.next)) {
                 *place = value;
             }
-            self.next = (self.next + 1) % LENGTH;
-            self.count = LENGTH.min(self.count + 1);
+            self.next = (self.next + 1) % LENGTH as u8;
+            self.count = (LENGTH as u8).min(self.count + 1);
         }
         // Summed anew each time: an error of rounding does not stay.
-        let sum: f32 = self.values.iter().take(self.count).sum();
-        let mean = sum / self.count as f32;
+        let sum: f32 = self.values.iter().take(self.count.into()).sum();
+        let mean = sum / f32::from(self.count);
         mean.is_finite().then_some(mean)
     }
 }

@@ -16,6 +16,7 @@
 //! | …at an instant | +3 | +15 |
 //! | receive a frame | 8 | 44 |
 //! | …and keep listening | 9 | 47 |
+//! | read its impulse response, 152 samples, once the receiver is off | 9 | 638 |
 //!
 //! A frame's two check bytes are neither written nor read. The configuration is written by [`Dw1000::init`] and
 //! [`Dw1000::configure`] only. The tests count all of this.
@@ -110,14 +111,13 @@ mod tests;
 
 use embedded_hal_async::{delay::DelayNs, digital::Wait};
 
-pub use accumulator::Sample;
 pub use bus::{ClockedSpi, ResetLine, SpiClock, Traffic};
 pub use configuration::{Config, DEFAULT_ANTENNA_DELAY, FrameFilter, TxPower};
 pub use sensors::Sensors;
 pub use sleep::{Wake, WakeBy};
 
 use crate::node::Restart;
-use crate::radio::MAX_FRAME;
+use crate::radio::{MAX_FRAME, ResponseWindow, Sample};
 use crate::{Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
 use bus::Bus;
 use register as reg;
@@ -136,8 +136,6 @@ pub enum Error<E> {
     PllNotLocked,
     /// The chip was not initialised, or sleeps.
     NotReady,
-    /// The accumulator cannot be read while the receiver, which overwrites it, is on.
-    ReceiverOn,
 }
 
 impl<E> From<E> for Error<E> {
@@ -307,6 +305,18 @@ where
 
     async fn idle(&mut self) -> Result<(), Self::Error> {
         self.ensure_off().await
+    }
+
+    async fn impulse_response(
+        &mut self,
+        window: ResponseWindow,
+        take: impl FnMut(Sample),
+    ) -> Result<Option<u16>, Self::Error> {
+        match self.transceiver {
+            Transceiver::Off => self.read_accumulator(window, take).await.map(Some),
+            Transceiver::Unknown | Transceiver::Listening => Ok(None),
+            Transceiver::NotReady => Err(Error::NotReady),
+        }
     }
 }
 

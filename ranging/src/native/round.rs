@@ -20,6 +20,8 @@ pub struct Exchange {
     number: u16,
     poll_tx: RadioInstant,
     team: Team,
+    /// Whether its anchors take turns in being the last.
+    turns: bool,
     /// Slots of the round whose response may still come.
     pending: u8,
     ranges: Vec<Range, MAX_ROUND>,
@@ -28,12 +30,28 @@ pub struct Exchange {
 impl Exchange {
     /// No round yet.
     pub fn new() -> Self {
-        Self { number: 0, poll_tx: RadioInstant::default(), team: Team::new(), pending: 0, ranges: Vec::new() }
+        Self {
+            number: 0,
+            poll_tx: RadioInstant::default(),
+            team: Team::new(),
+            turns: false,
+            pending: 0,
+            ranges: Vec::new(),
+        }
     }
 
     /// Names the anchors of the next rounds, in the order of their slots.
     pub fn set_team(&mut self, team: Team) {
         self.team = team;
+        let turn = usize::from(self.number).checked_rem(self.team.len()).unwrap_or(0);
+        if self.turns {
+            self.team.rotate_left(turn);
+        }
+    }
+
+    /// Whether anchors take turns in being the last, after whose response nothing is awaited.
+    pub fn set_turns(&mut self, turns: bool) {
+        self.turns = turns;
     }
 
     /// How many anchors are asked.
@@ -44,6 +62,9 @@ impl Exchange {
     /// The next round's poll.
     pub fn begin(&mut self, neighbours: &mut Neighbours, tell_distances: bool) -> Poll {
         self.number = self.number.wrapping_add(1);
+        if self.turns && !self.team.is_empty() {
+            self.team.rotate_left(1);
+        }
         self.ranges.clear();
         self.pending = match self.team.len() {
             0 => 0,
@@ -131,5 +152,37 @@ impl Exchange {
     /// What the round gave.
     pub fn report(&self) -> Round<'_> {
         Round { number: self.number, poll: self.poll_tx, asked: self.team.len() as u8, ranges: &self.ranges }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whom so many rounds ask last, a superframe each having chosen the team anew.
+    fn last_of(turns: bool, rounds: usize) -> std::vec::Vec<u16> {
+        let (mut exchange, mut neighbours) = (Exchange::new(), Neighbours::new());
+        exchange.set_turns(turns);
+        let mut last = std::vec::Vec::new();
+        for _ in 0..rounds {
+            exchange.set_team([5, 6, 7].into_iter().collect());
+            let poll = exchange.begin(&mut neighbours, false);
+            last.extend(poll.anchors.last().map(|asked| asked.address));
+        }
+        last
+    }
+
+    #[test]
+    fn anchors_take_turns_in_being_the_last_where_that_is_wanted() {
+        assert_eq!(last_of(false, 4), [7; 4]);
+        assert_eq!(last_of(true, 7), [5, 6, 7, 5, 6, 7, 5]);
+        // Several rounds a superframe go on where the last one ended.
+        let (mut exchange, mut neighbours) = (Exchange::new(), Neighbours::new());
+        exchange.set_turns(true);
+        exchange.set_team([5, 6, 7].into_iter().collect());
+        let firsts = [(); 4].map(|()| exchange.begin(&mut neighbours, false).anchors[0].address);
+        assert_eq!(firsts, [6, 7, 5, 6]);
+        exchange.set_team(Team::new());
+        assert_eq!(exchange.begin(&mut neighbours, false).anchors.len(), 0);
     }
 }

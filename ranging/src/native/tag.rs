@@ -318,6 +318,7 @@ impl Machine for Tag {
 
     fn guide(&mut self, guidance: Guidance) {
         self.position_m = guidance.position_m;
+        self.round.set_turns(guidance.turns);
         if guidance.rate.is_some() {
             self.set_rate(guidance.rate);
         }

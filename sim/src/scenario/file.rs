@@ -268,6 +268,7 @@ impl File {
             clock_ppm: self.clock_ppm,
             board: self.board.board(),
             tag: TagSettings {
+                model: None,
                 height_m: self.height_m,
                 method: self.method,
                 weigh_nlos: self.weigh_nlos,

@@ -92,8 +92,10 @@ pub struct TagSettings {
     pub height_m: Option<f32>,
     /// How each round is solved by itself; without it, as the tag does: a track in the plane, each round by `robust` in space.
     pub method: Option<Method>,
-    /// Whether a range counts less where its powers tell of a path that may be blocked.
+    /// Whether a range counts less where its powers, or the classifier, tell of a path that may be blocked.
     pub weigh_nlos: bool,
+    /// A trained classifier of line of sight, as a tag has it beside its record; it should be sound.
+    pub model: Option<&'static [u8]>,
     /// Rounds a second that a tag wants, or hears; without it, as many as it can get.
     pub rate_hz: Option<f64>,
     /// Anchors a round.
@@ -113,7 +115,7 @@ impl TagSettings {
 
 impl Default for TagSettings {
     fn default() -> Self {
-        Self { height_m: None, method: None, weigh_nlos: true, rate_hz: None, anchors_per_round: 8 }
+        Self { height_m: None, method: None, weigh_nlos: true, model: None, rate_hz: None, anchors_per_round: 8 }
     }
 }
 

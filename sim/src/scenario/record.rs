@@ -2,6 +2,7 @@
 
 use firmware_tag::Position;
 use positioning_core::NoFix;
+use positioning_core::nlos::Shape;
 use ranging::exchange::{Link, Range};
 use serde::Serialize;
 
@@ -55,6 +56,8 @@ pub struct RangeRecord {
     pub truth_m: f64,
     /// Whether nothing stands in between.
     pub los: bool,
+    /// The shape of its impulse response, where that was read.
+    pub shape: Option<Shape>,
 }
 
 impl Epoch {

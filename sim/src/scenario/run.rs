@@ -8,6 +8,7 @@ use std::rc::Rc;
 use firmware_tag::{AnchorPlace, Locator, Pace};
 use positioning_core::Blocked;
 use positioning_core::engine::{Settings, Solvers};
+use positioning_core::nlos::Model;
 use rand::Rng;
 use ranging::native::{self, Turnaround};
 use ranging::node::Restart;
@@ -154,15 +155,15 @@ fn eui(address: u16) -> u64 {
 }
 
 /// How a scenario's tags make positions.
-fn locator<'a>(tag: &TagSettings, anchors: &'a [AnchorPlace]) -> Locator<'a> {
-    let Locator { mut settings, anchors } = Locator::new(tag.height_m, anchors);
+fn locator<'a>(tag: &TagSettings, anchors: &'a [AnchorPlace], model: Option<&'a Model<'a>>) -> Locator<'a> {
+    let Locator { mut settings, anchors, model } = Locator::new(tag.height_m, anchors).with_model(model);
     if let Some(method) = tag.method {
         settings = Settings { noise: settings.noise, ..Settings::solve(settings.dimensions, Solvers::of(method)) };
     }
     if !tag.weigh_nlos {
         settings.blocked = Blocked::Alike;
     }
-    Locator { settings, anchors }
+    Locator { settings, anchors, model }
 }
 
 /// `firmware-anchor` for one node of a scenario.
@@ -231,6 +232,8 @@ impl Firmware for TagFirmware {
         let address = self.tag.address;
         let sink = TagSink { notebook: self.notebook.clone(), walk: self.tag.walk.clone() };
         async move {
+            let model = settings.model.and_then(|bytes| Model::decode(bytes).ok()).map(|(model, _)| model);
+            let model = model.as_ref();
             match network.mode {
                 Mode::Native => {
                     let rate = match settings.rate_hz {
@@ -245,7 +248,7 @@ impl Firmware for TagFirmware {
                         tell_distances: false,
                     });
                     // Native anchors tell where they are.
-                    let locator = locator(&settings, &[]);
+                    let locator = locator(&settings, &[], model);
                     firmware_tag::run(radio, delay, machine, locator, Pace::new(rate, None), sink).await
                 }
                 Mode::Listening { .. } => {
@@ -253,7 +256,7 @@ impl Firmware for TagFirmware {
                     let network = native_network(&network);
                     let machine = native::ListeningTag::new(native::ListeningTagConfig { network, period });
                     let rate = period.map_or(native::Rate::Greedy, native::Rate::Every);
-                    let locator = locator(&settings, &[]);
+                    let locator = locator(&settings, &[], model);
                     firmware_tag::run(radio, delay, machine, locator, Pace::new(rate, None), sink).await
                 }
                 Mode::DecaRanging(variant) => {
@@ -271,7 +274,7 @@ impl Firmware for TagFirmware {
                         position_m: anchor.at.map(|metres| metres as f32),
                     });
                     let places: Vec<_> = places.collect();
-                    let locator = locator(&settings, &places);
+                    let locator = locator(&settings, &places, model);
                     let pace = Pace::new(native::Rate::Every(period), None);
                     firmware_tag::run(radio, delay, machine, locator, pace, sink).await
                 }

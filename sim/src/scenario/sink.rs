@@ -80,7 +80,9 @@ impl firmware_tag::Sink for TagSink {
         let ranges = epoch.measured.ranges().iter().filter_map(|range| {
             let anchor = scenario.anchors.iter().find(|anchor| anchor.address == range.peer)?;
             let los = !scenario.walls.iter().any(|wall| wall.crosses(anchor.at, truth_m));
-            Some(RangeRecord { range: *range, truth_m: distance(anchor.at, truth_m), los })
+            let sounding = epoch.sounding.filter(|sounding| sounding.peer == range.peer);
+            let (truth_m, shape) = (distance(anchor.at, truth_m), sounding.map(|sounding| sounding.shape));
+            Some(RangeRecord { range: *range, truth_m, los, shape })
         });
         let ranges: Vec<_> = ranges.collect();
         let measured = epoch.measured.count();

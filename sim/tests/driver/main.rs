@@ -13,12 +13,12 @@ use embedded_hal::digital::OutputPin;
 use embedded_hal::spi::{ErrorType, Operation};
 use embedded_hal_async::spi::SpiDevice;
 use ranging::dw1000::{
-    ClockedSpi, Config, Dw1000, Error, FrameFilter, ResetLine, Sample, SpiClock as Speed, TxPower, Wake, WakeBy,
+    ClockedSpi, Config, Dw1000, Error, FrameFilter, ResetLine, SpiClock as Speed, TxPower, Wake, WakeBy,
 };
 use ranging::phy::{Channel, DataRate, PhyConfig, PreambleLength, Prf};
 use ranging::radio::MAX_FRAME;
 use ranging::time::METRES_PER_TICK;
-use ranging::{Radio, RadioDuration, RadioInstant, ReceiveError, Start, TransmitError};
+use ranging::{Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, Sample, Start, TransmitError};
 use sim::{
     AirConfig, ChipConfig, ClockConfig, IrqPin, Node, NodeConfig, Peripherals, ResetPin, SimDelay, SimSpi, SpiClock,
     TrueTime, World,

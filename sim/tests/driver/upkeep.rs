@@ -128,11 +128,12 @@ fn impulse_response_has_its_peak_at_the_first_path() {
         async move {
             receiver.init().await.unwrap();
             let heard = hear(&mut receiver, Start::Now, us(60_000), false).await.unwrap();
-            let mut window = [Sample::default(); 64];
-            let start = receiver.impulse_response(heard.first_path_index, 16, &mut window).await.unwrap();
-            assert_eq!(start, heard.first_path_index as u16 - 16);
+            let mut samples = Vec::new();
+            let window = ResponseWindow { first_path_index: heard.first_path_index, before: 16, count: 64 };
+            let start = receiver.impulse_response(window, |sample| samples.push(sample)).await.unwrap();
+            assert_eq!(start, Some(heard.first_path_index as u16 - 16));
             assert!(heard.first_path_power_dbm <= heard.rx_power_dbm);
-            window
+            samples
         },
     );
     let magnitude = |s: &Sample| f64::from(s.i).hypot(f64::from(s.q));

@@ -30,6 +30,8 @@ pub struct Board {
     pub care: Care,
     /// What the node is told.
     pub start: Start,
+    /// What the record is in, and what lies beside it.
+    pub flash: FlashStorage<'static>,
     /// The chip's factory address, the highest byte first.
     pub address: [u8; 6],
     /// The chip's radio.
@@ -86,8 +88,9 @@ impl Board {
         let port = Port::new(p.SPI2);
         #[cfg(feature = "esp32")]
         let port = Port::new(p.SPI3);
+        let mut flash = FlashStorage::new(p.FLASH);
         let start = Start {
-            record: node_record::load(&mut FlashStorage::new(p.FLASH), Pages::ESP.offsets),
+            record: node_record::load(&mut flash, Pages::ESP.offsets),
             eui: eui_of(address),
             reset: reset_cause::of(esp_hal::system::reset_reason().map_or(0, |reason| reason as u32)),
             crash: crash::take(),
@@ -96,6 +99,7 @@ impl Board {
             uwb: UwbPort(port),
             care: Care { watchdog: Watchdog::start(p.RTC_TIMER), telemetry },
             start,
+            flash,
             address,
             #[cfg(feature = "ble")]
             bluetooth: super::bluetooth::Parts(p.BT),

@@ -6,8 +6,9 @@ use boards::node::{self, Guard, Reporter, Tasks};
 use embassy_executor::Spawner;
 use embassy_time::Delay;
 use firmware_common::{Settings, TagMachine};
-use firmware_tag::{AnchorPlace, Locator, Pace, Told};
-use node_record::{Record, Role, Tag};
+use firmware_tag::{AnchorPlace, Locator, Pace, Shelf, Told};
+use node_record::{Pages, Record, Role, Tag};
+use positioning_core::nlos::Model;
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
 use telemetry::{Condition, RecordFault};
@@ -20,6 +21,7 @@ static HANDOVER: StaticCell<Handover> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
 static MACHINE: StaticCell<TagMachine> = StaticCell::new();
 static RECORD: StaticCell<Record> = StaticCell::new();
+static SHELF: Shelf = Shelf::new();
 static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
 
 /// What the tag's tasks share.
@@ -29,6 +31,7 @@ struct Shared {
     reporter: &'static Reporter,
     record: &'static Record,
     tag: Tag,
+    model: Option<&'static Model<'static>>,
 }
 
 impl Shared {
@@ -44,7 +47,7 @@ async fn ranging(radio: &'static mut Radio, machine: &'static mut TagMachine, sh
 
 #[embassy_executor::task]
 async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
-    let (locator, pace) = (Locator::of(&shared.tag, anchors), Pace::of(&shared.tag));
+    let (locator, pace) = (Locator::of(&shared.tag, anchors, shared.model), Pace::of(&shared.tag));
     firmware_tag::engine(shared.handover, Delay, locator, pace, &shared.told()).await;
 }
 
@@ -102,7 +105,7 @@ fn work(spawner: Spawner, uwb: Uwb, settings: &Settings, shared: Shared) {
 
 /// Spawns all tasks; without a record to follow, only those that tell so.
 pub fn start(spawner: Spawner) {
-    let board = Board::take(spawner);
+    let mut board = Board::take(spawner);
     let reporter: &_ = REPORTER.init_with(|| Reporter::new(esp::uptime_us));
     let (hello, followed) = node::introduce(reporter, esp::KIND, telemetry::Role::Tag, board.start);
     let mut tasks = Tasks::None;
@@ -112,7 +115,8 @@ pub fn start(spawner: Spawner) {
         match (settings.role, board.uwb.wire(record)) {
             (Role::Tag(tag), Ok(uwb)) => {
                 tasks = Tasks::RangingAndEngine;
-                let shared = Shared { handover: HANDOVER.init_with(Handover::new), reporter, record, tag };
+                let model = SHELF.fill(&mut board.flash, Pages::ESP.offsets);
+                let shared = Shared { handover: HANDOVER.init_with(Handover::new), reporter, record, tag, model };
                 work(spawner, uwb, &settings, shared);
                 #[cfg(feature = "ble")]
                 if let Some(wanted) = tag.scan {

@@ -7,10 +7,11 @@ use core::task::{Context, Waker};
 use embassy_futures::block_on;
 
 use super::double::*;
-use crate::dw1000::{Error, Sample, Wake, WakeBy};
+use crate::dw1000::{Error, Transceiver, Wake, WakeBy};
 use crate::radio::MAX_FRAME;
-use crate::{Radio, RadioDuration, ReceiveError, Start, TransmitError};
+use crate::{Radio, RadioDuration, ReceiveError, ResponseWindow, Sample, Start, TransmitError};
 use embedded_hal::spi::ErrorKind;
+use std::vec::Vec;
 
 const WINDOW: RadioDuration = RadioDuration::from_micros(1000);
 
@@ -125,10 +126,12 @@ fn impulse_response_is_read_around_the_first_path() {
     let (mut radio, bus, _) = fast(true);
     // Sample 747 at byte 2988 = 0xBAC: low seven bits 0x2C, rest 0x17. A dummy byte, then I = −2, Q = 515.
     bus.answer(&[0x65, 0xAC, 0x17], &[0xAA, 0xFE, 0xFF, 0x03, 0x02]);
-    let mut window = [Sample::default(); 40];
-    assert_eq!(block_on(radio.impulse_response(750.9, 3, &mut window)), Ok(747));
-    assert_eq!(window[0], Sample { i: -2, q: 515 });
-    assert_eq!(window[1], Sample::default());
+    let mut samples = Vec::new();
+    let window = ResponseWindow { first_path_index: 750.9, before: 3, count: 40 };
+    assert_eq!(block_on(radio.impulse_response(window, |sample| samples.push(sample))), Ok(Some(747)));
+    assert_eq!(samples.len(), 40);
+    assert_eq!(samples[0], Sample { i: -2, q: 515 });
+    assert_eq!(samples[1], Sample::default());
     let seen = bus.seen();
     assert_eq!(
         seen,
@@ -142,8 +145,34 @@ fn impulse_response_is_read_around_the_first_path() {
             write(&[0xF6, 0x01, 0x02]),
         ]
     );
-    // At the ends the window moves inside 1016 samples; what is longer than all of them stays zero.
-    assert_eq!(block_on(radio.impulse_response(2.0, 3, &mut window)), Ok(0));
-    assert_eq!(block_on(radio.impulse_response(1015.0, 3, &mut window)), Ok(976));
-    assert_eq!(block_on(radio.impulse_response(f32::NAN, 3, &mut [Sample { i: 1, q: 1 }; 1100])), Ok(0));
+    // At the ends the window moves inside 1016 samples, and it is never longer than all of them.
+    let mut read = |first_path_index, count| {
+        let mut given = 0;
+        let window = ResponseWindow { first_path_index, before: 3, count };
+        let first = block_on(radio.impulse_response(window, |_| given += 1));
+        (first, given)
+    };
+    assert_eq!(read(2.0, 40), (Ok(Some(0)), 40));
+    assert_eq!(read(1015.0, 40), (Ok(Some(976)), 40));
+    assert_eq!(read(f32::NAN, 1100), (Ok(Some(0)), 1016));
+    assert_eq!(read(f32::INFINITY, u16::MAX), (Ok(Some(0)), 1016));
+    assert_eq!(read(-5.0, 0), (Ok(Some(0)), 0));
+    // What a window of the features costs.
+    let before = radio.traffic();
+    let window = ResponseWindow { first_path_index: 750.9, before: 16, count: 152 };
+    assert_eq!(block_on(radio.impulse_response(window, |_| ())), Ok(Some(734)));
+    let after = radio.traffic();
+    // Clocks on and off: 2 + 3 + 2 + 3 bytes; four reads of 3 + 1 + 128, one of 3 + 1 + 96.
+    assert_eq!((after.transactions - before.transactions, after.bytes - before.bytes), (9, 638));
+}
+
+#[test]
+fn a_receiver_that_is_on_again_or_was_never_on_has_no_impulse_response() {
+    let (mut radio, bus, _) = fast(true);
+    let window = ResponseWindow { first_path_index: 750.0, before: 3, count: 40 };
+    radio.transceiver = Transceiver::Listening;
+    assert_eq!(block_on(radio.impulse_response(window, |_| ())), Ok(None));
+    radio.transceiver = Transceiver::NotReady;
+    assert_eq!(block_on(radio.impulse_response(window, |_| ())), Err(Error::NotReady));
+    assert_eq!(bus.seen(), []);
 }

@@ -1,0 +1,43 @@
+//! Where a board's program keeps the trained classifier that lies in flash beside its record.
+
+use embedded_storage::nor_flash::ReadNorFlash;
+use node_record::MODEL_BYTES;
+use positioning_core::nlos::Model;
+use static_cell::StaticCell;
+
+/// Room for one, for a `static`.
+pub struct Shelf {
+    bytes: StaticCell<[u8; MODEL_BYTES]>,
+    model: StaticCell<Model<'static>>,
+}
+
+impl Shelf {
+    /// Empty.
+    pub const fn new() -> Self {
+        Self { bytes: StaticCell::new(), model: StaticCell::new() }
+    }
+
+    /// Takes the classifier from flash, once a program; `None` where there is none, or none to be trusted: the log says why, and
+    /// the powers tell blocked links then.
+    pub fn fill(&'static self, flash: &mut impl ReadNorFlash, pages: [u32; 2]) -> Option<&'static Model<'static>> {
+        let bytes = self.bytes.init_with(|| [0; MODEL_BYTES]);
+        // A node without record has no classifier either.
+        let found = node_record::load_model(flash, pages, bytes).ok().flatten()?;
+        match Model::decode(found) {
+            Ok((model, _)) => {
+                let model: &_ = self.model.init(model);
+                Some(model)
+            }
+            Err(fault) => {
+                defmt::warn!("the classifier of line of sight beside the record is not used: {}", fault);
+                None
+            }
+        }
+    }
+}
+
+impl Default for Shelf {
+    fn default() -> Self {
+        Self::new()
+    }
+}

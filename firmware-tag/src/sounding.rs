@@ -1,0 +1,200 @@
+//! The channel impulse response of a round's last frame: read while nothing else is awaited, and made the features of its
+//! shape, which go with the range.
+//!
+//! The radio has one accumulator, which the next reception overwrites: inside a round there is no time to read it (0.8 ms on a
+//! DWM1001, where responses follow each other every 0.25 ms), at its end there is. So that every anchor has its turn, they take
+//! turns in being the last ([`Guidance::turns`](ranging::exchange::Guidance)); so that a tag that ranges all the time is not
+//! slowed down, the response is read so often and not more: what stands in the way of a link does not change every millisecond.
+
+use positioning_core::nlos::{BEFORE, Shape, WINDOW, magnitude};
+use ranging::exchange::{Action, Event, Report};
+use ranging::{Radio, ResponseWindow};
+
+/// From one reading to the next, at least, microseconds: four in a hundred of a DWM1001's time, and with eight anchors each
+/// is looked at six times a second.
+const EVERY_US: u64 = 20_000;
+
+/// What the impulse response of one frame tells.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Sounding {
+    /// Whose frame it was.
+    pub peer: u16,
+    /// Its shape.
+    pub shape: Shape,
+}
+
+/// Reads impulse responses, where they are wanted.
+#[derive(Debug, Default)]
+pub(crate) struct Sounder {
+    /// Whether anybody wants them.
+    pub(crate) wanted: bool,
+    /// Not before then, microseconds since the node started.
+    next_us: u64,
+    /// Whose frame ended the round that is about to be reported, and the place of its first path.
+    last: Option<(u16, f32)>,
+    sounding: Option<Sounding>,
+}
+
+impl Sounder {
+    /// Sees what became of the last action, and what follows: a range made of the frame that just came, the round's last.
+    pub(crate) fn observe(&mut self, event: &Event<'_>, action: &Action<'_>) {
+        self.last = match (event, action) {
+            (Event::Received(frame), Action::Report(Report::Round(round))) => {
+                let of_frame = round.ranges.last().filter(|range| range.diagnostics == frame.diagnostics);
+                of_frame.map(|range| (range.peer, frame.diagnostics.first_path_index))
+            }
+            _ => None,
+        };
+    }
+
+    /// Reads what the radio still holds of that frame, where it is wanted and time.
+    pub(crate) async fn look<R: Radio>(&mut self, radio: &mut R, now_us: u64) -> Result<(), R::Error> {
+        self.sounding = None;
+        let due = self.wanted && now_us >= self.next_us;
+        let Some((peer, first_path_index)) = self.last.take().filter(|_| due) else { return Ok(()) };
+        let mut magnitudes = [0; WINDOW];
+        let mut places = magnitudes.iter_mut();
+        let window = ResponseWindow { first_path_index, before: BEFORE as u16, count: WINDOW as u16 };
+        let take = |sample: ranging::Sample| {
+            if let Some(place) = places.next() {
+                *place = magnitude(sample.i, sample.q);
+            }
+        };
+        if let Some(first) = radio.impulse_response(window, take).await? {
+            self.next_us = now_us.saturating_add(EVERY_US);
+            let shape = Shape::of(&magnitudes, first_path_index - f32::from(first));
+            self.sounding = shape.map(|shape| Sounding { peer, shape });
+        }
+        Ok(())
+    }
+
+    /// What the round's last frame told.
+    pub(crate) fn take(&mut self) -> Option<Sounding> {
+        self.sounding.take()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core::convert::Infallible;
+    use embassy_futures::block_on;
+    use ranging::exchange::{Range, Round};
+    use ranging::radio::MAX_FRAME;
+    use ranging::{Diagnostics, RadioDuration, RadioInstant, ReceiveError, RxFrame, Sample, Start, TransmitError};
+
+    /// A radio with an accumulator and nothing else; it counts how often it is read.
+    struct Accumulator {
+        samples: std::vec::Vec<Sample>,
+        holds: bool,
+        reads: usize,
+    }
+
+    impl Radio for Accumulator {
+        type Error = Infallible;
+
+        async fn now(&mut self) -> Result<RadioInstant, Infallible> {
+            Ok(RadioInstant::default())
+        }
+
+        fn departure(&self, at: RadioInstant) -> RadioInstant {
+            at
+        }
+
+        async fn transmit(&mut self, _: &[u8], _: Start, _: bool) -> Result<RadioInstant, TransmitError<Infallible>> {
+            Err(TransmitError::Late)
+        }
+
+        async fn receive<'b>(
+            &mut self,
+            _: &'b mut [u8; MAX_FRAME],
+            _: Start,
+            _: RadioDuration,
+            _: bool,
+        ) -> Result<RxFrame<'b>, ReceiveError<Infallible>> {
+            Err(ReceiveError::Timeout)
+        }
+
+        async fn idle(&mut self) -> Result<(), Infallible> {
+            Ok(())
+        }
+
+        async fn impulse_response(
+            &mut self,
+            window: ResponseWindow,
+            take: impl FnMut(Sample),
+        ) -> Result<Option<u16>, Infallible> {
+            self.reads += 1;
+            let all = self.samples.len() as u16;
+            let first = (window.first_path_index as u16).saturating_sub(window.before).min(all - window.count);
+            self.samples.iter().skip(first.into()).take(window.count.into()).copied().for_each(take);
+            Ok(self.holds.then_some(first))
+        }
+    }
+
+    fn with(sample: impl Fn(i32) -> i16) -> Accumulator {
+        Accumulator { samples: (0..1016).map(|at| Sample { i: sample(at), q: 0 }).collect(), holds: true, reads: 0 }
+    }
+
+    /// A peak of 1000 at sample 752, noise of 0 to 6 elsewhere.
+    fn peaked() -> Accumulator {
+        with(|at| if at == 752 { 1000 } else { (at * 5 % 7) as i16 })
+    }
+
+    fn look(sounder: &mut Sounder, radio: &mut Accumulator, first_path_index: f32, now_us: u64) -> Option<Sounding> {
+        let diagnostics = Diagnostics { first_path_index, ..Diagnostics::default() };
+        let frame = RxFrame { bytes: &[], rx_time: RadioInstant::default(), diagnostics };
+        let range = Range { peer: 7, distance_m: 3.0, deviation_m: 0.1, position_m: None, diagnostics };
+        let round = Round { number: 1, poll: RadioInstant::default(), asked: 1, ranges: &[range] };
+        sounder.observe(&Event::Received(frame), &Action::Report(Report::Round(round)));
+        match block_on(sounder.look(radio, now_us)) {
+            Ok(()) => sounder.take(),
+            Err(never) => match never {},
+        }
+    }
+
+    #[test]
+    fn a_rounds_last_frame_is_sounded_now_and_then() {
+        let (mut sounder, mut radio) = (Sounder { wanted: true, ..Sounder::default() }, peaked());
+        let sounding = look(&mut sounder, &mut radio, 750.5, 5).unwrap();
+        assert_eq!(sounding.peer, 7);
+        // From 750.5 to 752: 1.5 samples of 1.0016026 ns.
+        assert!((sounding.shape.first_path_to_peak_ns - 1.502_404).abs() < 1e-4, "{sounding:?}");
+        assert_eq!(look(&mut sounder, &mut radio, 750.5, 20_004), None);
+        assert_eq!(radio.reads, 1);
+        assert!(look(&mut sounder, &mut radio, 750.5, 20_005).is_some());
+        assert_eq!(sounder.take(), None, "one goes with one round");
+    }
+
+    #[test]
+    fn nothing_is_read_that_is_not_wanted_or_not_there() {
+        let mut radio = peaked();
+        assert_eq!(look(&mut Sounder::default(), &mut radio, 750.5, 0), None);
+        assert_eq!(radio.reads, 0);
+        let mut sounder = Sounder { wanted: true, ..Sounder::default() };
+        radio.holds = false;
+        assert_eq!(look(&mut sounder, &mut radio, 750.5, 0), None);
+        // A window that passed after the frame: the accumulator may hold another.
+        let round = Round { number: 1, poll: RadioInstant::default(), asked: 1, ranges: &[] };
+        sounder.observe(&Event::Timeout, &Action::Report(Report::Round(round)));
+        radio.holds = true;
+        let Ok(()) = block_on(sounder.look(&mut radio, 0));
+        assert_eq!((sounder.take(), radio.reads), (None, 1));
+    }
+
+    #[test]
+    fn hostile_accumulators_make_no_panic_and_no_shape_of_nothing() {
+        let first_paths = [0.0, 0.01, 1015.98, 5000.0, -1.0, f32::NAN, f32::INFINITY];
+        for first_path_index in first_paths {
+            for mut radio in [with(|_| 0), with(|_| i16::MIN), with(|_| i16::MAX)] {
+                let mut sounder = Sounder { wanted: true, ..Sounder::default() };
+                assert_eq!(look(&mut sounder, &mut radio, first_path_index, 0), None, "{first_path_index}");
+            }
+            let mut sounder = Sounder { wanted: true, ..Sounder::default() };
+            let found = look(&mut sounder, &mut peaked(), first_path_index, u64::MAX);
+            // At the ends of the accumulator the window is moved inside, and the first path is still in it.
+            assert_eq!(found.is_some(), (0.0..1016.0).contains(&first_path_index), "{first_path_index}");
+        }
+    }
+}

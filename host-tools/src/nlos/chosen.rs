@@ -1,0 +1,106 @@
+//! One classifier out of a file of them, for whoever uses one: a track, a simulation, a node.
+
+use std::path::{Path, PathBuf};
+
+use positioning_core::nlos::{Classifier, Model};
+
+use super::{features_of, models};
+use crate::Wrong;
+
+/// A model that was chosen.
+#[derive(Clone, Debug)]
+pub struct Chosen {
+    file: PathBuf,
+    bytes: Vec<u8>,
+}
+
+impl Chosen {
+    /// The first classifier of this name in the file; without a name, the only one.
+    ///
+    /// # Errors
+    /// The file cannot be read, is no file of models, has none of this name, or several where none is named.
+    pub fn read(file: &Path, name: Option<&str>) -> Result<Self, Wrong> {
+        let all = std::fs::read(file).map_err(|error| Wrong::file(file, format!("cannot open it: {error}")))?;
+        Self::of(file, &all, name)
+    }
+
+    /// The same of the bytes of a file.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn of(file: &Path, all: &[u8], name: Option<&str>) -> Result<Self, Wrong> {
+        let models = models(all).map_err(|fault| Wrong::file(file, fault.to_string()))?;
+        let index = match name {
+            Some(name) => models.iter().position(|model| model.name() == name),
+            None if models.len() == 1 => Some(0),
+            None => None,
+        };
+        let Some(index) = index else {
+            let named: Vec<String> =
+                models.iter().map(|model| format!("{} ({})", model.name(), features_of(model))).collect();
+            let what = match name {
+                Some(name) => format!("it has no classifier {name}; it has {}", named.join(", ")),
+                None => format!("it has several classifiers, name one of {}", named.join(", ")),
+            };
+            return Err(Wrong::file(file, what));
+        };
+        // The models follow each other without gap: the bytes of one are those that its successor does not have.
+        let rest = |count: usize| {
+            (0..count).try_fold(all, |bytes, _| Model::decode(bytes).map(|(_, rest)| rest)).unwrap_or_default()
+        };
+        let (from, to) = (all.len() - rest(index).len(), all.len() - rest(index + 1).len());
+        Ok(Self { file: file.to_owned(), bytes: all[from..to].to_vec() })
+    }
+
+    /// The classifier.
+    ///
+    /// # Errors
+    /// None: it has been read before.
+    pub fn model(&self) -> Result<Model<'_>, Wrong> {
+        match Model::decode(&self.bytes) {
+            Ok((model, _)) => Ok(model),
+            Err(fault) => Err(Wrong::file(&self.file, fault.to_string())),
+        }
+    }
+
+    /// Its bytes, as a node reads them.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use positioning_core::nlos::{Kind, Platt, PowerDifference, Skewness};
+
+    fn file() -> Vec<u8> {
+        let kinds = [Kind::PowerDifference(PowerDifference::default()), Kind::Skewness(Skewness::default())];
+        let encoded = kinds.map(|kind| {
+            let mut buffer = [0; 64];
+            Model { kind, calibration: Platt::NONE }.encode(&mut buffer).expect("it fits").to_vec()
+        });
+        encoded.concat()
+    }
+
+    #[test]
+    fn a_classifier_is_chosen_by_its_name() {
+        let all = file();
+        let chosen = Chosen::of("x".as_ref(), &all, Some("skewness")).expect("it is there");
+        assert_eq!(chosen.model().expect("whole").name(), "skewness");
+        // Header 6, kind and feature 1 each, five numbers 4 each, checksum 2: the last 30 bytes.
+        assert_eq!(chosen.bytes(), &all[all.len() - 30..]);
+        let only = Chosen::of("x".as_ref(), chosen.bytes(), None).expect("there is one");
+        assert_eq!(only.bytes(), chosen.bytes());
+    }
+
+    #[test]
+    fn what_is_not_there_or_not_said_is_named() {
+        let said = |name| Chosen::of("x".as_ref(), &file(), name).expect_err("it is not there").to_string();
+        let both = "power-difference (power_difference_db), skewness (skewness_near)";
+        assert_eq!(said(Some("logistic")), format!("x: it has no classifier logistic; it has {both}"));
+        assert_eq!(said(None), format!("x: it has several classifiers, name one of {both}"));
+        let none = Chosen::of("x".as_ref(), b"BLZR", None).expect_err("no model").to_string();
+        assert_eq!(none, "x: not a model");
+    }
+}

@@ -1,0 +1,76 @@
+//! What the columns of a file tell of each reception: [`Features`] out of the receiver's diagnostics, or by their own names.
+
+use positioning_core::nlos::{Feature, Features, first_path_to_noise_db, power_difference_db};
+
+use crate::{Column, Row, Table, Wrong};
+
+/// The columns, as far as a file has them.
+pub struct Diagnostics {
+    /// The range, metres.
+    pub range: Column,
+    power: Column,
+    first_path_power: Column,
+    amplitudes: [Column; 3],
+    cir_power: Column,
+    noise: Column,
+    /// Features that stand in the file by their names.
+    named: [Column; Feature::ALL.len()],
+}
+
+/// What one row tells; NaN is not known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Told {
+    /// Of the reception itself.
+    pub features: Features,
+    /// Metres.
+    pub range_m: f32,
+    /// dBm.
+    pub power_dbm: f32,
+}
+
+impl Diagnostics {
+    /// Those of a `ranges.csv`.
+    pub fn of_ranges(table: &Table) -> Self {
+        Self::of(table, ["rx_power_dbm", "fp_power_dbm", "std_noise"])
+    }
+
+    /// Those of a `cir.csv`.
+    pub fn of_responses(table: &Table) -> Self {
+        Self::of(table, ["rsl_dbm", "fsl_dbm", "noise_std_est"])
+    }
+
+    fn of(table: &Table, [power, first_path_power, noise]: [&'static str; 3]) -> Self {
+        Self {
+            range: table.optional("range_m"),
+            power: table.optional(power),
+            first_path_power: table.optional(first_path_power),
+            amplitudes: ["fp_amp1", "fp_amp2", "fp_amp3"].map(|name| table.optional(name)),
+            cir_power: table.optional("cir_pwr"),
+            noise: table.optional(noise),
+            named: Feature::ALL.map(|feature| table.optional(feature.as_str())),
+        }
+    }
+
+    /// What a row tells.
+    ///
+    /// # Errors
+    /// A field is no number.
+    pub fn read(&self, row: &Row<'_>) -> Result<Told, Wrong> {
+        let known = |column| -> Result<f32, Wrong> { Ok(row.number(column)?.map_or(f32::NAN, |number| number as f32)) };
+        let mut amplitudes = [f32::NAN; 3];
+        for (amplitude, column) in amplitudes.iter_mut().zip(self.amplitudes) {
+            *amplitude = known(column)?;
+        }
+        let (power_dbm, first_path_dbm) = (known(self.power)?, known(self.first_path_power)?);
+        let mut features = Features::default();
+        let difference = power_difference_db(known(self.cir_power)?, amplitudes);
+        features.set(Feature::PowerDifference, difference.unwrap_or(power_dbm - first_path_dbm));
+        features.set_known(Feature::FirstPathToNoise, first_path_to_noise_db(amplitudes, known(self.noise)?));
+        for (feature, column) in Feature::ALL.into_iter().zip(self.named) {
+            if let Some(value) = row.number(column)? {
+                features.set(feature, value as f32);
+            }
+        }
+        Ok(Told { features, range_m: known(self.range)?, power_dbm })
+    }
+}
