@@ -79,11 +79,11 @@ impl<'a> Locator<'a> {
         Self::new(tag.height_m, anchors).with_model(model)
     }
 
-    /// Has this classifier, where there is one, tell blocked links: then a doubt is one of half a metre.
+    /// Has this classifier, where there is one, tell blocked links.
     pub fn with_model(mut self, model: Option<&'a Model<'a>>) -> Self {
         self.model = model;
         if model.is_some() {
-            self.settings.noise = Noise::indoors();
+            self.settings.noise = Noise::by_model();
         }
         self
     }

@@ -4,15 +4,18 @@
 //! The radio has one accumulator, which the next reception overwrites: inside a round there is no time to read it (0.8 ms on a
 //! DWM1001, where responses follow each other every 0.25 ms), at its end there is. So that every anchor has its turn, they take
 //! turns in being the last ([`Guidance::turns`](ranging::exchange::Guidance)); so that a tag that ranges all the time is not
-//! slowed down, the response is read so often and not more: what stands in the way of a link does not change every millisecond.
+//! slowed down, the response of each is read so often and not more: what stands in the way of a link does not change every
+//! millisecond.
 
+use heapless::Vec;
 use positioning_core::nlos::{BEFORE, Shape, WINDOW, magnitude};
 use ranging::exchange::{Action, Event, Report};
+use ranging::native::MAX_ROUND;
 use ranging::{Radio, ResponseWindow};
 
-/// From one reading to the next, at least, microseconds: four in a hundred of a DWM1001's time, and with eight anchors each
-/// is looked at six times a second.
-const EVERY_US: u64 = 20_000;
+/// From one reading of an anchor's response to the next, at least, microseconds: with eight anchors four in a hundred of a
+/// DWM1001's time.
+const EVERY_US: u64 = 150_000;
 
 /// What the impulse response of one frame tells.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,8 +32,8 @@ pub struct Sounding {
 pub(crate) struct Sounder {
     /// Whether anybody wants them.
     pub(crate) wanted: bool,
-    /// Not before then, microseconds since the node started.
-    next_us: u64,
+    /// Anchors whose response was read, and when it may be read again, microseconds since the node started.
+    read: Vec<(u16, u64), MAX_ROUND>,
     /// Whose frame ended the round that is about to be reported, and the place of its first path.
     last: Option<(u16, f32)>,
     sounding: Option<Sounding>,
@@ -51,8 +54,9 @@ impl Sounder {
     /// Reads what the radio still holds of that frame, where it is wanted and time.
     pub(crate) async fn look<R: Radio>(&mut self, radio: &mut R, now_us: u64) -> Result<(), R::Error> {
         self.sounding = None;
-        let due = self.wanted && now_us >= self.next_us;
-        let Some((peer, first_path_index)) = self.last.take().filter(|_| due) else { return Ok(()) };
+        let Some((peer, first_path_index)) = self.last.take().filter(|(peer, _)| self.is_due(*peer, now_us)) else {
+            return Ok(());
+        };
         let mut magnitudes = [0; WINDOW];
         let mut places = magnitudes.iter_mut();
         let window = ResponseWindow { first_path_index, before: BEFORE as u16, count: WINDOW as u16 };
@@ -62,11 +66,26 @@ impl Sounder {
             }
         };
         if let Some(first) = radio.impulse_response(window, take).await? {
-            self.next_us = now_us.saturating_add(EVERY_US);
+            self.note(peer, now_us.saturating_add(EVERY_US));
             let shape = Shape::of(&magnitudes, first_path_index - f32::from(first));
             self.sounding = shape.map(|shape| Sounding { peer, shape });
         }
         Ok(())
+    }
+
+    fn is_due(&self, peer: u16, now_us: u64) -> bool {
+        self.wanted && self.read.iter().all(|(read, next_us)| *read != peer || now_us >= *next_us)
+    }
+
+    /// This anchor's response may be read again then; of more than a round asks, the one that waits for longest is forgotten.
+    fn note(&mut self, peer: u16, next_us: u64) {
+        if let Some((_, next)) = self.read.iter_mut().find(|(read, _)| *read == peer) {
+            *next = next_us;
+        } else if self.read.push((peer, next_us)).is_err()
+            && let Some(oldest) = self.read.iter_mut().min_by_key(|(_, next)| *next)
+        {
+            *oldest = (peer, next_us);
+        }
     }
 
     /// What the round's last frame told.
@@ -143,9 +162,19 @@ mod tests {
     }
 
     fn look(sounder: &mut Sounder, radio: &mut Accumulator, first_path_index: f32, now_us: u64) -> Option<Sounding> {
+        look_at(7, sounder, radio, first_path_index, now_us)
+    }
+
+    fn look_at(
+        peer: u16,
+        sounder: &mut Sounder,
+        radio: &mut Accumulator,
+        first_path_index: f32,
+        now_us: u64,
+    ) -> Option<Sounding> {
         let diagnostics = Diagnostics { first_path_index, ..Diagnostics::default() };
         let frame = RxFrame { bytes: &[], rx_time: RadioInstant::default(), diagnostics };
-        let range = Range { peer: 7, distance_m: 3.0, deviation_m: 0.1, position_m: None, diagnostics };
+        let range = Range { peer, distance_m: 3.0, deviation_m: 0.1, position_m: None, diagnostics };
         let round = Round { number: 1, poll: RadioInstant::default(), asked: 1, ranges: &[range] };
         sounder.observe(&Event::Received(frame), &Action::Report(Report::Round(round)));
         match block_on(sounder.look(radio, now_us)) {
@@ -161,10 +190,19 @@ mod tests {
         assert_eq!(sounding.peer, 7);
         // From 750.5 to 752: 1.5 samples of 1.0016026 ns.
         assert!((sounding.shape.first_path_to_peak_ns - 1.502_404).abs() < 1e-4, "{sounding:?}");
-        assert_eq!(look(&mut sounder, &mut radio, 750.5, 20_004), None);
+        assert_eq!(look(&mut sounder, &mut radio, 750.5, 150_004), None);
         assert_eq!(radio.reads, 1);
-        assert!(look(&mut sounder, &mut radio, 750.5, 20_005).is_some());
+        assert!(look(&mut sounder, &mut radio, 750.5, 150_005).is_some());
         assert_eq!(sounder.take(), None, "one goes with one round");
+    }
+
+    #[test]
+    fn every_anchor_has_its_own_time() {
+        let (mut sounder, mut radio) = (Sounder { wanted: true, ..Sounder::default() }, peaked());
+        let mut due = |peer, now_us| look_at(peer, &mut sounder, &mut radio, 750.5, now_us).is_some();
+        // One more than are kept in mind: the one read first is forgotten, and due again.
+        assert!((0..=MAX_ROUND as u16).all(|peer| due(peer, peer.into())));
+        assert!(!due(1, 10) && due(0, 10));
     }
 
     #[test]

@@ -47,7 +47,7 @@ pub fn settings(setup: &Setup, weighting: Weighting, trained: bool) -> Settings<
         Weighting::Ignore => Blocked::Ignore { threshold: 0.5, at_least: 4 },
         Weighting::Alike => Blocked::Alike,
     };
-    let noise = if trained { Noise::indoors() } else { Noise::by_powers() };
+    let noise = if trained { Noise::by_model() } else { Noise::by_powers() };
     Settings { blocked, noise, ..Settings::track(dimensions) }
 }
 

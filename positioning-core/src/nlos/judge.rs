@@ -3,8 +3,8 @@
 //!
 //! A [`Judge`] adds what only time gives (the moving means of a link, the range against the track) and asks its model. Not
 //! every reception has an impulse response, for reading one takes time: what the last one said of a link holds for a
-//! second. Where nothing better is known, the powers are asked ([`POWER_DOUBT`]): without a model as they are, beside one as the
-//! small part of a blocked link's variance that their doubt amounts to.
+//! second. Without a model the powers are asked ([`POWER_DOUBT`]); also beside one that
+//! a reception does not tell enough, and then as the small part of a blocked link's variance that their doubt amounts to.
 
 use heapless::Vec;
 
@@ -15,6 +15,12 @@ use crate::{Noise, POWER_DOUBT, Real};
 pub const LINKS: usize = 8;
 /// How long a judgement stands in for receptions without impulse response, microseconds: someone who walks goes a metre.
 const HOLD_US: u64 = 1_000_000;
+
+/// How likely a link is to be blocked before anything is known of it. Models are calibrated for one as likely as the other, which a
+/// tag's links are not: with one half, direct links are doubted so much that a track in a room of few walls errs twice as far.
+const PRIOR: f32 = 0.1;
+/// And of a link whose impulse response is yet to be read: a track is started from its first ranges, and believes them for long.
+const UNSEEN: f32 = 0.5;
 
 /// The moving means of one link.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -100,18 +106,21 @@ impl<'a> Judge<'a> {
         let by_powers = POWER_DOUBT.nlos_probability(&reception.features);
         let Some(model) = self.model else { return by_powers };
         // That a range may be off by a decimetre is so much of the variance of a blocked one.
-        let [doubt, blocked] = [Noise::by_powers(), Noise::indoors()].map(|noise: Noise<f32>| noise.blocked_link_sigma);
+        let [doubt, blocked] =
+            [Noise::by_powers(), Noise::by_model()].map(|noise: Noise<f32>| noise.blocked_link_sigma);
         let by_powers = by_powers.map(|p| p * (doubt / blocked) * (doubt / blocked));
-        let Some(link) = self.link(now_us, anchor) else { return by_powers };
+        let unseen = if self.wants_response() { Some(UNSEEN) } else { by_powers };
+        let Some(link) = self.link(now_us, anchor) else { return unseen };
         let mut features = reception.features;
         link.means.complete(&mut features, reception.range_m, reception.power_dbm);
         features.set_known(Feature::TrackResidual, reception.residual_m());
-        if let Some(blocked) = model.nlos_probability(&features) {
+        if let Some(even) = model.nlos_probability(&features) {
+            let blocked = even * PRIOR / (even * PRIOR + (1.0 - even) * (1.0 - PRIOR));
             link.judged = Some((now_us, blocked));
             return Some(blocked);
         }
         let recent = |(then_us, _): &(u64, f32)| now_us.abs_diff(*then_us) <= HOLD_US;
-        link.judged.filter(recent).map(|(_, blocked)| blocked).or(by_powers)
+        link.judged.filter(recent).map(|(_, blocked)| blocked).or(unseen)
     }
 
     /// The link, which takes the place of the one not heard for longest where there is none left.
@@ -178,16 +187,15 @@ mod tests {
         let mut judge = Judge::new(Some(&model));
         assert!(judge.wants_response() && judge.asks(Feature::SkewnessNear) && !judge.asks(Feature::Skewness));
         assert!(!Judge::new(None).wants_response());
-        // Even odds of (0.1 m)², as a part of (0.6 m)²: 0.5/36.
-        close(judge.blocked(0, 1, &reception(None)), 0.013_889);
-        // At γ = 1.35 σ(−1) (see `skewness`).
-        close(judge.blocked(10, 1, &reception(Some(1.35))), 0.268_941);
-        close(judge.blocked(1_000_010, 1, &reception(None)), 0.268_941);
-        close(judge.blocked(1_000_010, 2, &reception(None)), 0.013_889);
-        close(judge.blocked(1_000_011, 1, &reception(None)), 0.013_889);
+        close(judge.blocked(0, 1, &reception(None)), 0.5);
+        // At γ = 1.35 odds of 1/e (see `skewness`), times one to nine: 1/(1 + 9e).
+        close(judge.blocked(10, 1, &reception(Some(1.35))), 0.039_271);
+        close(judge.blocked(1_000_010, 1, &reception(None)), 0.039_271);
+        close(judge.blocked(1_000_010, 2, &reception(None)), 0.5);
+        close(judge.blocked(1_000_011, 1, &reception(None)), 0.5);
         // Time that goes back by more than a second has begun anew.
         judge.blocked(9_000_000, 1, &reception(Some(1.35)));
-        close(judge.blocked(0, 1, &reception(None)), 0.013_889);
+        close(judge.blocked(0, 1, &reception(None)), 0.5);
     }
 
     #[test]
@@ -195,15 +203,16 @@ mod tests {
         let model = by(Feature::RangeMean);
         let mut judge = Judge::new(Some(&model));
         judge.blocked(0, 1, &Reception { range_m: 3.0, ..reception(None) });
-        // The mean of 3 and 7 is 5: σ(1) = 0.731059.
-        close(judge.blocked(1, 1, &Reception { range_m: 7.0, ..reception(None) }), 0.731_059);
+        // The mean of 3 and 7 is 5: odds of e, times one to nine: 1/(1 + 9/e).
+        close(judge.blocked(1, 1, &Reception { range_m: 7.0, ..reception(None) }), 0.231_969);
         let model = by(Feature::TrackResidual);
         let mut judge = Judge::new(Some(&model));
         assert!(!judge.wants_response());
-        close(judge.blocked(0, 1, &reception(None)), 0.013_889);
-        // 5 m where √(1 + 1 + 2) = 2 m are expected: σ(3 − 4) = 0.268941.
-        let ends_m = Some([[1.0, 1.0, 0.0], [0.0, 2.0, 1.414_213_6]]);
-        close(judge.blocked(0, 1, &Reception { ends_m, ..reception(None) }), 0.268_941);
+        // Even odds of (0.1 m)², as a part of (0.4 m)²: 0.5/16.
+        close(judge.blocked(0, 1, &reception(None)), 0.031_25);
+        // 5 m where √(4/9 + 16/9 + 16/9) = 2 m are expected: odds of 1/e, times one to nine.
+        let ends_m = Some([[2.0 / 3.0, 0.0, 0.0], [0.0, 4.0 / 3.0, 4.0 / 3.0]]);
+        close(judge.blocked(0, 1, &Reception { ends_m, ..reception(None) }), 0.039_271);
     }
 
     #[test]
@@ -215,8 +224,8 @@ mod tests {
         }
         judge.blocked(100, 0, &reception(None));
         judge.blocked(101, 99, &reception(Some(1.35)));
-        close(judge.blocked(102, 0, &reception(None)), 0.268_941);
-        close(judge.blocked(103, 1, &reception(None)), 0.013_889);
+        close(judge.blocked(102, 0, &reception(None)), 0.039_271);
+        close(judge.blocked(103, 1, &reception(None)), 0.5);
     }
 
     #[test]

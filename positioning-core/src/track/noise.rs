@@ -99,6 +99,11 @@ impl<T: Real> Noise<T> {
         Self { blocked_link_sigma: T::of(0.1), blocked_noise_sigma: T::of(0.1), ..Self::indoors() }
     }
 
+    /// The same with a trained classifier's probability that the link is blocked (`nlos::Judge`): what a wall or two add to a range.
+    pub fn by_model() -> Self {
+        Self { blocked_link_sigma: T::of(0.4), blocked_noise_sigma: T::of(0.2), ..Self::indoors() }
+    }
+
     /// White noise alone, as the textbook has it.
     pub fn white() -> Self {
         Self {

@@ -1,6 +1,6 @@
 //! The channel impulse response that a receiver gathers, and what its diagnostics say of it.
 //!
-//! The accumulator holds pulses at the first path and at its echoes, with noise. Its energy and the first path's are those
+//! The accumulator holds pulses at the first path and at its echoes, an exponential tail, with noise. Its energy and the first path's are those
 //! from which the user manual's formulae (4.7.1, 4.7.2) get the received and the first-path power back:
 //! `C · 2¹⁷ = Σ |h|² = N² · 10^((P + A) / 10)` and `F₁² + F₂² + F₃² = N² · 10^((P₁ + A) / 10)`, where P is the chip's own
 //! estimate: it reads low above −88 dBm or so (figure 22 of the manual).
@@ -12,7 +12,7 @@ use std::f64::consts::TAU;
 use std::sync::LazyLock;
 
 /// Echoes beside the first path.
-const ECHOES: usize = 6;
+const ECHOES: usize = 24;
 /// Samples from the detected edge to the pulse's peak: with any fraction of the edge's place, nearly all of the pulse then
 /// lies in the three samples of which the first-path power is made.
 const PEAK_AFTER_EDGE: f64 = 1.6;
@@ -23,20 +23,29 @@ const ESTIMATE_16: [(f64, f64); 5] = [(-90.0, -90.0), (-85.0, -87.5), (-77.0, -8
 const ESTIMATE_64: [(f64, f64); 6] =
     [(-90.0, -90.0), (-86.5, -87.5), (-83.5, -85.0), (-80.0, -82.5), (-72.5, -80.0), (-60.0, -77.5)];
 
-/// One path in the accumulator.
+/// One way of the scattered power: samples after the first path, and its part of the amplitude.
 #[derive(Clone, Copy, Debug, Default)]
-struct Arrival {
-    /// Where its pulse peaks, samples.
-    peak: f64,
-    re: f64,
-    im: f64,
-    amplitude: f64,
+struct Echo {
+    delay: f64,
+    weight: f64,
+}
+
+/// How the scattered power of one place arrives: the squares of the weights are 1 together.
+#[derive(Debug)]
+struct Tail {
+    echoes: [Echo; ECHOES],
+    /// The strongest of them.
+    strongest: Echo,
 }
 
 /// An accumulator, sample by sample, and its summary.
 #[derive(Clone, Debug)]
 pub struct Response {
-    arrivals: [Arrival; ECHOES + 1],
+    /// Amplitude of the first path.
+    first: f64,
+    tail: &'static Tail,
+    /// Amplitude of the tail's unit.
+    scattered: f64,
     pulse_width: f64,
     noise_seed: u64,
     /// Samples: 992 or 1016.
@@ -78,7 +87,9 @@ impl Response {
         let first_path = 742.0 + unit_of(mix(reception.noise_seed ^ 0xF1)) * 9.0;
         let first_path = (first_path * 64.0).floor() / 64.0;
         let mut response = Self {
-            arrivals: [Arrival::default(); ECHOES + 1],
+            first: 0.0,
+            tail: Tail::of(link.place),
+            scattered: 0.0,
             pulse_width,
             noise_seed: reception.noise_seed,
             length: if matches!(prf, Prf::Mhz16) { 992 } else { 1016 },
@@ -89,9 +100,10 @@ impl Response {
             rxpacc_nosat: nosat,
         };
         let head: f64 = (1..=3).map(|k| response.pulse(first_path.floor() + f64::from(k), first_path).powi(2)).sum();
-        let first = (first_energy / head).sqrt();
-        response.place_arrivals(link.place, first, energy - first * first * response.pulse_energy());
-        let peak = response.arrivals.iter().fold(0.0, |m: f64, a| m.max(a.amplitude));
+        response.first = (first_energy / head).sqrt();
+        let rest = energy - response.first * response.first * response.pulse_energy();
+        response.scattered = (rest.max(0.0) / response.pulse_energy()).sqrt();
+        let peak = response.first.max(response.scattered * response.tail.strongest.weight);
         response.noise = (2.2 * n.sqrt()).hypot(0.003 * peak) / 2f64.sqrt();
         response
     }
@@ -101,13 +113,18 @@ impl Response {
         let at = index as f64;
         let random = mix(self.noise_seed ^ (index as u64).wrapping_mul(0x1000_0001));
         let (mut re, mut im) = (self.noise * near_gauss(random), self.noise * near_gauss(mix(random)));
-        for arrival in &self.arrivals {
-            let x = (at - arrival.peak) / self.pulse_width;
+        let mut arrive = |delay: f64, amplitude: f64, k: u64| {
+            let x = (at - self.first_path - PEAK_AFTER_EDGE - delay) / self.pulse_width;
             if x.abs() < 6.0 {
-                let height = (-0.5 * x * x).exp();
-                re += arrival.re * height;
-                im += arrival.im * height;
+                let height = amplitude * (-0.5 * x * x).exp();
+                let [cos, sin] = direction(mix(self.noise_seed ^ (0xA0 + k)));
+                re += height * cos;
+                im += height * sin;
             }
+        };
+        arrive(0.0, self.first, 0);
+        for (k, echo) in (1..).zip(&self.tail.echoes) {
+            arrive(echo.delay, self.scattered * echo.weight, k);
         }
         [rounded(re) as i16, rounded(im) as i16]
     }
@@ -127,8 +144,9 @@ impl Response {
 
     /// Place and magnitude of the strongest sample.
     pub fn peak(&self) -> (u16, u16) {
-        let strongest = self.arrivals.iter().max_by(|a, b| a.amplitude.total_cmp(&b.amplitude));
-        let index = strongest.map_or(0.0, |a| a.peak.round()) as u16;
+        let Echo { delay, weight } = self.tail.strongest;
+        let delay = if self.first >= self.scattered * weight { 0.0 } else { delay };
+        let index = (self.first_path + PEAK_AFTER_EDGE + delay).round() as u16;
         (index, self.magnitude(usize::from(index)))
     }
 
@@ -141,25 +159,27 @@ impl Response {
     fn pulse_energy(&self) -> f64 {
         std::f64::consts::PI.sqrt() * self.pulse_width
     }
+}
 
-    fn place_arrivals(&mut self, place: u64, first: f64, echo_energy: f64) {
-        let arrival = |peak: f64, amplitude: f64, k: u64| {
-            let [cos, sin] = direction(mix(self.noise_seed ^ (0xA0 + k)));
-            Arrival { peak, re: amplitude * cos, im: amplitude * sin, amplitude }
-        };
-        let edge = self.first_path + PEAK_AFTER_EDGE;
-        self.arrivals[0] = arrival(edge, first, 0);
-        let echoes: [(f64, f64); ECHOES] = std::array::from_fn(|k| {
-            let random = mix(place ^ (k as u64 + 1));
-            // From 5 samples on, 20 more in the mean, weaker with the delay: a room's 20 ns of spread.
-            let delay = 5.0 - 20.0 * (1.0 - unit_of(random)).ln();
-            (delay.min(200.0), (-delay / 40.0).exp() * (0.3 + unit_of(mix(random))))
+impl Tail {
+    /// Of a place: one of 256.
+    fn of(place: u64) -> &'static Self {
+        static TAILS: LazyLock<Vec<Tail>> = LazyLock::new(|| (0..256).map(Tail::draw).collect());
+        &TAILS[(mix(place) >> 56) as usize]
+    }
+
+    /// Delays of 4 samples and more, 20 more in the mean, weaker with the delay: the power falls to a third every 13 ns or so, as it
+    /// does in a recorded flat (`docs/simulation.md`).
+    fn draw(number: u64) -> Self {
+        let mut echoes: [Echo; ECHOES] = std::array::from_fn(|k| {
+            let random = mix(mix(number) ^ (k as u64 + 1));
+            let delay = (4.0 - 20.0 * (1.0 - unit_of(random)).ln()).min(200.0);
+            Echo { delay, weight: (-delay / 25.0).exp() * (0.3 + unit_of(mix(random))) }
         });
-        let sum: f64 = echoes.iter().map(|e| e.1 * e.1).sum::<f64>() * self.pulse_energy();
-        let scale = (echo_energy.max(0.0) / sum).sqrt();
-        for (k, (delay, weight)) in echoes.into_iter().enumerate() {
-            self.arrivals[k + 1] = arrival(edge + delay, scale * weight, k as u64 + 1);
-        }
+        let norm = echoes.iter().map(|echo| echo.weight * echo.weight).sum::<f64>().sqrt();
+        echoes.iter_mut().for_each(|echo| echo.weight /= norm);
+        let strongest = echoes.iter().copied().max_by(|a, b| a.weight.total_cmp(&b.weight)).unwrap_or_default();
+        Self { echoes, strongest }
     }
 }
 
