@@ -310,4 +310,26 @@ mod tests {
         // −75 dBm lies a third of the way from −80 to −72.5: the estimate is −82.5 + 2.5 · 2/3.
         assert!((rx + 80.833).abs() < 0.1, "{rx}");
     }
+
+    #[test]
+    fn a_weak_first_path_flattens_the_response_as_in_a_recorded_flat() {
+        use positioning_core::nlos::{BEFORE, Shape, WINDOW};
+        // Kolakowski's flat: in line of sight, 3.8 dB under all power, the skewness near the maximum is 1.48 and the delay 6.6 ns in
+        // the mean; blocked, 9.3 dB under it, 0.92 and 10.7 ns.
+        for (difference_db, skewness, delay_ns) in [(3.8, 1.48, 6.6), (9.3, 0.92, 10.7)] {
+            let (mut found, mut delay) = (0.0, 0.0);
+            for seed in 0..200 {
+                let mut heard = reception(-82.0, -82.0 - difference_db, 114, seed);
+                heard.link.place = seed;
+                let response = Response::of(&heard);
+                let first = response.first_path as usize - BEFORE;
+                let window: [u16; WINDOW] = std::array::from_fn(|at| response.magnitude(first + at));
+                let shape = Shape::of(&window, (response.first_path - first as f64) as f32).unwrap();
+                found += f64::from(shape.skewness_near) / 200.0;
+                delay += f64::from(shape.mean_excess_delay_ns) / 200.0;
+            }
+            assert!((found - skewness).abs() < 0.3, "{difference_db} dB: {found}");
+            assert!((delay - delay_ns).abs() < 2.0, "{difference_db} dB: {delay}");
+        }
+    }
 }
