@@ -1,15 +1,19 @@
-//! What all Cortex-M boards share: logs over RTT, what a crash leaves, the critical section, the priorities of tasks.
+//! What all Cortex-M boards share: the log's clock, what a crash leaves, the critical section, SPI to the DW1000, the supervisor.
 
 pub mod crash;
 #[cfg(not(feature = "ble"))]
 mod critical;
-pub mod log;
 mod memory;
+pub(crate) mod spi;
+pub mod supervisor;
 
 use core::mem::MaybeUninit;
 
 /// Makes a function the program: `#[embassy_executor::main(entry = "boards::cortex::entry")]`.
 pub use cortex_m_rt::entry;
+
+// Microseconds since the start, as in telemetry.
+defmt::timestamp!("{=u64:us}", uptime_us());
 
 /// Microseconds since the node started.
 pub fn uptime_us() -> u64 {

@@ -21,12 +21,13 @@ use embassy_nrf::nvmc::Nvmc;
 use embassy_nrf::{bind_interrupts, pac, peripherals, spim};
 use firmware_common::supervision::Lit;
 
-use crate::cortex::{self, crash, log};
-use crate::node::{self, Reporter, Start, Tasks};
-use crate::{identity, reset_cause};
+use crate::cortex::{self, crash};
+use crate::node::Start;
+use crate::{identity, reset_cause, rtt};
 
-pub use crate::cortex::log::TelemetryChannel;
+pub use crate::cortex::supervisor::{Care, supervise};
 pub use crate::cortex::{restart, uptime_us};
+pub use crate::rtt::TelemetryChannel;
 pub use delay::Delay;
 pub use uwb::{Bus, Interrupt, Reset, Uwb};
 pub use watchdog::Watchdog;
@@ -67,7 +68,7 @@ impl Board {
         pac::POWER.resetreas().write(|flags| flags.0 = reset);
         let reset = reset_cause::nrf52(reset, cortex::ram_survived());
         let crash = crash::take();
-        let telemetry = log::start();
+        let telemetry = rtt::start();
 
         let mut config = Config::default();
         config.hfclk_source = HfclkSource::ExternalXtal;
@@ -171,23 +172,4 @@ impl Leds {
         self.state.set_level((!lit.state).into());
         self.fault.set_level((!lit.fault).into());
     }
-}
-
-/// What the supervisor has of the board.
-pub struct Care {
-    /// The lights.
-    pub leds: Leds,
-    /// Runs already.
-    pub watchdog: Watchdog,
-    /// Telemetry's way out.
-    pub telemetry: TelemetryChannel,
-}
-
-/// The supervisor: see [`node::supervise`].
-#[embassy_executor::task]
-pub async fn supervise(reporter: &'static Reporter, tasks: Tasks, care: Care) {
-    let Care { mut leds, mut watchdog, mut telemetry } = care;
-    let (write, feed) = (|frame: &[u8]| telemetry.write(frame), || watchdog.feed());
-    let alive = |reporter: &Reporter| tasks.alive(reporter);
-    node::supervise(reporter, write, |lit| leds.show(lit), feed, alive, crash::leave).await;
 }

@@ -20,13 +20,14 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, pac, peripherals, uid};
 use firmware_common::supervision::Lit;
 
-use crate::cortex::{self, crash, log};
-use crate::node::{self, Reporter, Start, Tasks};
+use crate::cortex::{self, crash};
+use crate::node::Start;
 use crate::panel::Switches;
-use crate::{identity, reset_cause};
+use crate::{identity, reset_cause, rtt};
 
-pub use crate::cortex::log::TelemetryChannel;
+pub use crate::cortex::supervisor::{Care, supervise};
 pub use crate::cortex::{restart, uptime_us};
+pub use crate::rtt::TelemetryChannel;
 pub use display::{SharedPanel, Shown, display};
 pub use embassy_time::Delay;
 pub use uwb::{Bus, Interrupt, Reset, Uwb};
@@ -76,7 +77,7 @@ impl Board {
         pac::RCC.csr().modify(|flags| flags.set_rmvf(true));
         let reset = reset_cause::stm32f1(reset, cortex::ram_survived());
         let crash = crash::take();
-        let telemetry = log::start();
+        let telemetry = rtt::start();
 
         let p = embassy_stm32::init(configuration());
         // It stands still while a debugger halts the processor: DBG_IWDG_STOP (RM0008, 31.16.3).
@@ -211,23 +212,4 @@ impl Leds {
         self.state.set_level(lit.state.into());
         self.fault.set_level(lit.fault.into());
     }
-}
-
-/// What the supervisor has of the board.
-pub struct Care {
-    /// The lights.
-    pub leds: Leds,
-    /// Runs already.
-    pub watchdog: Watchdog,
-    /// Telemetry's way out.
-    pub telemetry: TelemetryChannel,
-}
-
-/// The supervisor: see [`node::supervise`].
-#[embassy_executor::task]
-pub async fn supervise(reporter: &'static Reporter, tasks: Tasks, care: Care) {
-    let Care { mut leds, mut watchdog, mut telemetry } = care;
-    let (write, feed) = (|frame: &[u8]| telemetry.write(frame), || watchdog.feed());
-    let alive = |reporter: &Reporter| tasks.alive(reporter);
-    node::supervise(reporter, write, |lit| leds.show(lit), feed, alive, crash::leave).await;
 }

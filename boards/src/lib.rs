@@ -25,5 +25,7 @@ pub mod dwm1001;
 pub mod evk1000;
 #[cfg(all(feature = "_node", target_os = "none"))]
 pub mod node;
+#[cfg(all(any(feature = "_node", feature = "simulated"), not(feature = "log-serial"), target_os = "none"))]
+mod rtt;
 #[cfg(all(feature = "simulated", target_os = "none"))]
 pub mod simulated;

@@ -8,9 +8,9 @@ mod probe;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use firmware_common::Journal;
 use node_record::{Fault, Record};
-use rtt_target::{ChannelMode, UpChannel, rtt_init, set_defmt_channel};
 use small_air::uptime_us;
 
+use crate::rtt::{self, TelemetryChannel};
 use flash::Flash;
 use probe::Probe;
 
@@ -25,24 +25,18 @@ pub struct Board {
     /// What its flash holds.
     pub record: Result<Record, Fault>,
     probe: Probe,
-    telemetry: UpChannel,
+    telemetry: TelemetryChannel,
 }
 
 impl Board {
     /// Takes the board, after somebody has written this record into its flash; none where the host takes no files.
     pub fn take(provisioned: &Record) -> Option<Self> {
-        let channels = rtt_init! {
-            up: {
-                0: { size: 1024, mode: ChannelMode::NoBlockSkip, name: "defmt" }
-                1: { size: 1024, mode: ChannelMode::NoBlockSkip, name: "telemetry" }
-            }
-        };
-        set_defmt_channel(channels.up.0);
+        let telemetry = rtt::start();
         let mut flash = Flash::erased();
         // What cannot be stored is missed when it is loaded.
         let _ = node_record::store(&mut flash, PAGES, provisioned);
         let record = node_record::load(&mut flash, PAGES);
-        Probe::attach().map(|probe| Self { record, probe, telemetry: channels.up.1 })
+        Probe::attach().map(|probe| Self { record, probe, telemetry })
     }
 
     /// Puts telemetry into its channel, and what both channels hold into the host's files; false where the host does not take it.
@@ -52,7 +46,7 @@ impl Board {
         while taken && full {
             full = false;
             journal.drain(|frame| {
-                full = self.telemetry.write(frame) != frame.len();
+                full = !self.telemetry.write(frame);
                 !full
             });
             taken = self.probe.drain();

@@ -8,6 +8,7 @@ use embedded_hal_async::spi::{ErrorType, Operation, SpiDevice};
 use ranging::dw1000::{ClockedSpi, ResetLine, SpiClock};
 
 use super::Delay;
+use crate::cortex::spi;
 
 /// What the driver of the DW1000 is made of.
 pub struct Uwb {
@@ -27,10 +28,7 @@ pub type Interrupt = Input<'static>;
 /// Cycles of the processor a microsecond.
 const CYCLES: u32 = 64;
 
-/// SPI to the DW1000.
-///
-/// Transactions are not awaited: a frame's bytes take 20 to 130 µs, less than the way into another task and back is worth, and
-/// one that is dropped on its way would leave the chip selected and the memory being written.
+/// SPI to the DW1000. Transactions are not awaited.
 pub struct Bus {
     spi: Spim<'static>,
     select: Output<'static>,
@@ -41,19 +39,6 @@ impl Bus {
     pub(super) fn new(spi: Spim<'static>, select: Output<'static>) -> Self {
         Self { spi, select }
     }
-
-    fn operate(&mut self, operation: &mut Operation<'_, u8>) -> Result<(), Error> {
-        match operation {
-            Operation::Read(words) => self.spi.blocking_read(words),
-            Operation::Write(words) => self.spi.blocking_write(words),
-            Operation::Transfer(read, write) => self.spi.blocking_transfer(read, write),
-            Operation::TransferInPlace(words) => self.spi.blocking_transfer_in_place(words),
-            Operation::DelayNs(ns) => {
-                cortex_m::asm::delay(ns.div_ceil(1000).saturating_mul(CYCLES));
-                Ok(())
-            }
-        }
-    }
 }
 
 impl ErrorType for Bus {
@@ -62,10 +47,7 @@ impl ErrorType for Bus {
 
 impl SpiDevice for Bus {
     async fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Error> {
-        self.select.set_low();
-        let result = operations.iter_mut().try_for_each(|operation| self.operate(operation));
-        self.select.set_high();
-        result
+        spi::transact(&mut self.spi, &mut self.select, CYCLES, operations)
     }
 }
 

@@ -10,6 +10,8 @@ use embassy_time::Delay;
 use embedded_hal_async::spi::{ErrorType, Operation, SpiDevice};
 use ranging::dw1000::{ClockedSpi, ResetLine, SpiClock};
 
+use crate::cortex::spi;
+
 /// 72 MHz / 32, and / 4.
 pub(super) const SLOW: Hertz = Hertz(2_250_000);
 const FAST: Hertz = Hertz(18_000_000);
@@ -32,7 +34,7 @@ pub struct Uwb {
 /// The chip's interrupt pin.
 pub type Interrupt = ExtiInput<'static, Async>;
 
-/// SPI to the DW1000. Transactions are not awaited: a frame's bytes take 10 to 80 µs.
+/// SPI to the DW1000. Transactions are not awaited.
 pub struct Bus {
     spi: Spi<'static, Blocking, Master>,
     config: Config,
@@ -44,19 +46,6 @@ impl Bus {
     pub(super) fn new(spi: Spi<'static, Blocking, Master>, config: Config, select: Output<'static>) -> Self {
         Self { spi, config, select }
     }
-
-    fn operate(&mut self, operation: &mut Operation<'_, u8>) -> Result<(), Error> {
-        match operation {
-            Operation::Read(words) => self.spi.blocking_read(words),
-            Operation::Write(words) => self.spi.blocking_write(words),
-            Operation::Transfer(read, write) => self.spi.blocking_transfer(read, write),
-            Operation::TransferInPlace(words) => self.spi.blocking_transfer_in_place(words),
-            Operation::DelayNs(ns) => {
-                cortex_m::asm::delay(ns.div_ceil(1000).saturating_mul(CYCLES));
-                Ok(())
-            }
-        }
-    }
 }
 
 impl ErrorType for Bus {
@@ -65,10 +54,7 @@ impl ErrorType for Bus {
 
 impl SpiDevice for Bus {
     async fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Error> {
-        self.select.set_low();
-        let result = operations.iter_mut().try_for_each(|operation| self.operate(operation));
-        self.select.set_high();
-        result
+        spi::transact(&mut self.spi, &mut self.select, CYCLES, operations)
     }
 }
 

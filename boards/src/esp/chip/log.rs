@@ -3,15 +3,13 @@
 // Microseconds since the start, as in telemetry.
 defmt::timestamp!("{=u64:us}", super::uptime_us());
 
-#[cfg(not(feature = "log-serial"))]
-mod rtt;
 #[cfg(feature = "log-serial")]
 mod serial;
 
 #[cfg(not(feature = "log-serial"))]
-pub use rtt::TelemetryChannel;
+pub use crate::rtt::TelemetryChannel;
 #[cfg(not(feature = "log-serial"))]
-pub(super) use rtt::start;
+pub(super) use crate::rtt::start;
 #[cfg(feature = "log-serial")]
 pub(super) use serial::start;
 #[cfg(feature = "log-serial")]

@@ -1,9 +1,9 @@
-//! RTT: the log on channel 0, telemetry on channel 1. A probe reads them from memory; the chips with built-in USB are their own
-//! probe.
+//! RTT: the log on channel 0, telemetry on channel 1, neither ever waited for. A probe reads them from memory; the ESPs with
+//! built-in USB are their own probe.
 
 use rtt_target::{ChannelMode, UpChannel, rtt_init, set_defmt_channel};
 
-/// Bytes of a channel: some twenty log lines, and as many frames of telemetry.
+/// Bytes of the channels: some twenty log lines, and as many frames of telemetry.
 const _: () = assert!(telemetry::MAX_FRAME < 1024);
 
 /// The channel of telemetry: whole frames, one after the other.
@@ -17,7 +17,7 @@ impl TelemetryChannel {
 }
 
 /// Sets both channels up. Log lines before are lost. Once a program.
-pub fn start() -> TelemetryChannel {
+pub(crate) fn start() -> TelemetryChannel {
     let channels = rtt_init! {
         up: {
             0: { size: 1024, mode: ChannelMode::NoBlockSkip, name: "defmt" }
