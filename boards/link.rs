@@ -1,9 +1,9 @@
-//! The linker's scripts, which differ from one family of boards to the next.
+//! The build script of the nodes' packages: the linker's scripts, which differ from one family of boards to the next.
 
 use std::env;
 
 fn main() {
-    println!("cargo::rerun-if-changed=build.rs");
+    println!("cargo::rerun-if-changed=../boards/link.rs");
     if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
         return;
     }
@@ -13,6 +13,12 @@ fn main() {
         &["--nmagic", "--icf=all", "-Tlink.x", "-Tdefmt.x"]
     } else if ["esp32c3", "esp32c6", "esp32"].iter().any(|board| enabled(board)) {
         &["-Tlinkall.x", "-Tdefmt.x"]
+    } else if enabled("simulated") {
+        match env::var("CARGO_CFG_TARGET_ARCH").as_deref() {
+            // The memory map is a script of its own there.
+            Ok("riscv32") => &["--nmagic", "-Tmemory.x", "-Tlink.x", "-Tdefmt.x"],
+            _ => &["--nmagic", "-Tlink.x", "-Tdefmt.x"],
+        }
     } else {
         &[]
     };
