@@ -42,8 +42,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let mut rows = Vec::new();
     for image in images {
-        let takes = build(image)?;
-        let grant = if Toolchain::find(image.board.target())?.is_rustups() { 0 } else { GRANT_OTHER_COMPILER };
+        let toolchain = Toolchain::find(image.board.target())?;
+        let takes = inspect(image, &build(image, &toolchain)?)?;
+        let grant = if toolchain.is_rustups() { 0 } else { GRANT_OTHER_COMPILER };
         rows.push(Row { image, takes, grant });
     }
     let table = table(&rows);
@@ -82,14 +83,19 @@ fn directory() -> PathBuf {
     target_directory().join("firmware")
 }
 
-/// Builds an image; its ELF file.
+/// Builds the image of a name; its ELF file.
 pub fn elf(name: &str) -> Result<PathBuf> {
     let image = IMAGES.iter().find(|image| image.name() == name).with_context(|| format!("no image {name}"))?;
-    let toolchain = Toolchain::find(image.board.target())?;
+    build(image, &Toolchain::find(image.board.target())?)
+}
+
+/// Builds an image; its ELF file.
+fn build(image: &Image, toolchain: &Toolchain) -> Result<PathBuf> {
+    let name = image.name();
     let mut cargo = toolchain.cargo_image("build")?;
     cargo.args(["--package", &image.package(), "--bin", &image.binary(), "--features", &image.feature_list()]);
     // Part of the build id: images of one source are told apart.
-    cargo.env("BALIZA_IMAGE", name);
+    cargo.env("BALIZA_IMAGE", &name);
     println!("building {name}");
     succeed(cargo.arg("--quiet"))?;
     let file = directory().join(format!("{name}.elf"));
@@ -98,11 +104,11 @@ pub fn elf(name: &str) -> Result<PathBuf> {
     Ok(file)
 }
 
-fn build(image: &Image) -> Result<Takes> {
-    let file = elf(&image.name())?;
-    let mut takes = inspect::inspect(&file, image.board)?;
+/// Looks whether the board can start it; what it takes.
+fn inspect(image: &Image, elf: &Path) -> Result<Takes> {
+    let mut takes = inspect::inspect(elf, image.board)?;
     if let Some(chip) = image.board.espflash_chip() {
-        takes.flash = espflash_image(&file, chip)?;
+        takes.flash = espflash_image(elf, chip)?;
     }
     Ok(takes)
 }
