@@ -36,6 +36,8 @@ enum Command {
     #[command(subcommand)]
     Nlos(commands::nlos::Command),
     #[command(subcommand)]
+    Survey(commands::survey::Command),
+    #[command(subcommand)]
     Ble(commands::ble::Command),
     #[command(subcommand)]
     Calibrate(commands::calibrate::Command),
@@ -67,6 +69,7 @@ fn main() -> ExitCode {
         Command::Bench(Bench::Garcia(arguments)) => commands::garcia::run(&arguments),
         Command::Bench(Bench::Barral(arguments)) => commands::barral::run(&arguments),
         Command::Nlos(command) => commands::nlos::run(&command),
+        Command::Survey(command) => commands::survey::run(&command),
         Command::Ble(command) => commands::ble::run(&command),
         Command::Calibrate(command) => commands::calibrate::run(&command),
         Command::Plot(arguments) => commands::plot::run(&arguments),

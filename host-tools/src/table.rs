@@ -74,6 +74,11 @@ impl Table {
         Ok(table)
     }
 
+    /// The names of all columns.
+    pub fn header(&self) -> &[String] {
+        &self.header
+    }
+
     /// A column that must be there.
     ///
     /// # Errors

@@ -4,4 +4,6 @@
 
 pub mod calibration;
 pub mod files;
+pub mod rooms;
 pub mod solve;
+pub mod survey;

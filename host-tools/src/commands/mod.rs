@@ -17,6 +17,7 @@ pub mod replay;
 pub mod simulate;
 pub mod solve;
 mod stream;
+pub mod survey;
 pub mod thesis;
 pub mod track;
 

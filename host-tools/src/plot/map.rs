@@ -7,7 +7,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::axes::{Axes, BOTTOM, Chart, RIGHT, TOP};
-use super::style::{AXIS, INK, pen, pixels, stroke, text};
+use super::style::{AXIS, INK, pen, pixels, printable, stroke, text};
 use super::{Area, Picture, Track};
 
 /// The least and the greatest height of a map, pixels.
@@ -199,7 +199,7 @@ fn anchors(chart: &mut Chart, picture: &Picture, view: &View) -> Result<()> {
         let (side, away) = if right { (HPos::Left, 9) } else { (HPos::Right, -9) };
         let style = text(Pos::new(side, VPos::Center));
         let away = away * pixels(1) as i32;
-        let name: String = name.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();
+        let name = printable(name);
         chart.draw_series([EmptyElement::at((at[0], at[1]))
             + TriangleMarker::new((0, 0), pixels(6), INK.filled())
             + Text::new(name, (away, 0), style)])?;

@@ -4,6 +4,7 @@
 
 mod axes;
 mod cdf;
+mod confusion;
 mod distribution;
 mod format;
 mod legend;
@@ -18,6 +19,7 @@ use plotters::prelude::{DrawingArea, SVGBackend};
 
 use crate::Statistics;
 
+pub use confusion::confusion;
 pub use distribution::distribution;
 pub use format::Format;
 pub use path_loss::path_loss;

@@ -50,6 +50,11 @@ fn sized(size: u32, anchor: Pos) -> TextStyle<'static> {
     TextStyle::from(("sans-serif", 1.24 * f64::from(pixels(size))).into_font()).color(&INK).pos(anchor)
 }
 
+/// Foreign text, without what would break a drawing.
+pub fn printable(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
+}
+
 /// How a method's line is broken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dash {

@@ -98,17 +98,23 @@ pub fn root() -> &'static Path {
 pub const REPLAYED: [&str; 4] =
     ["leiria_128_los_pos1", "leiria_128_nlos_pos1", "leiria_128_move_slow", "cuhk_dynamic_mid"];
 
+/// A recording that is not part of the project; says so where it is not there.
+pub fn recording(name: &str) -> Option<PathBuf> {
+    let data = std::env::var_os("BALIZA_DATA").map_or_else(|| root().join("../shared/data"), PathBuf::from);
+    let recording = data.join(name);
+    if !recording.is_dir() {
+        eprintln!("{name} is not in {}: not replayed", data.display());
+        return None;
+    }
+    Some(recording)
+}
+
 /// Replays recordings that are not part of the project with a subcommand, the tag's height known, and asserts that each epoch has
 /// a position and that the root mean square errors, metres, are at most `reach_m`. Where the recordings lie, `BALIZA_DATA` says,
 /// else they are looked for beside the repository.
 pub fn replay(subcommand: &str, reach_m: [f64; REPLAYED.len()]) {
-    let data = std::env::var_os("BALIZA_DATA").map_or_else(|| root().join("../shared/data"), PathBuf::from);
     for (name, reach) in REPLAYED.into_iter().zip(reach_m) {
-        let recording = data.join(name);
-        if !recording.is_dir() {
-            eprintln!("{name} is not in {}: not replayed", data.display());
-            continue;
-        }
+        let Some(recording) = recording(name) else { continue };
         let file = |name: &str| recording.join(name).display().to_string();
         let files = format!("{} --ranges {} --truth {}", file("anchors.csv"), file("ranges.csv"), file("truth.csv"));
         let run = Folder::with(&[]).run(&format!("{subcommand} --anchors {files} --dims 2 --height-from-truth --json"));

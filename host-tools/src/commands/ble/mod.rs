@@ -1,5 +1,6 @@
 //! `baliza ble`: positions from the levels of Bluetooth beacons.
 
+mod rooms;
 mod solve;
 
 use std::collections::BTreeSet;
@@ -10,11 +11,13 @@ use host_tools::ble::files::{Beacon, Capture};
 /// Positions from the levels of Bluetooth beacons
 #[derive(clap::Subcommand)]
 pub enum Command {
+    Rooms(rooms::Arguments),
     Solve(solve::Arguments),
 }
 
 pub fn run(command: &Command) -> Result<()> {
     match command {
+        Command::Rooms(arguments) => rooms::run(arguments),
         Command::Solve(arguments) => solve::run(arguments),
     }
 }

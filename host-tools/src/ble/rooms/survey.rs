@@ -1,0 +1,190 @@
+//! What a survey says of its points: each beacon's mean level and deviation, and the scans of short windows.
+
+use std::path::Path;
+
+use positioning_core::ble::rooms::{MAX_BEACONS, MAX_ROOMS};
+use positioning_core::ble::signal::level;
+
+use crate::Wrong;
+use crate::ble::files::{Sample, Stay};
+
+/// A beacon at a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Heard {
+    /// Mean level, dBm.
+    pub mean_dbm: f64,
+    /// Standard deviation of single adverts, dB.
+    pub deviation_db: f64,
+}
+
+/// A point of a survey.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Point {
+    /// What the file calls it.
+    pub name: String,
+    /// Its room, by its place in [`Survey::rooms`].
+    pub room: usize,
+    /// By the beacons' order.
+    pub heard: Vec<Option<Heard>>,
+    /// One scan a window, in order of time; a window in which nothing is heard has no level.
+    pub windows: Vec<Vec<Option<f32>>>,
+}
+
+/// A survey whose points have rooms.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Survey {
+    /// Names of the beacons, sorted.
+    pub beacons: Vec<String>,
+    /// Names of the rooms, in the file's order.
+    pub rooms: Vec<String>,
+    /// The points, in the file's order.
+    pub points: Vec<Point>,
+}
+
+impl Survey {
+    /// The survey that is learnt from.
+    ///
+    /// # Errors
+    /// A point without a room; fewer than two rooms; more rooms or beacons than a model holds.
+    pub fn of_fingerprints(file: &Path, stays: &[Stay], window_s: f64) -> Result<Self, Wrong> {
+        let mut survey = Self::default();
+        let heard = stays.iter().flat_map(|stay| &stay.samples).filter(|sample| level(sample.rssi_dbm).is_ok());
+        survey.beacons = heard.map(|sample| sample.beacon.clone()).collect();
+        survey.beacons.sort_by(|a, b| natural(a).cmp(&natural(b)));
+        survey.beacons.dedup();
+        survey.add(file, stays, window_s, true)?;
+        let too_many = |what: &str, count: usize, most: usize| {
+            (count > most).then(|| Wrong::file(file, format!("{count} {what}, where a model holds {most}")))
+        };
+        if let Some(wrong) = too_many("rooms", survey.rooms.len(), MAX_ROOMS)
+            .or_else(|| too_many("beacons", survey.beacons.len(), MAX_BEACONS))
+        {
+            return Err(wrong);
+        }
+        match (survey.rooms.len(), survey.beacons.len()) {
+            (0 | 1, _) => Err(Wrong::file(file, "its points are all in one room: there is nothing to tell apart")),
+            (_, 0) => Err(Wrong::file(file, "none of its levels is one that a receiver can have measured")),
+            (_, _) => Ok(survey),
+        }
+    }
+
+    /// Stays to be found, with the beacons and rooms of this survey; rooms that it does not know are added behind its own.
+    ///
+    /// # Errors
+    /// A point without a room.
+    pub fn targets(&self, file: &Path, stays: &[Stay], window_s: f64) -> Result<Self, Wrong> {
+        let mut targets = Self { beacons: self.beacons.clone(), rooms: self.rooms.clone(), points: Vec::new() };
+        targets.add(file, stays, window_s, false)?;
+        Ok(targets)
+    }
+
+    fn add(&mut self, file: &Path, stays: &[Stay], window_s: f64, learnt: bool) -> Result<(), Wrong> {
+        for stay in stays {
+            let Some(room) = &stay.room else {
+                return Err(Wrong::file(file, format!("point {:?} has no room: column room is needed", stay.point)));
+            };
+            let known = self.rooms.iter().position(|known| known == room);
+            let room = known.unwrap_or_else(|| {
+                self.rooms.push(room.clone());
+                self.rooms.len() - 1
+            });
+            let heard = heard(&stay.samples, &self.beacons);
+            // A point at which nothing is heard teaches nothing; to be found, it is a point that was not.
+            if learnt && heard.iter().all(Option::is_none) {
+                continue;
+            }
+            let windows = windows(&stay.samples, &self.beacons, window_s);
+            self.points.push(Point { name: stay.point.clone(), room, heard, windows });
+        }
+        Ok(())
+    }
+}
+
+impl Point {
+    /// The scan of the whole stay.
+    pub fn scan(&self) -> Vec<Option<f32>> {
+        self.heard.iter().map(|heard| heard.map(|heard| heard.mean_dbm as f32)).collect()
+    }
+}
+
+/// Numbers in names by their value: 2 before 10.
+fn natural(name: &str) -> (Option<u64>, &str) {
+    (name.parse().ok(), name)
+}
+
+fn heard(samples: &[Sample], beacons: &[String]) -> Vec<Option<Heard>> {
+    beacons
+        .iter()
+        .map(|beacon| {
+            let of_it = samples.iter().filter(|sample| sample.beacon == *beacon);
+            let levels: Vec<f64> = of_it.filter_map(|sample| level(sample.rssi_dbm).ok()).collect();
+            let count = levels.len() as f64;
+            let mean_dbm = levels.iter().sum::<f64>() / count;
+            let squares: f64 = levels.iter().map(|level| (level - mean_dbm).powi(2)).sum();
+            (!levels.is_empty()).then(|| Heard { mean_dbm, deviation_db: (squares / count).sqrt() })
+        })
+        .collect()
+}
+
+/// The scans of successive windows; what is left at the end is no whole window.
+fn windows(samples: &[Sample], beacons: &[String], window_s: f64) -> Vec<Vec<Option<f32>>> {
+    let times = || samples.iter().map(|sample| sample.t_s);
+    let (begin, end) = (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max));
+    let count = ((end - begin) / window_s).max(0.0) as usize;
+    // Levels of a window and beacon: their sum and their number.
+    let mut sums = vec![vec![(0.0, 0_u32); beacons.len()]; count];
+    for sample in samples {
+        let window = sums.get_mut(((sample.t_s - begin) / window_s) as usize);
+        let beacon = beacons.iter().position(|beacon| *beacon == sample.beacon);
+        if let (Some(window), Some(beacon), Ok(level)) = (window, beacon, level(sample.rssi_dbm)) {
+            window[beacon].0 += level;
+            window[beacon].1 += 1;
+        }
+    }
+    let mean = |(sum, number): (f64, u32)| (number > 0).then(|| (sum / f64::from(number)) as f32);
+    sums.into_iter().map(|window| window.into_iter().map(mean).collect()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::Survey;
+    use crate::ble::files::{Sample, Stay};
+
+    fn stay(point: &str, room: Option<&str>, samples: &[(&str, f64, f64)]) -> Stay {
+        let samples = samples.iter().map(|&(beacon, rssi_dbm, t_s)| Sample { beacon: beacon.into(), rssi_dbm, t_s });
+        Stay { point: point.into(), room: room.map(str::to_owned), position_m: [0.0; 2], samples: samples.collect() }
+    }
+
+    #[test]
+    fn levels_are_averaged_by_stay_and_by_window() {
+        let stays = [
+            stay("p", Some("hall"), &[("10", -60.0, 5.0), ("10", -64.0, 5.9), ("2", 127.0, 6.1), ("10", -70.0, 7.0)]),
+            stay("q", Some("attic"), &[("2", -80.0, 0.0)]),
+            stay("r", Some("attic"), &[("2", 0.0, 0.0)]),
+        ];
+        let survey = Survey::of_fingerprints(Path::new("f"), &stays, 1.0).expect("good");
+        assert_eq!((survey.beacons.join(","), survey.rooms.join(",")), ("2,10".into(), "hall,attic".into()));
+        // r heard nothing that is a level. p: (−60 − 64 − 70)/3 = −64.667; 4.667² + 0.667² + 5.333² = 50.667, /3 = 16.889.
+        assert_eq!(survey.points.len(), 2);
+        let heard = survey.points[0].heard[1].expect("heard");
+        assert!(
+            (heard.mean_dbm + 64.666_667).abs() < 1e-6 && (heard.deviation_db - 16.888_889_f64.sqrt()).abs() < 1e-6
+        );
+        assert_eq!(survey.points[0].windows, [vec![None, Some(-62.0)], vec![None, None]]);
+    }
+
+    #[test]
+    fn what_cannot_be_learnt_from_is_refused() {
+        let refused =
+            |stays: &[Stay]| Survey::of_fingerprints(Path::new("f"), stays, 1.0).expect_err("wrong").to_string();
+        let one = stay("p", Some("hall"), &[("2", -60.0, 0.0)]);
+        assert_eq!(
+            refused(std::slice::from_ref(&one)),
+            "f: its points are all in one room: there is nothing to tell apart"
+        );
+        let lost = stay("q", None, &[("2", -60.0, 0.0)]);
+        assert_eq!(refused(&[one, lost]), "f: point \"q\" has no room: column room is needed");
+    }
+}

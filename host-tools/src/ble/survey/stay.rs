@@ -1,0 +1,103 @@
+//! What is heard at a point, from the first message there until the stay is long enough, in the node's own time.
+
+use std::collections::BTreeMap;
+
+use positioning_core::ble::signal::level;
+
+/// An advert heard.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Advert {
+    /// Who sent it.
+    pub beacon: String,
+    /// Its level, dBm.
+    pub rssi_dbm: f64,
+    /// When it came, seconds since the stay began.
+    pub t_s: f64,
+}
+
+/// A stay at a point.
+#[derive(Clone, Debug)]
+pub struct Stay {
+    from_s: Option<f64>,
+    /// How long it is, seconds.
+    pub length_s: f64,
+    /// What was heard.
+    pub adverts: Vec<Advert>,
+    /// Adverts whose level none can have measured.
+    pub refused: usize,
+    now_s: f64,
+}
+
+impl Stay {
+    /// A stay of that length; it begins at that time, or with the first message.
+    pub fn new(from_s: Option<f64>, length_s: f64) -> Self {
+        Self { from_s, length_s, adverts: Vec::new(), refused: 0, now_s: 0.0 }
+    }
+
+    /// Something was said at that time; true once the stay is over. Whatever is said tells the time.
+    pub fn at(&mut self, t_s: f64) -> bool {
+        let since_s = t_s - *self.from_s.get_or_insert(t_s);
+        self.now_s = self.now_s.max(since_s);
+        since_s >= self.length_s
+    }
+
+    /// An advert that came before the stay was over, and not before it began.
+    pub fn hear(&mut self, t_s: f64, beacon: &str, rssi_dbm: f64) {
+        let since_s = t_s - self.from_s.unwrap_or(t_s);
+        if !(0.0..self.length_s).contains(&since_s) {
+            return;
+        }
+        match level(rssi_dbm) {
+            Ok(rssi_dbm) => self.adverts.push(Advert { beacon: beacon.to_owned(), rssi_dbm, t_s: since_s }),
+            Err(_) => self.refused += 1,
+        }
+    }
+
+    /// The adverts of each beacon, in order of time.
+    pub fn by_beacon(&self) -> BTreeMap<&str, Vec<(f64, f64)>> {
+        let mut beacons: BTreeMap<&str, Vec<(f64, f64)>> = BTreeMap::new();
+        for advert in &self.adverts {
+            beacons.entry(&advert.beacon).or_default().push((advert.t_s, advert.rssi_dbm));
+        }
+        beacons.values_mut().for_each(|adverts| adverts.sort_by(|a, b| a.0.total_cmp(&b.0)));
+        beacons
+    }
+
+    /// How it stands: seconds, and the count and mean level of each beacon.
+    pub fn status(&self) -> String {
+        let mut text = format!("{:.0} of {:.0} s", self.now_s.min(self.length_s), self.length_s);
+        for (beacon, adverts) in self.by_beacon() {
+            let mean = adverts.iter().map(|(_, level)| level).sum::<f64>() / adverts.len() as f64;
+            text += &format!(", {beacon}: {} at {mean:.0} dBm", adverts.len());
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Stay;
+
+    #[test]
+    fn a_stay_begins_with_the_first_message_and_ends_by_the_nodes_time() {
+        let mut stay = Stay::new(None, 10.0);
+        assert!(!stay.at(100.0));
+        stay.hear(100.5, "1", -60.0);
+        stay.hear(101.0, "1", 127.0);
+        assert!(!stay.at(109.9));
+        stay.hear(109.9, "2", -70.0);
+        assert!(stay.at(110.0));
+        stay.hear(110.0, "2", -70.0);
+        assert_eq!((stay.adverts.len(), stay.refused), (2, 1));
+        assert_eq!(stay.status(), "10 of 10 s, 1: 1 at -60 dBm, 2: 1 at -70 dBm");
+    }
+
+    #[test]
+    fn what_came_before_a_stay_of_a_recording_is_not_its() {
+        let mut stay = Stay::new(Some(50.0), 10.0);
+        assert!(!stay.at(49.0));
+        stay.hear(49.0, "1", -60.0);
+        stay.hear(50.0, "1", -60.0);
+        assert_eq!(stay.adverts.len(), 1);
+    }
+}

@@ -1,0 +1,82 @@
+//! `baliza ble rooms`.
+
+use crate::support::{Folder, recording};
+
+/// Two rooms with three points each, two beacons, ten adverts of each; the levels fall off towards the other room.
+fn survey() -> String {
+    let mut text = String::from("point,room,x_m,y_m,beacon,rssi_dbm,t_s\n");
+    for (point, room, x, levels) in [
+        ("a", "hall", 1, [-52, -80]),
+        ("b", "hall", 2, [-56, -77]),
+        ("c", "hall", 3, [-60, -74]),
+        ("d", "attic", 5, [-74, -61]),
+        ("e", "attic", 6, [-78, -57]),
+        ("f", "attic", 7, [-81, -53]),
+    ] {
+        for advert in 0..20 {
+            for (beacon, level) in (1..).zip(levels) {
+                let (level, t) = (level + advert % 3 - 1, f64::from(advert) * 0.25);
+                text += &format!("{point},{room},{x},0,{beacon},{level},{t}\n");
+            }
+        }
+    }
+    text
+}
+
+#[test]
+fn a_survey_judges_itself_and_other_stays() {
+    let stays = "point,room,x_m,y_m,beacon,rssi_dbm,t_s\n\
+                 p,hall,1,0,1,-54,0\np,hall,1,0,2,-79,0.1\nq,attic,7,0,1,127,0\nq,attic,7,0,2,-55,0.3\nr,cellar,9,0,3,-50,0\n";
+    let folder = Folder::with(&[("f.csv", &survey()), ("t.csv", stays)]);
+    let run = folder.run("ble rooms --fingerprints f.csv --leave-one-out --json --plot m.svg --out rooms.model").ok();
+    let json = run.json();
+    assert_eq!((&json["method"], &json["accuracy"], &json["points"]), (&"svm".into(), &1.0.into(), &6.into()));
+    assert_eq!(json["rooms"], serde_json::json!(["hall", "attic"]));
+    assert_eq!(json["confusion_matrix"], serde_json::json!([[3, 0, 0], [0, 3, 0]]));
+    // Times from 0 to 4.75 s: four whole windows of a second.
+    assert_eq!((&json["windows"], &json["methods"][1]["method"]), (&24.into(), &"knn".into()));
+    assert!(folder.read("rooms.model").starts_with(b"RM\x01"));
+    assert!(folder.read("m.svg").starts_with(b"<svg"));
+
+    // q heard one beacon, the other reported what is no level; r heard none that is known, in a room that nobody surveyed.
+    let json = folder.run("ble rooms --fingerprints f.csv --targets t.csv --json").ok().json();
+    assert_eq!(json["rooms"], serde_json::json!(["hall", "attic", "cellar"]));
+    assert_eq!(json["confusion_matrix"], serde_json::json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]));
+    assert!(folder.run("ble rooms --fingerprints f.csv --targets t.csv").ok().stdout.contains("66.7 %"));
+}
+
+#[test]
+fn what_is_wrong_is_said_in_one_line() {
+    let folder = Folder::with(&[
+        ("f.csv", &survey()),
+        ("one.csv", "point,room,x_m,y_m,beacon,rssi_dbm\np,hall,1,0,1,-54\n"),
+        ("none.csv", "point,x_m,y_m,beacon,rssi_dbm\np,1,0,1,-54\n"),
+    ]);
+    let refused = |arguments: &str, said: &str| {
+        let run = folder.run(arguments);
+        assert_eq!((run.code, run.stderr.trim_end()), (Some(2), said), "{arguments}");
+    };
+    refused("ble rooms --fingerprints f.csv", "--targets: say what is to be judged: --targets FILE or --leave-one-out");
+    refused(
+        "ble rooms --fingerprints one.csv --leave-one-out",
+        "one.csv: its points are all in one room: there is nothing to tell apart",
+    );
+    refused(
+        "ble rooms --fingerprints f.csv --targets none.csv",
+        "none.csv: point \"p\" has no room: column room is needed",
+    );
+}
+
+#[test]
+fn rooms_of_a_recorded_floor_are_told_apart() {
+    let Some(floor) = recording("linde_floor") else { return };
+    let file = floor.join("fingerprints.csv");
+    let json = Folder::with(&[])
+        .run(&format!("ble rooms --fingerprints {} --leave-one-out --json", file.display()))
+        .ok()
+        .json();
+    assert!(json["accuracy"].as_f64().is_some_and(|accuracy| accuracy >= 0.92), "{json}");
+    // The windows change their mind within a stay, the answers of the tag do not; those in a wrong room are few.
+    assert!(json["window_changes"].as_u64() > Some(5) && json["settled"]["changes"] == 0, "{json}");
+    assert!(json["settled"]["wrong"].as_u64() < Some(19), "{json}");
+}
