@@ -13,6 +13,7 @@ pub mod garcia;
 pub mod monitor;
 pub mod nlos;
 pub mod output;
+pub mod place;
 pub mod plot;
 pub mod positions;
 pub mod probe;

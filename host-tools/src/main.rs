@@ -37,6 +37,8 @@ enum Command {
     Nlos(commands::nlos::Command),
     #[command(subcommand)]
     Survey(commands::survey::Command),
+    Coverage(commands::coverage::Arguments),
+    Place(commands::place::Arguments),
     #[command(subcommand)]
     Ble(commands::ble::Command),
     #[command(subcommand)]
@@ -70,6 +72,8 @@ fn main() -> ExitCode {
         Command::Bench(Bench::Barral(arguments)) => commands::barral::run(&arguments),
         Command::Nlos(command) => commands::nlos::run(&command),
         Command::Survey(command) => commands::survey::run(&command),
+        Command::Coverage(arguments) => commands::coverage::run(&arguments),
+        Command::Place(arguments) => commands::place::run(&arguments),
         Command::Ble(command) => commands::ble::run(&command),
         Command::Calibrate(command) => commands::calibrate::run(&command),
         Command::Plot(arguments) => commands::plot::run(&arguments),

@@ -3,6 +3,7 @@
 //! The mathematics is `positioning_core::ble`, that of the tag; here are the files, the runs over them and their figures.
 
 pub mod calibration;
+pub mod coverage;
 pub mod files;
 pub mod rooms;
 pub mod solve;

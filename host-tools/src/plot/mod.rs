@@ -7,6 +7,7 @@ mod cdf;
 mod confusion;
 mod distribution;
 mod format;
+mod heat;
 mod legend;
 mod map;
 mod path_loss;
@@ -22,6 +23,7 @@ use crate::Statistics;
 pub use confusion::confusion;
 pub use distribution::distribution;
 pub use format::Format;
+pub use heat::{Heat, heat};
 pub use path_loss::path_loss;
 pub use thesis::thesis;
 

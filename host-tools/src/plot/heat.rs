@@ -1,0 +1,164 @@
+//! Maps of heat: a colour a cell, walls, marks, and a scale beside.
+
+use anyhow::Result;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use super::axes::{Axes, BOTTOM, LEFT, RIGHT, TOP};
+use super::style::{AXIS, INK, number, pixels, printable, stroke, text};
+use super::{Area, drawing};
+
+/// Room for the scale, pixels.
+const SCALE: u32 = 110;
+/// The longer side of a map, pixels.
+const LONGER: f64 = 640.0;
+
+/// A map.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Heat {
+    /// What stands above it.
+    pub title: String,
+    /// Corner with the least coordinates, metres.
+    pub least_m: [f64; 2],
+    /// The side of a cell, metres.
+    pub cell_m: f64,
+    /// Cells along x.
+    pub columns: usize,
+    /// Row by row; cells without a value stay white.
+    pub values: Vec<Option<f64>>,
+    /// What the values are, with their unit.
+    pub unit: String,
+    /// Whether low values are good, as errors are.
+    pub low_is_good: bool,
+    /// Both ends of every wall, metres.
+    pub walls_m: Vec<[[f64; 2]; 2]>,
+    /// Beacons or anchors by name, metres.
+    pub stations: Vec<(String, [f64; 2])>,
+    /// Points where something was measured, metres.
+    pub points_m: Vec<[f64; 2]>,
+}
+
+/// Draws maps side by side, with one scale.
+///
+/// # Errors
+/// The drawing library's.
+pub fn heat(maps: &[Heat]) -> Result<String> {
+    let values = || maps.iter().flat_map(|map| map.values.iter().flatten().copied()).filter(|value| value.is_finite());
+    let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
+    let scale = if low <= high { (low, high.max(low + 1e-9)) } else { (0.0, 1.0) };
+    let sizes: Vec<[u32; 2]> = maps.iter().map(Heat::size).collect();
+    let width: u32 = sizes.iter().map(|[width, _]| width + LEFT + RIGHT).sum();
+    let height = sizes.iter().map(|[_, height]| height + TOP + BOTTOM).max().unwrap_or(200);
+    drawing((width + SCALE, height), |area| {
+        let mut rest = area.clone();
+        for (map, [width, height]) in maps.iter().zip(&sizes) {
+            let (left, right) = rest.split_horizontally(pixels(width + LEFT + RIGHT));
+            let (panel, _) = left.split_vertically(pixels(height + TOP + BOTTOM));
+            map.draw(&panel, scale)?;
+            rest = right;
+        }
+        match maps.first() {
+            Some(first) => draw_scale(&rest, &first.unit, first.low_is_good, scale, height),
+            None => Ok(()),
+        }
+    })
+}
+
+impl Heat {
+    fn sides_m(&self) -> [f64; 2] {
+        let rows = self.values.len() / self.columns.max(1);
+        [self.cell_m * self.columns as f64, self.cell_m * rows as f64]
+    }
+
+    /// The map's own size, pixels.
+    fn size(&self) -> [u32; 2] {
+        let sides = self.sides_m();
+        let longer = sides[0].max(sides[1]);
+        sides.map(|side| (LONGER * side / longer).max(120.0) as u32)
+    }
+
+    fn draw(&self, area: &Area, scale: (f64, f64)) -> Result<()> {
+        let ([x, y], [wide, high]) = (self.least_m, self.sides_m());
+        let axes = Axes {
+            title: &printable(&self.title),
+            names: ["x, metres", "y, metres"],
+            left: LEFT,
+            ticks: [8, 8],
+            unit: "",
+        };
+        let mut chart = axes.draw(area, x..x + wide, y..y + high)?;
+        let cells = self.values.iter().enumerate().filter_map(|(index, value)| {
+            let (column, row) = (index % self.columns.max(1), index / self.columns.max(1));
+            let corner = (x + self.cell_m * column as f64, y + self.cell_m * row as f64);
+            let end = (corner.0 + self.cell_m, corner.1 + self.cell_m);
+            let value = (*value).filter(|value| value.is_finite())?;
+            Some(Rectangle::new([corner, end], shade(share(value, scale), self.low_is_good).filled()))
+        });
+        chart.draw_series(cells)?;
+        let walls = self.walls_m.iter().map(|ends| ends.map(|at| (at[0], at[1])).to_vec());
+        chart.draw_series(walls.map(|wall| PathElement::new(wall, AXIS.stroke_width(stroke(3.0)))))?;
+        let points = self.points_m.iter().map(|at| Circle::new((at[0], at[1]), pixels(2), INK.filled()));
+        chart.draw_series(points)?;
+        for (name, at) in &self.stations {
+            let style = text(Pos::new(HPos::Center, VPos::Bottom));
+            chart.draw_series([EmptyElement::at((at[0], at[1]))
+                + TriangleMarker::new((0, 0), pixels(7), WHITE.filled())
+                + TriangleMarker::new((0, 0), pixels(5), INK.filled())
+                + Text::new(printable(name), (0, -(pixels(8) as i32)), style)])?;
+        }
+        Ok(())
+    }
+}
+
+fn draw_scale(area: &Area, unit: &str, low_is_good: bool, scale: (f64, f64), height: u32) -> Result<()> {
+    const STEPS: u32 = 64;
+    let (top, bottom) = (pixels(TOP) as i32, pixels(height - BOTTOM) as i32);
+    let at = |step: u32| bottom - (bottom - top) * step as i32 / STEPS as i32;
+    let (left, right) = (pixels(6) as i32, pixels(24) as i32);
+    for step in 0..STEPS {
+        let colour = shade((f64::from(step) + 0.5) / f64::from(STEPS), low_is_good);
+        area.draw(&Rectangle::new([(left, at(step + 1)), (right, at(step))], colour.filled()))?;
+    }
+    let style = text(Pos::new(HPos::Left, VPos::Center));
+    for step in [0, STEPS / 2, STEPS] {
+        let value = scale.0 + (scale.1 - scale.0) * f64::from(step) / f64::from(STEPS);
+        area.draw_text(&number((100.0 * value).round() / 100.0), &style, (right + left, at(step)))?;
+    }
+    area.draw_text(unit, &style, (left, pixels(TOP / 2) as i32))?;
+    Ok(())
+}
+
+/// Where between the ends of a scale a value is, 0 to 1.
+fn share(value: f64, (low, high): (f64, f64)) -> f64 {
+    ((value - low) / (high - low)).clamp(0.0, 1.0)
+}
+
+/// From dark to light, light is good: the colours of Viridis (van der Walt and Smith), which the colour-blind can tell apart.
+fn shade(share: f64, low_is_good: bool) -> RGBColor {
+    const STOPS: [[f64; 3]; 5] =
+        [[68.0, 1.0, 84.0], [59.0, 82.0, 139.0], [33.0, 145.0, 140.0], [94.0, 201.0, 98.0], [253.0, 231.0, 37.0]];
+    let share = if low_is_good { 1.0 - share } else { share };
+    let place = share.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
+    let first = (place as usize).min(STOPS.len() - 2);
+    let mix = |channel: usize| {
+        let (from, to) = (STOPS[first][channel], STOPS[first + 1][channel]);
+        (from + (place - first as f64) * (to - from)).round() as u8
+    };
+    RGBColor(mix(0), mix(1), mix(2))
+}
+
+#[cfg(test)]
+mod tests {
+    use plotters::style::RGBColor;
+
+    use super::{shade, share};
+
+    #[test]
+    fn the_ends_and_the_middle_of_the_scale_are_those_of_viridis() {
+        assert_eq!((shade(0.0, false), shade(1.0, true)), (RGBColor(68, 1, 84), RGBColor(68, 1, 84)));
+        assert_eq!((shade(0.5, false), shade(1.0, false)), (RGBColor(33, 145, 140), RGBColor(253, 231, 37)));
+        // Halfway between the first two.
+        assert_eq!(shade(0.125, false), RGBColor(64, 42, 112));
+        assert_eq!((share(-80.0, (-90.0, -70.0)), share(5.0, (0.0, 1.0))), (0.5, 1.0));
+    }
+}
