@@ -315,15 +315,15 @@ mod tests {
 
     #[test]
     fn a_weak_first_path_is_a_doubt() {
-        // 11 dB are even odds, 20 dB 1/(1 + e^-4.5) = 0.989.
+        // 10 dB are even odds, 20 dB 1/(1 + e^-3) = 0.953.
         let of = |rx_power_dbm, first_path_power_dbm| {
             let told = Diagnostics { rx_power_dbm, first_path_power_dbm, ..Diagnostics::default() };
             let features = at_floor(&[]).features(&told);
             let reception = Reception { features, range_m: 3.0, power_dbm: rx_power_dbm, ends_m: None };
             Judge::new(None).blocked(0, 1, &reception)
         };
-        assert!((of(-80.0, -91.0).unwrap() - 0.5).abs() < 1e-5);
-        assert!((of(-75.0, -95.0).unwrap() - 0.989).abs() < 1e-3);
+        assert!((of(-80.0, -90.0).unwrap() - 0.5).abs() < 1e-5);
+        assert!((of(-75.0, -95.0).unwrap() - 0.953).abs() < 1e-3);
         assert_eq!(of(f32::NAN, -80.0), None);
     }
 

@@ -110,9 +110,9 @@ pub fn recording(name: &str) -> Option<PathBuf> {
 }
 
 /// Replays recordings that are not part of the project with a subcommand, the tag's height known, and asserts that each epoch has
-/// a position and that the root mean square errors, metres, are at most `reach_m`. Where the recordings lie, `BALIZA_DATA` says,
-/// else they are looked for beside the repository.
-pub fn replay(subcommand: &str, reach_m: [f64; REPLAYED.len()]) {
+/// a position, that the root mean square errors, metres, are at most `reach_m`, and whatever `check` wants of the summary. Where
+/// the recordings lie, `BALIZA_DATA` says, else they are looked for beside the repository.
+pub fn replay(subcommand: &str, reach_m: [f64; REPLAYED.len()], check: impl Fn(&str, &serde_json::Value)) {
     for (name, reach) in REPLAYED.into_iter().zip(reach_m) {
         let Some(recording) = recording(name) else { continue };
         let file = |name: &str| recording.join(name).display().to_string();
@@ -122,5 +122,6 @@ pub fn replay(subcommand: &str, reach_m: [f64; REPLAYED.len()]) {
         assert_eq!(summary["epochs"], summary["fixed"], "{name}: {summary}");
         let rmse = summary["rmse_m"].as_f64().expect("a number");
         assert!(rmse <= reach, "{name}: {rmse} m is more than {reach} m");
+        check(name, summary);
     }
 }

@@ -87,12 +87,14 @@ pub struct BleRange<T> {
     pub lasting_deviation: T,
 }
 
-/// A probability as it may be used: no number is no doubt.
+/// A probability as it may be used; what is no number says nothing.
+pub(super) fn known<T: Real>(blocked: Option<T>) -> Option<T> {
+    blocked.filter(|p| p.is_finite()).map(|p| p.at_least(T::ZERO).at_most(T::ONE))
+}
+
+/// The same where no word is no doubt.
 pub(super) fn probability<T: Real>(blocked: Option<T>) -> T {
-    match blocked {
-        Some(p) if p > T::ZERO => p.at_most(T::ONE),
-        Some(_) | None => T::ZERO,
-    }
+    known(blocked).unwrap_or(T::ZERO)
 }
 
 /// Whether all magnitudes are believable: NaN and infinity survive a sum, and fail it.

@@ -16,7 +16,7 @@ pub use settings::{Dimensions, Mode, Settings, Solvers};
 
 use crate::track::{Blocked, Fate, Filter, Supervisor};
 use crate::{Fix, Real};
-use measurement::{height_is_sane, position_is_sane, probability};
+use measurement::{height_is_sane, known, position_is_sane, probability};
 use round::{Round, length};
 
 /// A clock that goes back by more than this has begun anew, microseconds; by less, frames have overtaken each other.
@@ -153,7 +153,7 @@ impl<T: Real> Engine<T> {
     /// Takes a range into the track.
     fn track_range(&mut self, range: &Range<T>, place: Option<usize>) -> Verdict {
         let shortened = Range { distance: length(range, &self.settings), ..*range };
-        let fate = self.filter.range(&shortened, probability(range.blocked), &self.settings);
+        let fate = self.filter.range(&shortened, known(range.blocked), &self.settings);
         self.judge(fate, place)
     }
 
@@ -170,13 +170,12 @@ impl<T: Real> Engine<T> {
 
     /// Takes a difference into the track, unless it is to be ignored.
     fn admit_tdoa(&mut self, tdoa: &Tdoa<T>) -> Verdict {
-        let blocked = tdoa.blocked.map(probability);
         if let Blocked::Ignore { threshold, .. } = self.settings.blocked
-            && blocked.iter().any(|&blocked| blocked >= threshold)
+            && tdoa.blocked.iter().any(|&blocked| probability(blocked) >= threshold)
         {
             return Verdict::Ignored;
         }
-        let fate = self.filter.tdoa(tdoa, blocked, &self.settings);
+        let fate = self.filter.tdoa(tdoa, tdoa.blocked.map(known), &self.settings);
         self.judge(fate, None)
     }
 

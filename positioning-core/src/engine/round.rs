@@ -197,6 +197,13 @@ fn deviation<T: Real>(range: &Range<T>, settings: &Settings<T>) -> T {
 
 fn white<T: Real>(settings: &Settings<T>, own: T, blocked: T) -> T {
     let noise = &settings.noise;
+    // What nobody says weighs no range against another: a round by itself does without that doubt.
+    let both = |blocked: T| {
+        let blocked = Some(blocked);
+        let variance = noise.noise_variance(own.squared(), blocked) + noise.link_variance(blocked);
+        // As given, to the last bit, where there is nothing to add.
+        if variance > own.squared() { variance.sqrt() } else { own }
+    };
     match settings.blocked {
         Blocked::TwoVariances { threshold, direct_m2, blocked_m2 } => {
             if blocked >= threshold {
@@ -205,11 +212,7 @@ fn white<T: Real>(settings: &Settings<T>, own: T, blocked: T) -> T {
                 direct_m2.sqrt()
             }
         }
-        Blocked::Alike | Blocked::Ignore { .. } if noise.link_sigma == T::ZERO => own,
-        Blocked::Alike | Blocked::Ignore { .. } => (own.squared() + noise.link_sigma.squared()).sqrt(),
-        Blocked::Weigh => {
-            let more = noise.blocked_link_sigma.squared() + noise.blocked_noise_sigma.squared();
-            (own.squared() + noise.link_sigma.squared() + blocked * more).sqrt()
-        }
+        Blocked::Alike => both(T::ZERO),
+        Blocked::Ignore { .. } | Blocked::Weigh => both(blocked),
     }
 }

@@ -104,7 +104,7 @@ impl<T: Real> Settings<T> {
             dimensions,
             solvers: Solvers::robust(),
             area: None,
-            motion: Motion::Adaptive { calm: T::of(0.3), brisk: T::of(1.5) },
+            motion: Motion::Adaptive { calm: T::of(0.3), brisk: T::of(3.0) },
             noise: Noise::indoors(),
             blocked: Blocked::Weigh,
             mitigate: false,

@@ -18,8 +18,12 @@ const LEAST_SIGMA_M: f64 = 0.01;
 /// The velocity beyond which a link's error forgets no faster, metres a second: nobody runs faster indoors.
 const FASTEST: f64 = 10.0;
 
-/// A link's error beyond so many of its deviations is not a usual one.
-const UNUSUAL: f64 = 3.0;
+/// A link's error is not a usual one beyond so many of its deviations …
+const UNUSUAL: f64 = 1.7;
+/// … and beyond this, metres.
+const UNUSUAL_M: f64 = 0.2;
+/// A beacon's is not beyond so many of its deviations.
+const UNUSUAL_BEACON: f64 = 3.0;
 
 /// What became of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -91,8 +95,8 @@ impl<T: Real> Filter<T> {
         }
     }
 
-    /// A range to an anchor, blocked with probability `blocked`.
-    pub(crate) fn range(&mut self, range: &Range<T>, blocked: T, settings: &Settings<T>) -> Fate {
+    /// A range to an anchor, blocked with probability `blocked`, where somebody knows.
+    pub(crate) fn range(&mut self, range: &Range<T>, blocked: Option<T>, settings: &Settings<T>) -> Fate {
         let own = range.deviation.at_least(T::of(LEAST_SIGMA_M)).squared();
         let (place, white) = self.link(range.anchor, own, blocked, settings);
         let model = RangeModel { anchor: range.place, range: range.distance, link: Links::<T>::state(place) };
@@ -102,38 +106,38 @@ impl<T: Real> Filter<T> {
         let Some(link) = self.links.at(place) else { return Fate::Refused };
         let passage = link.gate.judge(value, s, settings.gate, settings.patience);
         if passage == Passage::Open {
-            // The line of sight's part of the variance is known, the rest is what the link shows.
-            let known = (white - own).at_least(T::ZERO).at_most(blocked * settings.noise.blocked_noise_sigma.squared());
-            link.shown.learn(&settings.noise, value, predicted + known, s);
+            link.shown.learn(&settings.noise, value, predicted, s);
         }
         self.take(&model, &innovation, white, passage, Some(Links::<T>::state(place)), settings)
     }
 
     /// The place of a link, its error carried to now, and the white variance of a range over it.
-    fn link(&mut self, anchor: u16, own: T, blocked: T, settings: &Settings<T>) -> (usize, T) {
+    fn link(&mut self, anchor: u16, own: T, blocked: Option<T>, settings: &Settings<T>) -> (usize, T) {
         let (place, fresh) = self.links.place(Source::Anchor(anchor), self.now_us);
         let Some(link) = self.links.at(place) else { return (place, own) };
         let variances = match settings.blocked {
             super::Blocked::TwoVariances { threshold, direct_m2, blocked_m2 } => {
-                let white = if blocked >= threshold { blocked_m2 } else { direct_m2 };
+                let white = if blocked.is_some_and(|blocked| blocked >= threshold) { blocked_m2 } else { direct_m2 };
                 super::noise::Variances { white, link: settings.noise.link_sigma.squared() }
             }
-            super::Blocked::Alike => link.shown.variances(&settings.noise, own, T::ZERO),
+            super::Blocked::Alike => link.shown.variances(&settings.noise, own, None),
             super::Blocked::Ignore { .. } | super::Blocked::Weigh => {
                 link.shown.variances(&settings.noise, own, blocked)
             }
         };
-        self.carry(place, fresh, variances.link, settings.noise.link_seconds, settings.noise.link_metres);
+        let usual = (T::of(UNUSUAL * UNUSUAL) * variances.link).at_least(T::of(UNUSUAL_M * UNUSUAL_M));
+        self.carry(place, fresh, [variances.link, usual], [settings.noise.link_seconds, settings.noise.link_metres]);
         (place, variances.white)
     }
 
-    /// Carries a link's error of this variance to now; it is another after so many seconds, or metres of way.
-    fn carry(&mut self, place: usize, fresh: bool, mut variance: T, after_seconds: T, after_metres: T) {
+    /// Carries a link's error of this variance to now, which is `usual` up to this square; it is another `after` so many seconds, or
+    /// metres of way.
+    fn carry(&mut self, place: usize, fresh: bool, [mut variance, usual]: [T; 2], after: [T; 2]) {
         let state = Links::<T>::state(place);
         let Some(link) = self.links.at(place) else { return };
         let error = self.state.mean.get(state).copied().unwrap_or(T::ZERO);
         // An error as large as this link's is no draw of what links usually err by: it will not go away by itself.
-        if !fresh && error.squared() > T::of(UNUSUAL * UNUSUAL) * variance {
+        if !fresh && error.squared() > usual {
             variance = error.squared();
         }
         if fresh {
@@ -143,14 +147,14 @@ impl<T: Real> Filter<T> {
             let velocity = self.state.velocity();
             let square = velocity[0].squared() + velocity[1].squared() + velocity[2].squared();
             let speed = square.at_most(T::of(FASTEST * FASTEST)).sqrt();
-            let lapse = age * (T::ONE / after_seconds + speed / after_metres);
+            let lapse = age * (T::ONE / after[0] + speed / after[1]);
             self.state.renew(state, fading(lapse), variance);
         }
         link.measured_us = self.now_us;
     }
 
     /// A difference of two arrivals.
-    pub(crate) fn tdoa(&mut self, tdoa: &Tdoa<T>, blocked: [T; 2], settings: &Settings<T>) -> Fate {
+    pub(crate) fn tdoa(&mut self, tdoa: &Tdoa<T>, blocked: [Option<T>; 2], settings: &Settings<T>) -> Fate {
         let own = tdoa.deviations.map(|sigma| sigma.at_least(T::of(LEAST_SIGMA_M)).squared());
         let (reference, reference_white) = self.link(tdoa.reference, own[0], blocked[0], settings);
         let (place, white) = self.link(tdoa.anchor, own[1], blocked[1], settings);
@@ -179,7 +183,8 @@ impl<T: Real> Filter<T> {
     pub(crate) fn ble_range(&mut self, range: &BleRange<T>, settings: &Settings<T>) -> Fate {
         let (place, fresh) = self.links.place(Source::Beacon(range.beacon), self.now_us);
         let (lasting, noise) = (range.lasting_deviation.squared(), &settings.noise);
-        self.carry(place, fresh, lasting, noise.beacon_seconds, noise.beacon_metres);
+        let usual = T::of(UNUSUAL_BEACON * UNUSUAL_BEACON) * lasting;
+        self.carry(place, fresh, [lasting, usual], [noise.beacon_seconds, noise.beacon_metres]);
         let log_distance = range.distance.at_least(T::of(NEAREST_M)).ln();
         let link = Links::<T>::state(place);
         let model = BleRangeModel { beacon: range.place, log_distance, link };

@@ -32,7 +32,7 @@ pub enum Motion<T> {
 }
 
 /// The mean normalised squared innovation at which an adaptive motion begins to grow, and at which it has grown.
-const SURPRISE: (f64, f64) = (0.6, 2.0);
+const SURPRISE: (f64, f64) = (0.8, 2.0);
 /// How much of the mean an innovation is.
 const FRESH: f64 = 0.05;
 

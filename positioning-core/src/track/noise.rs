@@ -1,16 +1,16 @@
 //! How far a range may err: by the white noise of one reception, and by the error of its link, which stays.
 //!
 //! Both grow with the probability that the link is without line of sight, sigma² = sigma_los² + p · sigma_nlos², and nothing is ever
-//! thrown away by that. They also grow with the noise that a link itself shows: where two paths are alike strong, the
-//! first of them is found in some frames and missed in others, and such a link's mean is as doubtful as its single ranges. It
-//! needs no diagnostics to see that.
+//! thrown away by that; a link of which nobody says anything has the doubt of its kind. They also grow where a link shows more noise
+//! than that: where two paths are alike strong, the first of them is found in some frames and missed in others, and such a
+//! link's mean is as doubtful as its single ranges. It needs no diagnostics to see that.
 
 use crate::Real;
 use crate::nlos::PowerDifference;
 
-/// How the received power less that of the first path becomes a doubt about a range; see [`Noise::by_powers`]. Gentler than the
-/// chip maker's rule, which is after blocked paths.
-pub const POWER_DOUBT: PowerDifference = PowerDifference { middle_db: 11.0, slope: 0.5 };
+/// How the received power less that of the first path becomes a doubt about a range; see [`Noise::by_powers`]. Far gentler than the
+/// chip maker's rule, which is after blocked paths: the squared errors of recorded ranges grow about evenly from 3 dB to 16 dB.
+pub const POWER_DOUBT: PowerDifference = PowerDifference { middle_db: 10.0, slope: 0.3 };
 
 /// What to do with the probability that a link is without line of sight.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,9 +56,11 @@ pub struct Noise<T> {
     pub link_sigma: T,
     /// What a link without line of sight adds to that, metres.
     pub blocked_link_sigma: T,
+    /// What a link adds of which nobody says how likely it is without line of sight, metres.
+    pub unasked_link_sigma: T,
     /// What a link without line of sight adds to the noise of one range, metres.
     pub blocked_noise_sigma: T,
-    /// How much of the variance that a link's ranges show is taken to be variance of its error.
+    /// How much of the variance that a link's ranges show beyond what is expected of them is taken to be variance of its error.
     pub noise_to_link: T,
     /// How much of a link's measured noise a new range makes up, 0 to 1; 0 believes the deviation that comes with the range.
     pub learning: T,
@@ -82,21 +84,28 @@ impl<T: Real> Noise<T> {
             common_sigma: T::of(0.12),
             link_sigma: T::of(0.1),
             blocked_link_sigma: T::of(0.6),
+            unasked_link_sigma: T::of(0.1),
             blocked_noise_sigma: T::of(0.3),
-            noise_to_link: T::of(2.0),
-            learning: T::of(0.05),
-            link_seconds: T::of(5.0),
-            link_metres: T::of(0.3),
+            noise_to_link: T::of(5.0),
+            learning: T::of(0.03),
+            link_seconds: T::of(2.0),
+            link_metres: T::of(0.6),
             beacon_seconds: T::of(60.0),
             beacon_metres: T::of(2.0),
-            degrees: T::of(2.0),
+            degrees: T::of(10.0),
         }
     }
 
     /// The same with the probability of [`POWER_DOUBT`], which powers alone give: not that the path is blocked, but that the range
     /// may be off. A weak first path beside a strong rest is found early or late by a decimetre or two.
     pub fn by_powers() -> Self {
-        Self { blocked_link_sigma: T::of(0.1), blocked_noise_sigma: T::of(0.1), ..Self::indoors() }
+        Self {
+            link_sigma: T::of(0.055),
+            blocked_link_sigma: T::of(0.1),
+            unasked_link_sigma: T::of(0.135),
+            blocked_noise_sigma: T::of(0.25),
+            ..Self::indoors()
+        }
     }
 
     /// The same with a trained classifier's probability that the link is blocked (`nlos::Judge`): what a wall or two add to a range.
@@ -110,6 +119,7 @@ impl<T: Real> Noise<T> {
             common_sigma: T::ZERO,
             link_sigma: T::ZERO,
             blocked_link_sigma: T::ZERO,
+            unasked_link_sigma: T::ZERO,
             blocked_noise_sigma: T::ZERO,
             noise_to_link: T::ZERO,
             learning: T::ZERO,
@@ -119,6 +129,24 @@ impl<T: Real> Noise<T> {
             beacon_metres: T::ONE,
             degrees: T::ZERO,
         }
+    }
+}
+
+impl<T: Real> Noise<T> {
+    /// The variance of a link's error, m²; `blocked` is the probability that it is without line of sight, where somebody knows.
+    #[inline(always)]
+    pub(crate) fn link_variance(&self, blocked: Option<T>) -> T {
+        let more = match blocked {
+            Some(blocked) => blocked * self.blocked_link_sigma.squared(),
+            None => self.unasked_link_sigma.squared(),
+        };
+        self.link_sigma.squared() + more
+    }
+
+    /// The variance of one range's noise, m², which is `own` in line of sight.
+    #[inline(always)]
+    pub(crate) fn noise_variance(&self, own: T, blocked: Option<T>) -> T {
+        own + blocked.map_or(T::ZERO, |blocked| blocked * self.blocked_noise_sigma.squared())
     }
 }
 
@@ -144,18 +172,18 @@ impl<T: Real> Shown<T> {
     }
 
     /// The variances of a range that says of itself that its variance is `own`, blocked with probability `blocked`.
-    pub(crate) fn variances(&self, noise: &Noise<T>, own: T, blocked: T) -> Variances<T> {
-        let shown = self.variance.at_least(own);
-        let link = noise.link_sigma.squared()
-            + blocked * noise.blocked_link_sigma.squared()
-            + noise.noise_to_link * (shown - own);
-        Variances { white: shown + blocked * noise.blocked_noise_sigma.squared(), link }
+    pub(crate) fn variances(&self, noise: &Noise<T>, own: T, blocked: Option<T>) -> Variances<T> {
+        let link = noise.link_variance(blocked);
+        let white = noise.noise_variance(own, blocked);
+        let more = (self.variance - white).at_least(T::ZERO);
+        // Innovations scatter, and have tails: twice the expected is still no sign of a second path.
+        let unlikely = (self.variance - T::of(2.0) * white).at_least(T::ZERO);
+        Variances { white: white + more, link: link + noise.noise_to_link * unlikely }
     }
 
-    /// Learns from an innovation; `expected` is what of its square the track's uncertainty and the line of sight account for, and
-    /// `s` its variance.
-    pub(crate) fn learn(&mut self, noise: &Noise<T>, innovation: T, expected: T, s: T) {
-        let seen = innovation.squared().at_most(T::of(9.0) * s) - expected;
+    /// Learns from an innovation of variance `s`, of which `predicted` is the track's own uncertainty.
+    pub(crate) fn learn(&mut self, noise: &Noise<T>, innovation: T, predicted: T, s: T) {
+        let seen = innovation.squared().at_most(T::of(9.0) * s) - predicted;
         self.variance += noise.learning * (seen.at_least(T::ZERO) - self.variance);
     }
 }
@@ -170,8 +198,11 @@ mod tests {
             Noise::<f64> { link_sigma: 0.1, blocked_link_sigma: 0.4, blocked_noise_sigma: 0.2, ..Noise::white() };
         let shown = Shown::nothing();
         // Half blocked: 0.03² + 0.5 · 0.2² = 0.0209, and 0.1² + 0.5 · 0.4² = 0.09.
-        let half = shown.variances(&noise, 0.0009, 0.5);
+        let half = shown.variances(&noise, 0.0009, Some(0.5));
         assert!((half.white - 0.0209).abs() < 1e-12 && (half.link - 0.09).abs() < 1e-12, "{half:?}");
+        // Nobody knows: 0.03², and 0.1² + 0.2² = 0.05.
+        let unasked = shown.variances(&Noise { unasked_link_sigma: 0.2, ..noise }, 0.0009, None);
+        assert!((unasked.white - 0.0009).abs() < 1e-12 && (unasked.link - 0.05).abs() < 1e-12, "{unasked:?}");
     }
 
     #[test]
@@ -182,6 +213,8 @@ mod tests {
             let innovation = if k % 2 == 0 { 0.3 } else { -0.3 };
             shown.learn(&noise, innovation, 0.0, 0.09);
         }
-        assert!((shown.variances(&noise, 0.0009, 0.0).white - 0.09).abs() < 1e-6);
+        let shown = shown.variances(&noise, 0.0009, Some(0.0));
+        // 0.1² and five times what is more than twice 0.03².
+        assert!((shown.white - 0.09).abs() < 1e-4 && (shown.link - 0.451).abs() < 1e-2, "{shown:?}");
     }
 }

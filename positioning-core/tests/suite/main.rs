@@ -1,5 +1,6 @@
 //! The solvers as their callers see them.
 
+mod consistency;
 mod engine;
 mod hostile;
 mod properties;
