@@ -15,11 +15,13 @@
 //! step VARIANT ROOT_OF INSTRUCTIONS STACK X Y
 //! engine WHAT DIMS ANCHORS INSTRUCTIONS STACK X Y Z
 //! nlos WHAT INSTRUCTIONS STACK VALUE
+//! beacons WHAT INSTRUCTIONS STACK VALUE
 //! done                                                                   nothing is missing
 //! ```
 #![no_std]
 #![deny(unsafe_code)]
 
+pub mod beacons;
 pub mod cases;
 #[cfg(feature = "image")]
 pub mod instrument;

@@ -153,8 +153,8 @@ mod tests {
         let mut levels: Vec<_> = (1..=10).map(f64::from).map(|d| (d, -50.0 - 20.0 * d.log10())).collect();
         levels[9].1 -= 30.0;
         let (found, _) = fit(&points(&levels)).expect("points");
-        // Plain regression, by hand: x = 10 log₁₀ d has mean 6.5598 and Σ (x − x̄)² = 89.906; the last point's x − x̄ = 3.4402 adds
-        // 30 · 3.4402 ⁄ 89.906 = 1.148 to the exponent of 2.
+        // Plain regression, by hand: x = 10 log₁₀ d has mean 6.5598 and Σ (x − x̄)² = 91.211; the last point's x − x̄ = 3.4402 adds
+        // 30 · 3.4402 ⁄ 91.211 = 1.132 to the exponent of 2.
         assert!(found.exponent > 1.9 && found.exponent < 2.9, "{found:?}");
     }
 

@@ -21,5 +21,11 @@ pub const CALLS: [Budget; 2] = [
 /// Of the features of one impulse response, instructions.
 pub const FEATURES: u64 = 12_000;
 
+/// Of the levels of beacons, instructions: what, its name in the tables, and the most that it may take.
+pub const BEACONS: [(&str, &str, u64); 2] = [
+    ("advert", "an advert: judged, smoothed, a distance", 600),
+    ("particles", "a step of 256 particles by the levels of 6 beacons", 400_000),
+];
+
 /// Of the code of all methods together in the plane, bytes.
 pub const ALL_METHODS_2D: u64 = 24 * 1024;

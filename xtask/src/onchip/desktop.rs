@@ -2,11 +2,11 @@
 
 use anyhow::{Result, ensure};
 use onchip_bench::cases::{ANCHORS, EPOCHS, Epoch};
-use onchip_bench::response;
+use onchip_bench::{beacons, response};
 use positioning_core::nlos::Feature;
 use positioning_core::{Constraints, Method, solve};
 
-use super::printed::{Printed, Sight, Solve};
+use super::printed::{Call, Printed, Solve};
 
 /// Chip and desktop may differ by so much, metres.
 const TOLERANCE_M: f32 = 1.0e-3;
@@ -44,11 +44,29 @@ pub fn compare_sight(chip: &Printed) -> Result<()> {
     response::for_each_classifier(&mut |name, classifier| {
         here.push((name.to_owned(), classifier.nlos_probability(&features)));
     });
-    let same = |(there, (what, value)): (&Sight, &(String, Option<f32>))| {
+    let same = |(there, (what, value)): (&Call, &(String, Option<f32>))| {
         there.what == *what && value.is_some_and(|value| (value - there.value).abs() <= 1.0e-4)
     };
     let all = chip.sights.len() == here.len() && chip.sights.iter().zip(&here).all(same);
     ensure!(all, "chip and desktop disagree: {:?}, here {here:?}", chip.sights);
+    Ok(())
+}
+
+/// Compares what the chip made of the levels of beacons with the desktop's; an error where they differ or one is missing.
+pub fn compare_beacons(chip: &Printed) -> Result<()> {
+    struct Here(Vec<(String, f32)>);
+    impl beacons::Measure for Here {
+        fn call<S: Clone>(&mut self, what: &str, state: &S, call: impl Fn(&mut S) -> f32) {
+            self.0.push((what.to_owned(), call(&mut state.clone())));
+        }
+    }
+    let mut here = Here(Vec::new());
+    beacons::for_each(&mut here);
+    let same = |(there, (what, value)): (&Call, &(String, f32))| {
+        there.what == *what && (value - there.value).abs() <= TOLERANCE_M
+    };
+    let all = chip.beacons.len() == here.0.len() && chip.beacons.iter().zip(&here.0).all(same);
+    ensure!(all, "chip and desktop disagree: {:?}, here {:?}", chip.beacons, here.0);
     Ok(())
 }
 

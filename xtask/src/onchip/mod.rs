@@ -28,6 +28,8 @@ struct Measured {
     exchange: Printed,
     /// What the image `nlos` printed.
     sight: Printed,
+    /// What the image `beacons` printed.
+    beacons: Printed,
     /// What the image `engine` printed.
     engine: Printed,
     sizes: Sizes,
@@ -48,6 +50,7 @@ pub fn bench() -> Result<()> {
     document::remake(&file, "budgets", &tables.budgets)?;
     document::remake(&file, "frames", &tables.frames)?;
     document::remake(&file, "sight on the chip", &tables.sight)?;
+    document::remake(&file, "beacons on the chip", &tables.beacons)?;
     document::remake(&file, "engine", &tables.engine)?;
     document::remake(&file, "libraries", &tables.algebra)?;
     tables.judge()
@@ -60,6 +63,7 @@ struct Tables {
     algebra: String,
     frames: String,
     sight: String,
+    beacons: String,
     engine: String,
     within: bool,
 }
@@ -72,9 +76,10 @@ impl Tables {
         let algebra = measured.iter().map(tables::algebra).collect::<Result<String>>()?;
         let frames = measured.iter().map(tables::frames).collect::<Result<String>>()?;
         let sight = tables::sight(&measured)?;
+        let beacons = tables::beacons(&measured)?;
         let engine = measured.iter().map(engine::table).collect::<String>();
-        println!("{costs}{frames}{sight}{engine}{algebra}{budgets}");
-        Ok(Self { costs, budgets, algebra, frames, sight, engine, within })
+        println!("{costs}{frames}{sight}{beacons}{engine}{algebra}{budgets}");
+        Ok(Self { costs, budgets, algebra, frames, sight, beacons, engine, within })
     }
 
     fn judge(&self) -> Result<()> {
@@ -91,11 +96,13 @@ fn measure(chip: Chip) -> Result<Measured> {
     let exchange = run(&toolchain, chip, "exchange", "image,exchange")?;
     let sight = run(&toolchain, chip, "nlos", "image")?;
     desktop::compare_sight(&sight)?;
+    let beacons = run(&toolchain, chip, "beacons", "image")?;
+    desktop::compare_beacons(&beacons)?;
     let engine = run(&toolchain, chip, "engine", "image")?;
     engine::compare(&engine.engine)?;
     let sizes = Sizes::measure(&toolchain)?;
     let compiler = toolchain.version().unwrap_or_default();
-    Ok(Measured { chip, compiler, solvers, algebra, exchange, sight, engine, sizes, disagreement_m })
+    Ok(Measured { chip, compiler, solvers, algebra, exchange, sight, beacons, engine, sizes, disagreement_m })
 }
 
 /// Builds and runs an image.

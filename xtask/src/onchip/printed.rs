@@ -50,15 +50,22 @@ pub struct Frame {
     pub stack: usize,
 }
 
-/// What telling blocked paths from direct ones takes: the features, or one classifier.
+/// One call whose answer is a number: of telling blocked paths from direct ones, or of the levels of beacons.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Sight {
+pub struct Call {
     pub what: String,
     pub instructions: u32,
     /// Bytes.
     pub stack: usize,
-    /// The skewness near the maximum, or the probability.
+    /// Skewness, probability, coordinate, level.
     pub value: f32,
+}
+
+impl Call {
+    fn parse([what, instructions, stack, value]: [&str; 4]) -> Result<Self> {
+        let (instructions, stack) = (instructions.parse()?, stack.parse()?);
+        Ok(Self { what: what.to_owned(), instructions, stack, value: float(value)? })
+    }
 }
 
 /// One step of the engine.
@@ -83,7 +90,8 @@ pub struct Printed {
     pub roots: Vec<Root>,
     pub steps: Vec<Step>,
     pub frames: Vec<Frame>,
-    pub sights: Vec<Sight>,
+    pub sights: Vec<Call>,
+    pub beacons: Vec<Call>,
     pub engine: Vec<EngineStep>,
     /// Of the round of the image `exchange`, metres.
     pub ranges: Vec<f32>,
@@ -139,12 +147,12 @@ impl Printed {
                 instructions: instructions.parse()?,
                 stack: stack.parse()?,
             }),
-            ["nlos", what, instructions, stack, value] => self.sights.push(Sight {
-                what: (*what).to_owned(),
-                instructions: instructions.parse()?,
-                stack: stack.parse()?,
-                value: float(value)?,
-            }),
+            ["nlos", what, instructions, stack, value] => {
+                self.sights.push(Call::parse([what, instructions, stack, value])?);
+            }
+            ["beacons", what, instructions, stack, value] => {
+                self.beacons.push(Call::parse([what, instructions, stack, value])?);
+            }
             ["engine", what, dims, anchors, instructions, stack, x, y, z] => self.engine.push(EngineStep {
                 what: (*what).to_owned(),
                 dims: dims.parse()?,
@@ -187,6 +195,7 @@ mod tests {
                     step hand core 428 32 3fc00000 c0000000\n\
                     frame poll 21 2136 920\n\
                     nlos features 9935 592 3fc00000\n\
+                    beacons advert 300 40 c0000000\n\
                     engine range 2 8 3416 1356 3fc00000 c0000000 3fc00000\n\
                     range 3 3fc00000\n\
                     done\n";
@@ -199,8 +208,9 @@ mod tests {
         assert_eq!((printed.engine[0].anchors, printed.engine[0].position), (8, [1.5, -2.0, 1.5]));
         let poll = Frame { name: "poll".to_owned(), length: 21, instructions: 2136, stack: 920 };
         assert_eq!((&printed.frames[..], &printed.ranges[..]), (&[poll][..], &[1.5][..]));
-        let features = Sight { what: "features".to_owned(), instructions: 9935, stack: 592, value: 1.5 };
+        let features = Call { what: "features".to_owned(), instructions: 9935, stack: 592, value: 1.5 };
         assert_eq!(printed.sights, [features]);
+        assert_eq!((printed.beacons[0].what.as_str(), printed.beacons[0].value), ("advert", -2.0));
     }
 
     #[test]

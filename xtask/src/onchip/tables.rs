@@ -7,7 +7,8 @@ use onchip_bench::cases::ANCHORS;
 use onchip_bench::{cases, step};
 use positioning_core::Method;
 
-use super::budget::{ALL_METHODS_2D, CALLS, FEATURES};
+use super::budget::{ALL_METHODS_2D, BEACONS, CALLS, FEATURES};
+use super::printed::Call;
 use super::{Measured, engine};
 use crate::chip::Chip;
 
@@ -60,6 +61,10 @@ pub fn budgets(measured: &[Measured]) -> Result<(String, bool)> {
         features.instructions.into(),
         FEATURES,
     )?;
+    for (what, title, budget) in BEACONS {
+        let call = chip.beacons.beacons.iter().find(|call| call.what == what).with_context(|| format!("no {what}"))?;
+        row(format!("{title}: instructions"), call.instructions.into(), budget)?;
+    }
     let (instructions, stack) = engine::worst(&chip.engine.engine, "range", 2, engine::BUDGET_ANCHORS);
     let case = format!("engine, a range, {} links followed", engine::BUDGET_ANCHORS);
     row(format!("{case}: instructions"), instructions, engine::STEP_INSTRUCTIONS)?;
@@ -132,18 +137,46 @@ pub fn frames(measured: &Measured) -> Result<String> {
 
 /// The features of an impulse response and every classifier, chip by chip.
 pub fn sight(measured: &[Measured]) -> Result<String> {
+    calls(
+        measured,
+        |chip| &chip.sight.sights,
+        |what| {
+            if what == "features" { "magnitudes and features".to_owned() } else { format!("`{what}`") }
+        },
+    )
+}
+
+/// What the levels of beacons take, chip by chip.
+pub fn beacons(measured: &[Measured]) -> Result<String> {
+    calls(
+        measured,
+        |chip| &chip.beacons.beacons,
+        |what| {
+            let known = [
+                ("advert", "an advert: judged, smoothed, a distance"),
+                ("scan", "a scan of 12 beacons, 6 of them heard"),
+                ("particles", "a step of 256 particles, resampled, 6 beacons"),
+                ("particles-kept", "the same, not resampled"),
+            ];
+            known
+                .iter()
+                .find(|(name, _)| *name == what)
+                .map_or_else(|| format!("`{what}`, 6 beacons"), |(_, title)| (*title).to_owned())
+        },
+    )
+}
+
+/// Calls whose answer is a number, chip by chip.
+fn calls(measured: &[Measured], of: impl Fn(&Measured) -> &[Call], title: impl Fn(&str) -> String) -> Result<String> {
     let mut table = String::from("| what |");
     for chip in measured {
         table += &format!(" {}: instructions | stack, bytes |", chip.chip.title());
     }
     table += &format!("\n|---|{}\n", "---:|".repeat(2 * measured.len()));
-    let rows = measured.first().map_or(&[][..], |chip| &chip.sight.sights);
-    for (at, row) in rows.iter().enumerate() {
-        let what =
-            if row.what == "features" { "magnitudes and features".to_owned() } else { format!("`{}`", row.what) };
-        table += &format!("| {what} |");
+    for (at, row) in measured.first().map_or(&[][..], &of).iter().enumerate() {
+        table += &format!("| {} |", title(&row.what));
         for chip in measured {
-            let cell = chip.sight.sights.get(at).context("a chip left something out")?;
+            let cell = of(chip).get(at).context("a chip left something out")?;
             table += &format!(" {} | {} |", grouped(u64::from(cell.instructions)), grouped(cell.stack as u64));
         }
         table.push('\n');

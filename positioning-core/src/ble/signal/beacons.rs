@@ -56,6 +56,11 @@ impl<T: Real, const N: usize> Beacons<T, N> {
         }
     }
 
+    /// The smoothed level of one beacon at its latest advert, dBm; `None` where it was never heard.
+    pub fn smoothed(&self, beacon: usize) -> Option<T> {
+        self.signals.get(beacon)?.0.level()
+    }
+
     /// The level of every beacon at `now_us`: the mean of its smoothed levels over the window (14), `None` where it is not heard.
     pub fn scan(&self, now_us: u64) -> [Option<T>; N] {
         core::array::from_fn(|beacon| {

@@ -1,0 +1,94 @@
+//! What is computed of the levels of Bluetooth beacons: a room of [`cases`](crate::cases) with beacons on its walls, and a tag in it that
+//! hears them with deviations of some dB; the same on chip and desktop.
+
+use oorandom::Rand32;
+use positioning_core::ble::multilateration::{Heard, nonlinear, weighted_linear};
+use positioning_core::ble::particles::{Levels, ON_NODE, ParticleFilter, Settings};
+use positioning_core::ble::path_loss::PathLoss;
+use positioning_core::ble::posterior::{Belief, posterior_mean};
+use positioning_core::ble::signal::{Beacons, Smoothing};
+use positioning_core::{Area, Constraints, Real};
+
+/// Beacons that are heard.
+pub const HEARD: usize = 6;
+/// Beacons on the map.
+const KNOWN: usize = 12;
+/// Where the tag is, metres.
+const TAG_M: [f32; 2] = [3.1, 4.2];
+/// The room, metres.
+const ROOM: Area<f32, 2> = Area { min: [0.0, 0.0], max: [9.5, 7.5] };
+/// Between two adverts of a beacon, microseconds.
+const INTERVAL_US: u64 = 100_000;
+/// Rounds of adverts before anything is measured.
+const WARM_UP: u64 = 20;
+
+/// Measures, or only makes, a computation on a state; its answer is one number.
+pub trait Measure {
+    /// Makes `call` on copies of `state`.
+    fn call<S: Clone>(&mut self, what: &str, state: &S, call: impl Fn(&mut S) -> f32);
+}
+
+/// Calls `measure` with every computation.
+pub fn for_each(measure: &mut impl Measure) {
+    let heard = heard();
+    let (mut beacons, path_loss) = (Beacons::<f32, KNOWN>::new(Smoothing::default(), 500_000), heard[0].path_loss);
+    for round in 0..WARM_UP {
+        for (beacon, heard) in heard.iter().enumerate() {
+            beacons.hear(round * INTERVAL_US + beacon as u64, beacon, heard.level);
+        }
+    }
+    let now_us = WARM_UP * INTERVAL_US;
+    measure.call("advert", &beacons, |beacons| advert(beacons, now_us, heard[0].level - 3.0, &path_loss));
+    measure.call("scan", &beacons, |beacons| scan(beacons, now_us));
+
+    let mut filter = ParticleFilter::<f32, ON_NODE>::new(Settings::walking(), 1);
+    filter.start_in(&ROOM);
+    for round in 0..3 {
+        step(&mut filter, round * 500_000, &heard);
+    }
+    // One step that copies particles and one that does not; the dearer is the first.
+    let sir = Settings { resample_below: 1.0, ..Settings::walking() };
+    let mut resampled = ParticleFilter::<f32, ON_NODE>::new(sir, 1);
+    resampled.start_in(&ROOM);
+    step(&mut resampled, 0, &heard);
+    measure.call("particles", &resampled, |filter| step(filter, 500_000, &heard));
+    measure.call("particles-kept", &filter, |filter| step(filter, 2_000_000, &heard));
+
+    measure.call("posterior", &heard, |heard| {
+        posterior_mean(heard, &ROOM, &Belief::default()).map_or(f32::NAN, |fix| fix.position[0])
+    });
+    measure.call("nonlinear", &heard, |heard| {
+        nonlinear(heard, 2.0, &Constraints::default()).map_or(f32::NAN, |fix| fix.position[0])
+    });
+    measure.call("weighted-linear", &heard, |heard| weighted_linear(heard).map_or(f32::NAN, |fix| fix.position[0]));
+}
+
+/// What one advert takes: its level is judged and smoothed, and becomes a distance, metres.
+#[inline(never)]
+fn advert(beacons: &mut Beacons<f32, KNOWN>, now_us: u64, rssi_dbm: f32, path_loss: &PathLoss<f32>) -> f32 {
+    beacons.hear(now_us, 0, rssi_dbm);
+    path_loss.distance(beacons.smoothed(0).unwrap_or(rssi_dbm))
+}
+
+#[inline(never)]
+fn scan(beacons: &Beacons<f32, KNOWN>, now_us: u64) -> f32 {
+    beacons.scan(now_us).iter().flatten().sum()
+}
+
+#[inline(never)]
+fn step(filter: &mut ParticleFilter<f32, ON_NODE>, now_us: u64, heard: &[Heard<f32, 2>; HEARD]) -> f32 {
+    let levels = Levels::of(heard, 2.0, 0.25);
+    filter.step(now_us, &[], &levels).map_or(f32::NAN, |estimate| estimate.position[0])
+}
+
+fn heard() -> [Heard<f32, 2>; HEARD] {
+    let mut random = Rand32::new(9);
+    core::array::from_fn(|beacon| {
+        let place = crate::cases::on_perimeter(beacon as f32 / HEARD as f32);
+        let path_loss = PathLoss { level_1m: -55.0 + beacon as f32, exponent: 2.4, deviation: 4.0 };
+        let (x, y) = (place[0] - TAG_M[0], place[1] - TAG_M[1]);
+        // 24 log₁₀ d.
+        let level = path_loss.level_1m - 12.0 * core::f32::consts::LOG10_2 * (x * x + y * y).log2_about();
+        Heard { place, above: 0.0, level: level + 8.0 * (random.rand_float() - 0.5), path_loss }
+    })
+}
