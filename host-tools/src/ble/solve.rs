@@ -215,22 +215,6 @@ pub fn means(beacons: &[Beacon], samples: &[Sample]) -> Vec<Option<f32>> {
     beacons.iter().map(mean).collect()
 }
 
-/// The windows of a capture: their ends, seconds, at least one, the last one where the capture ends.
-fn window_ends(capture: &Capture, window_s: f64) -> Vec<f64> {
-    let times = || capture.samples.iter().map(|sample| sample.t_s).chain(capture.t_s);
-    let (first, last) = (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max));
-    if first > last {
-        return Vec::new();
-    }
-    // A file may claim any span of time.
-    let whole = ((last - first) / window_s).min(1.0e5) as usize;
-    let mut ends: Vec<f64> = (1..=whole).map(|window| first + window as f64 * window_s).collect();
-    if ends.last().is_none_or(|end| *end < last) {
-        ends.push(last);
-    }
-    ends
-}
-
 /// What a kernel with memory remembers.
 #[derive(Clone, Copy, Debug)]
 enum Memory {
@@ -273,19 +257,25 @@ impl<'a> Follower<'a> {
         Self { solver, beacons, track, first_s: None }
     }
 
-    /// Goes through a capture; its position is the last one.
+    /// Goes through a capture, window by window of those in which something was heard; its position is the last one.
     fn follow(&mut self, capture: &Capture) -> Result<Position, NoPosition> {
+        let mut samples: Vec<&Sample> = capture.samples.iter().collect();
+        samples.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+        let (Some(first), Some(last)) = (samples.first(), samples.last()) else {
+            return Err(NoPosition::NoFix(NoFix::TooFewAnchors));
+        };
+        let (first_s, last_s, window_s) = (first.t_s, last.t_s, self.solver.setup.window_s);
+        let window = |sample: &Sample| ((sample.t_s - first_s) / window_s).floor();
         let mut position = Err(NoPosition::NoFix(NoFix::TooFewAnchors));
-        let mut samples = capture.samples.iter().peekable();
-        let ends = window_ends(capture, self.solver.setup.window_s);
-        for (window, &end_s) in ends.iter().enumerate() {
-            while let Some(sample) = samples.next_if(|sample| sample.t_s <= end_s || window + 1 == ends.len()) {
+        for samples in samples.chunk_by(|a, b| window(a) == window(b)) {
+            for sample in samples {
                 if let Some(beacon) = self.solver.beacons.iter().position(|beacon| beacon.name == sample.beacon) {
                     let now_us = self.microseconds(sample.t_s);
                     self.beacons.hear(now_us, beacon, sample.rssi_dbm as f32);
                 }
             }
-            let now_us = self.microseconds(end_s);
+            let end_s = samples.last().map_or(last_s, |sample| first_s + (window(sample) + 1.0) * window_s);
+            let now_us = self.microseconds(end_s.min(last_s));
             let heard = self.solver.heard(&self.beacons.scan(now_us));
             position = match &mut self.track {
                 Track::Engine(engine) => engine_step(self.solver, engine, now_us, &heard),

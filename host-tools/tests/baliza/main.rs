@@ -1,5 +1,6 @@
 //! `baliza` as a user runs it: arguments and files in; exit code, standard output, standard error and files out.
 
+mod ble;
 mod contract;
 mod example;
 mod monitor;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use host_tools::ble::files::{Capture, read_beacons, read_captures, read_walls};
 use host_tools::ble::solve::{Kernel, Setup, Solver};
-use host_tools::{Epoch, Place, Wrong};
+use host_tools::{Epoch, Place};
 
 use crate::commands::answers::{Answers, ByMethod, Told};
 use crate::commands::recorded::{CornersM, finite};
@@ -45,7 +45,7 @@ pub struct Arguments {
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = CornersM::parse)]
     area: Option<CornersM>,
     /// How far the receiver's levels may be off from those of the calibration, all alike, dB (standard deviation)
-    #[arg(long, value_name = "DB", default_value_t = 2.0, value_parser = clap::value_parser!(f64))]
+    #[arg(long, value_name = "DB", allow_negative_numbers = true, default_value_t = 2.0, value_parser = offset)]
     offset_db: f64,
     /// Seed of the particles: equal seeds give equal positions
     #[arg(long, default_value_t = 1)]
@@ -74,9 +74,6 @@ impl Kernels {
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let answers = arguments.answers.check()?;
-    if !(0.0..=100.0).contains(&arguments.offset_db) {
-        return Err(Wrong::flag("--offset-db", "must be from 0 to 100").into());
-    }
     let beacons = read_beacons(&arguments.beacons)?;
     let captures = read_captures(&arguments.rssi, arguments.truth.as_deref())?;
     let walls = arguments.walls.as_deref().map(read_walls).transpose()?.unwrap_or_default();
@@ -103,6 +100,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         consistency: true,
         solved: &solved,
     })
+}
+
+fn offset(text: &str) -> Result<f64, String> {
+    let decibels = finite(text)?;
+    if (0.0..=100.0).contains(&decibels) { Ok(decibels) } else { Err("it must be from 0 to 100".to_owned()) }
 }
 
 /// A capture as the files of positions and the pictures know it.
