@@ -21,8 +21,8 @@ pub const MOST_BEACONS: usize = 64;
 const BEGIN_S: f64 = 3600.0;
 /// What is left of the noise in a window's mean of smoothed levels, dB (table 3.1: 1 to 1.2 over single levels).
 const NOISE_DB: f32 = 1.2;
-/// The time after which a tag that is carried about has left a shadow, seconds.
-const SHADOW_S: f64 = 2.0;
+/// The time in which the levels of scans one after the other count as much as one scan, seconds: shadows stay while a tag does.
+const SHADOW_S: f64 = 5.0;
 
 /// How levels become a position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
