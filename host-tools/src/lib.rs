@@ -7,6 +7,7 @@
 
 pub mod barral;
 pub mod ble;
+mod cholesky;
 pub mod decode;
 pub mod example;
 pub mod garcia;

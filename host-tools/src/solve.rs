@@ -3,6 +3,7 @@
 //! Coordinates are taken relative to the middle of the anchors before they become `f32`, so that a site grid with its origin
 //! far away costs no digits.
 
+use positioning_core::ble::fingerprint;
 use positioning_core::engine::Missing;
 use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, Method, NoFix, RangeSample, Side, flatten};
 
@@ -69,6 +70,8 @@ pub enum NoPosition {
     HeightUnknown,
     /// The track has none.
     Missing(Missing),
+    /// The map of levels has none for the scan.
+    Unmatched(fingerprint::NoPosition),
 }
 
 impl NoPosition {
@@ -78,6 +81,7 @@ impl NoPosition {
             Self::NoFix(reason) => reason.as_str(),
             Self::HeightUnknown => "height-unknown",
             Self::Missing(reason) => reason.as_str(),
+            Self::Unmatched(reason) => reason.as_str(),
         }
     }
 }

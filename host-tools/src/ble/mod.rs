@@ -5,6 +5,7 @@
 pub mod calibration;
 pub mod coverage;
 pub mod files;
+pub mod fingerprint;
 pub mod rooms;
 pub mod solve;
 pub mod survey;

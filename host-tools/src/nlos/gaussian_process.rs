@@ -1,11 +1,8 @@
 //! Gaussian-process regression with the exponential kernel and one length an input (Barral et al., 3.1.1, equations 2
 //! to 4).
 
-use smartcore::linalg::basic::arrays::Array;
-use smartcore::linalg::basic::matrix::DenseMatrix;
-use smartcore::linalg::traits::cholesky::CholeskyDecomposable;
-
 use super::backpropagation::Example;
+use crate::cholesky::Root;
 
 /// The kernel's numbers.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,21 +45,11 @@ impl GaussianProcess {
             let noise = |j| if i == j { kernel.noise.powi(2) } else { 0.0 };
             (0..count).map(|j| kernel.covariance(&examples[i].0, &examples[j].0) + noise(j)).collect()
         };
-        let matrix = DenseMatrix::from_2d_vec(&(0..count).map(row).collect::<Vec<_>>()).ok()?;
-        let lower = matrix.cholesky().ok()?.L();
-        let root = |i, j| *lower.get((i, j));
-        // L z = y, then Lᵀ w = z.
-        let mut z = vec![0.0; count];
-        for i in 0..count {
-            let known: f64 = (0..i).map(|j| root(i, j) * z[j]).sum();
-            z[i] = (examples[i].1 - mean - known) / root(i, i);
-        }
-        let mut weights = vec![0.0; count];
-        for i in (0..count).rev() {
-            let known: f64 = (i + 1..count).map(|j| root(j, i) * weights[j]).sum();
-            weights[i] = (z[i] - known) / root(i, i);
-        }
-        let likelihood = -z.iter().map(|z| z * z).sum::<f64>() / 2.0 - (0..count).map(|i| root(i, i).ln()).sum::<f64>();
+        let root = Root::of(&(0..count).map(row).collect())?;
+        let targets: Vec<f64> = examples.iter().map(|(_, target)| target - mean).collect();
+        let z = root.half_solve(&targets);
+        let likelihood = -z.iter().map(|z| z * z).sum::<f64>() / 2.0 - root.half_ln_determinant();
+        let weights = root.other_half(z);
         let points = examples.iter().map(|(point, _)| point.clone()).collect();
         likelihood.is_finite().then_some(Self { kernel, points, weights, mean, likelihood })
     }

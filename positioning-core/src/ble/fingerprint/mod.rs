@@ -35,13 +35,20 @@ pub enum NoPosition {
     TooManyPoints,
 }
 
-impl core::fmt::Display for NoPosition {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
+impl NoPosition {
+    /// The reason as files spell it.
+    pub fn as_str(self) -> &'static str {
+        match self {
             Self::Unheard => "no-beacon-heard",
             Self::NoDeviations => "map-without-deviations",
             Self::TooManyPoints => "map-too-large",
-        })
+        }
+    }
+}
+
+impl core::fmt::Display for NoPosition {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(self.as_str())
     }
 }
 

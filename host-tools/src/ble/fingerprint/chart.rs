@@ -1,0 +1,89 @@
+//! A process as a map for the node: the levels to be expected on a lattice, with their deviations.
+
+use positioning_core::ble::fingerprint::{Fault, MAX_NODE_POINTS, Point};
+
+use super::process::{Process, apart};
+use super::survey::{Survey, to_bytes};
+
+/// How far beyond the surveyed points a receiver may be, metres.
+const MARGIN_M: f64 = 0.25;
+/// The least step, metres: finer ones say no more.
+const LEAST_STEP_M: f64 = 0.25;
+/// No point of the lattice is farther from a surveyed one, in distances between those; what nobody has walked through is a wall.
+const REACH: f64 = 2.0;
+/// Where points are close to each other, metres.
+const LEAST_REACH_M: f64 = 0.5;
+
+/// What the lattice is like.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Grid {
+    /// The most points; a node has room for [`MAX_NODE_POINTS`], which is the default.
+    pub most: Option<usize>,
+    /// The step, metres; else as small as the number of points allows.
+    pub step_m: Option<f64>,
+}
+
+/// The map of a process over the surveyed place.
+///
+/// # Errors
+/// No points, too many beacons, or a lattice of more points than allowed.
+pub fn chart(survey: &Survey, process: &Process, grid: Grid) -> Result<Vec<u8>, Fault> {
+    let most = grid.most.unwrap_or(MAX_NODE_POINTS);
+    let places_m: Vec<[f64; 2]> = survey.spots.iter().map(|spot| spot.position_m).collect();
+    let (step_m, points_m) = match grid.step_m {
+        Some(step_m) => (step_m, lattice(&places_m, step_m)),
+        None => {
+            // Whole millimetres, as the map has them.
+            let steps = (0..).map(|power| (LEAST_STEP_M * 1.05_f64.powi(power) * 1000.0).round() / 1000.0);
+            let mut tried = steps.map(|step_m| (step_m, lattice(&places_m, step_m)));
+            tried.find(|(_, points_m)| points_m.len() <= most).ok_or(Fault::Invalid)?
+        }
+    };
+    if points_m.len() > most {
+        return Err(Fault::TooLong);
+    }
+    let predicted: Vec<(Vec<Option<f64>>, Vec<f64>)> = points_m
+        .iter()
+        .map(|at_m| {
+            let levels = (0..survey.beacons.len()).map(|beacon| process.predict(beacon, *at_m));
+            levels.map(|(level, deviation)| (Some(level.clamp(-127.0, -1.0)), deviation)).unzip()
+        })
+        .collect();
+    let points: Vec<Point> = points_m
+        .iter()
+        .copied()
+        .zip(&predicted)
+        .map(|(at_m, (levels, deviations))| Point { position_m: at_m, levels, deviations })
+        .collect();
+    to_bytes(&points, &survey.identities(), &survey.fallbacks(), Some(step_m))
+}
+
+/// Points of a lattice about the middle of places, column by column; fewer than 255 each way.
+fn lattice(places_m: &[[f64; 2]], step_m: f64) -> Vec<[f64; 2]> {
+    let axis = |axis: usize| places_m.iter().map(move |place_m| place_m[axis]);
+    let sides = [0, 1].map(|a| {
+        let low = axis(a).fold(f64::INFINITY, f64::min) - MARGIN_M;
+        let high = axis(a).fold(f64::NEG_INFINITY, f64::max) + MARGIN_M;
+        // Each point stands for a square of the step's side.
+        let count = (((high - low) / step_m).ceil() as usize).clamp(1, 255);
+        (0..count)
+            .map(move |at| (low + high) / 2.0 + (at as f64 - (count - 1) as f64 / 2.0) * step_m)
+            .collect::<Vec<_>>()
+    });
+    let reach_m = (REACH * spacing(places_m)).max(LEAST_REACH_M);
+    let [xs, ys] = &sides;
+    let all = xs.iter().flat_map(|x| ys.iter().map(|y| [*x, *y]));
+    all.filter(|at_m| places_m.iter().any(|place_m| apart(*place_m, *at_m) <= reach_m)).collect()
+}
+
+/// The median distance of a place to the next other one, metres; places that coincide do not count.
+fn spacing(places_m: &[[f64; 2]]) -> f64 {
+    // Of thousands, some hundreds say the same.
+    let some = places_m.iter().step_by(1 + places_m.len() / 500);
+    let mut next: Vec<f64> = some
+        .map(|a| places_m.iter().map(|b| apart(*a, *b)).filter(|apart_m| *apart_m > 0.1).fold(f64::INFINITY, f64::min))
+        .filter(|next| next.is_finite())
+        .collect();
+    next.sort_by(f64::total_cmp);
+    next.get(next.len() / 2).copied().unwrap_or(1.0)
+}
