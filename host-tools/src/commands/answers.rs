@@ -26,7 +26,7 @@ pub struct Answers {
 }
 
 /// Positions of all epochs, by a method.
-pub type ByMethod = Vec<(&'static str, Vec<Solved>)>;
+pub type ByMethod = Vec<(String, Vec<Solved>)>;
 
 /// What there is to tell.
 pub struct Told<'a> {
@@ -40,6 +40,8 @@ pub struct Told<'a> {
     pub with_errors: bool,
     /// Whether to tell how the errors go with the uncertainties.
     pub consistency: bool,
+    /// Of comparisons with fingerprints: how many neighbours each method has, where it has some.
+    pub neighbours: Option<Vec<Option<usize>>>,
     /// The positions.
     pub solved: &'a ByMethod,
 }
@@ -65,18 +67,21 @@ impl Checked<'_> {
     /// Writes and prints it all.
     pub fn give(&self, told: &Told) -> Result<()> {
         let Answers { out, plot, json } = self.answers;
-        let summaries: Vec<_> = told
+        let mut summaries: Vec<_> = told
             .solved
             .iter()
             .map(|(method, solved)| Summary::of(method, solved, told.consistency.then_some(told.epochs)))
             .collect();
+        for (summary, k) in summaries.iter_mut().zip(told.neighbours.iter().flatten()) {
+            summary.fingerprints = Some(Fingerprints { k: *k, points: summary.epochs });
+        }
         let picture = match self.picture {
             Some(PictureFile { file, format }) => Some((file, format.encode(draw(told).to_svg()?)?)),
             None => None,
         };
 
         if out.is_some() || !json {
-            let by_method = told.solved.iter().map(|(method, solved)| (*method, solved.as_slice()));
+            let by_method = told.solved.iter().map(|(method, solved)| (method.as_str(), solved.as_slice()));
             let csv = positions::to_csv(told.epochs, by_method, told.with_errors)?;
             match out {
                 Some(file) => super::write(file, &csv)?,
@@ -114,7 +119,7 @@ fn draw(told: &Told) -> Picture {
             .solved
             .iter()
             .map(|(method, solved)| Track {
-                method: (*method).to_owned(),
+                method: method.clone(),
                 dots: solved
                     .iter()
                     .filter_map(|solved| solved.outcome.as_ref().ok())
@@ -129,7 +134,9 @@ fn draw(told: &Told) -> Picture {
 /// What `--json` prints of a method.
 #[derive(Debug, serde::Serialize)]
 struct Summary {
-    method: &'static str,
+    method: String,
+    #[serde(flatten)]
+    fingerprints: Option<Fingerprints>,
     epochs: usize,
     fixed: usize,
     rmse_m: Option<f64>,
@@ -138,6 +145,13 @@ struct Summary {
     p90_m: Option<f64>,
     #[serde(flatten)]
     consistency: Option<Consistency>,
+}
+
+/// What only comparisons with fingerprints tell.
+#[derive(Debug, serde::Serialize)]
+struct Fingerprints {
+    k: Option<usize>,
+    points: usize,
 }
 
 /// How the horizontal errors go with the uncertainties.
@@ -164,12 +178,13 @@ impl Consistency {
 }
 
 impl Summary {
-    fn of(method: &'static str, solved: &[Solved], epochs: Option<&[Epoch]>) -> Self {
+    fn of(method: &str, solved: &[Solved], epochs: Option<&[Epoch]>) -> Self {
         let errors: Vec<f64> = solved.iter().filter_map(|solved| solved.error_m).collect();
         let figures = Statistics::of(&errors);
         let rounded = |figure: fn(&Statistics) -> f64| figures.as_ref().map(figure).map(super::rounded);
         Self {
-            method,
+            method: method.to_owned(),
+            fingerprints: None,
             epochs: solved.len(),
             fixed: solved.iter().filter(|solved| solved.outcome.is_ok()).count(),
             rmse_m: rounded(|figures| figures.rmse),
@@ -182,7 +197,7 @@ impl Summary {
 }
 
 /// The summaries for reading, with the reasons of what was not fixed.
-fn table(summaries: &[Summary], solved: &[(&'static str, Vec<Solved>)]) -> String {
+fn table(summaries: &[Summary], solved: &[(String, Vec<Solved>)]) -> String {
     let mut text = format!(
         "{:<16} {:>7} {:>7} {:>8} {:>8} {:>8} {:>8}\n",
         "method", "epochs", "fixed", "rmse_m", "mae_m", "p50_m", "p90_m"

@@ -121,6 +121,7 @@ impl Recorded {
             walls_m: Vec::new(),
             with_errors: self.truth.is_some(),
             consistency,
+            neighbours: None,
             solved: &solved,
         })
     }

@@ -62,5 +62,5 @@ fn solve(recording: &Recording, methods: &[Method], setup: Setup) -> ByMethod {
             })
             .collect()
     };
-    methods.iter().map(|&method| (method.as_str(), by(method))).collect()
+    methods.iter().map(|&method| (method.as_str().to_owned(), by(method))).collect()
 }

@@ -70,6 +70,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             progress.step();
             tracker.follow(epoch)
         });
-        vec![("track", solved.collect())]
+        vec![("track".to_owned(), solved.collect())]
     })
 }

@@ -12,6 +12,6 @@ mod windows;
 
 pub use chart::{Grid, chart};
 pub use process::{Kernel, Process};
-pub use solve::{Comparison, HeldOut, Setup, Solver, held_out};
-pub use survey::{Average, Spot, Survey, scan};
-pub use trend::Trend;
+pub use solve::{Comparison, HeldOut, Setup, Solver, held_out, process};
+pub use survey::{Average, Spot, Survey, scan, spread};
+pub use trend::{Plan, Trend};

@@ -93,8 +93,12 @@ impl Process {
             fit.map_or(f64::INFINITY, |fit| fit + prior.sum::<f64>() / 2.0)
         };
         let usual = Kernel::of(USUAL.map(|(median, _)| median.ln()));
-        let kernel =
-            Kernel::of(descend(guess.unwrap_or(usual).logarithms(), if guess.is_some() { 0.2 } else { 0.6 }, cost));
+        let step = if guess.is_some() { 0.2 } else { 0.6 };
+        let kernel = Kernel::of(descend(guess.unwrap_or(usual).logarithms(), step, cost));
+        Self::with(&beacons, trends, scatter_db, kernel)
+    }
+
+    fn with(beacons: &[Beacon], trends: Vec<Trend>, scatter_db: Vec<f64>, kernel: Kernel) -> Option<Self> {
         let fields: Option<Vec<Field>> =
             beacons.iter().map(|beacon| beacon.field(&kernel).map(|(field, _)| field)).collect();
         Some(Self { kernel, trends, fields: fields?, scatter_db })
@@ -223,4 +227,87 @@ fn cells(survey: &Survey) -> (Vec<Cell>, Vec<f64>) {
 /// Metres between two places.
 pub fn apart(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::survey::Spot;
+    use super::*;
+
+    fn survey() -> Survey {
+        let spot = |i: u32| {
+            let i = f64::from(i);
+            let position_m = [(i * 1.3).sin() * 4.0 + 5.0, (i * 0.7).cos() * 3.0 + 4.0];
+            let other = if i < 6.0 { Some(-80.0 + i) } else { None };
+            Spot { position_m, levels: vec![Some(-60.0 + 8.0 * (i * 0.9).sin()), other] }
+        };
+        Survey { beacons: vec!["a".to_owned(), "b".to_owned()], spots: (0..12).map(spot).collect() }
+    }
+
+    #[test]
+    fn levels_and_deviations_are_those_of_scikit_learn() {
+        // GaussianProcessRegressor(36·Matern(length_scale=2.5, nu=1.5), alpha=4.0, optimizer=None), levels less their mean; deviations
+        // √(predicted variance + 2 · 4). The survey has no two points in one cell.
+        let survey = survey();
+        let kernel = Kernel { signal_db: 6.0, length_m: 2.5, noise_db: 2.0 };
+        let (cells, scatter_db) = cells(&survey);
+        assert_eq!(cells.len(), 12);
+        let trends = Trend::levels(&survey);
+        let beacons: Vec<Beacon> = (0..2).map(|b| Beacon::of(&cells, b, &trends[b], scatter_db[b])).collect();
+        let cost: f64 = beacons.iter().map(|beacon| beacon.field(&kernel).expect("a root").1).sum();
+        let process = Process::with(&beacons, trends, scatter_db, kernel).expect("a root");
+        for (beacon, at_m, level, deviation) in [
+            (0, [5.0, 4.0], -60.261_719_27, 4.739_419_56),
+            (0, [2.0, 6.5], -53.465_749_34, 3.287_261_64),
+            (0, [20.0, 20.0], -58.848_596_50, 6.633_249_57),
+            (1, [5.0, 4.0], -77.583_876_59, 5.276_066_92),
+            (1, [2.0, 6.5], -78.255_274_05, 6.170_324_86),
+        ] {
+            let found = process.predict(beacon, at_m);
+            assert!((found.0 - level).abs() < 1e-6 && (found.1 - deviation).abs() < 1e-6, "{found:?}");
+        }
+        // −log_marginal_likelihood_value_ of both − 18 ⁄ 2 ln 2π.
+        assert!((cost - 37.735_776_5).abs() < 1e-6, "{cost}");
+    }
+
+    #[test]
+    fn stays_at_one_place_are_one_cell_and_tell_their_scatter() {
+        // Two stays 2 dB apart: mean −61, scatter √(2 · 1² ⁄ 1) = 1.414; the lone one adds nothing.
+        let spot = |x: f64, level: f64| Spot { position_m: [x, 0.1], levels: vec![Some(level)] };
+        let spots = vec![spot(0.1, -60.0), spot(0.1, -62.0), spot(3.0, -70.0)];
+        let survey = Survey { beacons: vec!["a".to_owned()], spots };
+        let (cells, scatter_db) = cells(&survey);
+        assert_eq!((cells.len(), cells[0].levels[0]), (2, Some((-61.0, 2.0))));
+        assert!((scatter_db[0] - 2.0_f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_likeliest_kernel_tells_noise_from_shape() {
+        let field = |noise_db: f64| {
+            let spot = |i: u32| {
+                let (x, i) = (f64::from(i) * 0.5, f64::from(i));
+                Spot {
+                    position_m: [x, 0.0],
+                    levels: vec![Some(-60.0 + 8.0 * (x * 0.8).sin() + noise_db * (i * i * 0.37).sin())],
+                }
+            };
+            let survey = Survey { beacons: vec!["a".to_owned()], spots: (0..40).map(spot).collect() };
+            Process::fit(&survey, Trend::levels(&survey), None).expect("a process").kernel()
+        };
+        let (quiet, noisy) = (field(0.1), field(5.0));
+        assert!(quiet.noise_db < 1.5 && noisy.noise_db > 2.0 * quiet.noise_db, "{quiet:?} {noisy:?}");
+        let nothing =
+            Survey { beacons: vec!["a".to_owned()], spots: vec![Spot { position_m: [0.0; 2], levels: vec![None] }] };
+        assert!(Process::fit(&nothing, Trend::levels(&nothing), None).is_none());
+    }
+
+    #[test]
+    fn thousands_of_points_become_few_cells() {
+        let spot = |i: u32| Spot {
+            position_m: [f64::from(i % 71) * 0.31, f64::from(i / 71) * 0.31],
+            levels: vec![Some(-60.0)],
+        };
+        let survey = Survey { beacons: vec!["a".to_owned()], spots: (0..5000).map(spot).collect() };
+        assert!(cells(&survey).0.len() <= MOST_CELLS);
+    }
 }

@@ -10,7 +10,7 @@ use positioning_core::ble::particles::{ON_HOST, ParticleFilter, Settings, Toward
 use super::chart::{Grid, chart};
 use super::process::{Kernel, Process};
 use super::survey::{Average, Survey, scan};
-use super::trend::Trend;
+use super::trend::{Plan, Trend};
 use super::windows::{Window, span_s, windows};
 use crate::ble::files::{Capture, Stay};
 use crate::{NoPosition, Place, Position, Solved};
@@ -68,7 +68,7 @@ impl Comparison {
 
 /// How captures are solved.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Setup {
+pub struct Setup<'a> {
     /// How the levels of a capture become one.
     pub average: Average,
     /// By how much the receiver may hear all beacons louder or weaker than the surveyor's did, dB (deviation).
@@ -78,11 +78,14 @@ pub struct Setup {
     /// Send the comparison's positions through the particle filter (15), one a window of so many seconds; the position of a capture
     /// is the filter's last one.
     pub particles_s: Option<f64>,
+    /// Levels are expected to follow path loss from these beacons through these walls, where nothing was measured nearby; without a
+    /// plan, to be the same everywhere.
+    pub plan: Option<&'a Plan>,
 }
 
-impl Default for Setup {
+impl Default for Setup<'_> {
     fn default() -> Self {
-        Self { average: Average::default(), offset_db: 3.0, grid: Grid::default(), particles_s: None }
+        Self { average: Average::default(), offset_db: 2.0, grid: Grid::default(), particles_s: None, plan: None }
     }
 }
 
@@ -90,7 +93,9 @@ impl Default for Setup {
 #[derive(Clone, Debug)]
 pub struct Solver {
     beacons: Vec<String>,
-    setup: Setup,
+    average: Average,
+    offset_db: f64,
+    particles_s: Option<f64>,
     /// What is zero for the maps, metres: a site grid that begins far away costs no digits.
     middle_m: [f64; 2],
     /// The survey's points as a map.
@@ -105,13 +110,16 @@ impl Solver {
     ///
     /// # Errors
     /// The survey makes no map.
-    pub fn new(survey: &Survey, setup: Setup, guess: Option<Kernel>) -> Result<Self, Fault> {
+    pub fn new(survey: &Survey, setup: &Setup, guess: Option<Kernel>) -> Result<Self, Fault> {
         let middle_m = survey.middle_m();
-        let survey = survey.moved(middle_m.map(|x| -x));
+        let back_m = middle_m.map(|x| -x);
+        let survey = survey.moved(back_m);
         let points = survey.map()?;
-        let process = Process::fit(&survey, Trend::levels(&survey), guess).ok_or(Fault::Invalid)?;
+        let process = process(&survey, setup.plan.map(|plan| plan.moved(back_m)).as_ref(), guess)?;
         let lattice = chart(&survey, &process, setup.grid)?;
-        Ok(Self { beacons: survey.beacons, setup, middle_m, points, lattice, kernel: process.kernel() })
+        let &Setup { average, offset_db, particles_s, .. } = setup;
+        let (beacons, kernel) = (survey.beacons, process.kernel());
+        Ok(Self { beacons, average, offset_db, particles_s, middle_m, points, lattice, kernel })
     }
 
     /// The kernel of its process.
@@ -125,11 +133,11 @@ impl Solver {
     /// Its own maps are damaged: never.
     pub fn solve(&self, comparison: Comparison, captures: &[Capture]) -> Result<Vec<Solved>, Fault> {
         let ((points, _), (lattice, _)) = (Map::decode(&self.points)?, Map::decode(&self.lattice)?);
-        let receiver = Receiver { offset_deviation_db: self.setup.offset_db as f32, ..Receiver::default() };
+        let receiver = Receiver { offset_deviation_db: self.offset_db as f32, ..Receiver::default() };
         let mut walk = Walk::<f32, ROOM>::new();
         let at_once = |scan: &[Option<f32>]| match comparison {
             Comparison::Nearest { k, weighted } => {
-                let offset = (self.setup.offset_db / LEVEL_DB) as f32;
+                let offset = (self.offset_db / LEVEL_DB) as f32;
                 Nearest { neighbours: k, weighted, offset }.locate(&points, scan).map(Found::from)
             }
             Comparison::Process | Comparison::Walk => locate(&lattice, scan, &receiver).map(Found::from),
@@ -145,12 +153,12 @@ impl Solver {
                 let scan = self.single(capture);
                 return walk.step(&lattice, &scan, &receiver, &Motion::default(), now_us).map(Found::from);
             }
-            let Some(window_s) = self.setup.particles_s else { return at_once(&self.single(capture)) };
+            let Some(window_s) = self.particles_s else { return at_once(&self.single(capture)) };
             if !goes_on {
                 particles = Particles::new();
             }
             let mut last = Err(fingerprint::NoPosition::Unheard);
-            for Window { before_us, scan } in windows(&self.beacons, capture, window_s, self.setup.average) {
+            for Window { before_us, scan } in windows(&self.beacons, capture, window_s, self.average) {
                 let found = at_once(&single_precision(scan));
                 let now_us = now_us.saturating_sub(before_us);
                 last = found.map(|found| particles.step(now_us, found)).or(last);
@@ -162,7 +170,7 @@ impl Solver {
     }
 
     fn single(&self, capture: &Capture) -> Vec<Option<f32>> {
-        single_precision(scan(&self.beacons, &capture.samples, self.setup.average))
+        single_precision(scan(&self.beacons, &capture.samples, self.average))
     }
 
     fn solved(&self, capture: &Capture, found: Result<Found, fingerprint::NoPosition>) -> Solved {
@@ -176,6 +184,15 @@ impl Solver {
         let error_m = outcome.ok().zip(truth).map(|(position, truth)| position.place.distance_m(&truth));
         Solved { outcome, error_m }
     }
+}
+
+/// The process of a survey, about what its plan lets expect.
+///
+/// # Errors
+/// Nothing is heard anywhere.
+pub fn process(survey: &Survey, plan: Option<&Plan>, guess: Option<Kernel>) -> Result<Process, Fault> {
+    let trends = plan.map_or_else(|| Trend::levels(survey), |plan| Trend::rays(survey, plan));
+    Process::fit(survey, trends, guess).ok_or(Fault::Invalid)
 }
 
 fn single_precision(scan: Vec<Option<f64>>) -> Vec<Option<f32>> {
@@ -253,7 +270,7 @@ impl Timeline {
 /// What is left of the survey makes no map.
 pub fn held_out(
     stays: &[Stay],
-    setup: Setup,
+    setup: &Setup,
     comparisons: &[Comparison],
     fold_of: impl Fn(usize) -> Option<usize>,
     mut done: impl FnMut(),

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use positioning_core::ble::fingerprint::{Fault, MAX_BEACONS, Point, encode};
 use positioning_core::ble::signal::level;
 
+use super::process::apart;
 use crate::ble::files::{Sample, Stay};
 
 /// What counts for a beacon that no point ever heard, dBm.
@@ -138,6 +139,23 @@ impl Survey {
     }
 }
 
+/// Some points of a survey, spread over the place: the middle one, and then always the one farthest from those before.
+pub fn spread(survey: &Survey, count: usize) -> BTreeSet<usize> {
+    let place = |point: usize| survey.spots.get(point).map_or([f64::NAN; 2], |spot| spot.position_m);
+    let middle_m = survey.middle_m();
+    let points = || 0..survey.spots.len();
+    let mut kept = BTreeSet::new();
+    kept.extend(points().min_by(|a, b| apart(place(*a), middle_m).total_cmp(&apart(place(*b), middle_m))));
+    while kept.len() < count {
+        let far =
+            |point: &usize| kept.iter().map(|other| apart(place(*point), place(*other))).fold(f64::INFINITY, f64::min);
+        let others = points().filter(|point| !kept.contains(point));
+        let Some(next) = others.max_by(|a, b| far(a).total_cmp(&far(b))) else { break };
+        kept.insert(next);
+    }
+    kept
+}
+
 /// The average level of every beacon in samples, dBm; what no receiver can have measured is left out.
 pub fn scan(beacons: &[String], samples: &[Sample], average: Average) -> Vec<Option<f64>> {
     let of = |name: &String| {
@@ -194,6 +212,15 @@ mod tests {
         assert!((weakest + 70.0).abs() < 1e-9 && (other + 65.0).abs() < 1e-9);
         let named = Survey::of(&[stay("a", &[("north", -60.0), ("8", -60.0)])], Average::Power);
         assert_eq!((named.beacons.clone(), named.identities()), (vec!["8".to_owned(), "north".to_owned()], vec![0, 1]));
+    }
+
+    #[test]
+    fn few_points_are_spread_over_the_place() {
+        // Along a line at 0, 1, 2, 9, 10: the middle is 4.4, its nearest 2; then 10, which is 8 away, then 0.
+        let spot = |x: f64| Spot { position_m: [x, 0.0], levels: vec![None] };
+        let survey = Survey { beacons: vec!["a".to_owned()], spots: [0.0, 1.0, 2.0, 9.0, 10.0].map(spot).to_vec() };
+        assert_eq!(spread(&survey, 3), BTreeSet::from([0, 2, 4]));
+        assert_eq!(spread(&survey, 9).len(), 5);
     }
 
     #[test]

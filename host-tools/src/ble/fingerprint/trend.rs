@@ -15,6 +15,27 @@ const SHADOWS_DB: f64 = 4.0;
 /// The most that an unknown wall is tried to take, dB.
 const MOST_DB: u32 = 15;
 
+/// What is known of a place before it is surveyed.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Plan {
+    /// Beacons whose places are known.
+    pub beacons: Vec<files::Beacon>,
+    /// The floor plan.
+    pub walls: Vec<files::Wall>,
+}
+
+impl Plan {
+    /// The same elsewhere, metres.
+    pub fn moved(&self, by_m: [f64; 2]) -> Self {
+        let mut moved = self.clone();
+        let ends = moved.walls.iter_mut().flat_map(|wall| &mut wall.ends_m);
+        for place_m in ends.chain(moved.beacons.iter_mut().map(|beacon| &mut beacon.position_m)) {
+            *place_m = [place_m[0] + by_m[0], place_m[1] + by_m[1]];
+        }
+        moved
+    }
+}
+
 /// The trend of a beacon's levels.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Trend {
@@ -54,7 +75,8 @@ impl Trend {
 
     /// Path losses that fit the survey, of beacons whose places are known; the others keep their mean. Walls that do not say what they
     /// take are given what fits all levels best, the same to each.
-    pub fn rays(survey: &Survey, beacons: &[files::Beacon], walls: &[files::Wall]) -> Vec<Self> {
+    pub fn rays(survey: &Survey, plan: &Plan) -> Vec<Self> {
+        let Plan { beacons, walls } = plan;
         let unknown = walls.iter().any(|wall| wall.attenuation_db.is_none());
         let steps = if unknown { 2 * MOST_DB } else { 0 };
         let tried = (0..=steps).map(|step| {
@@ -131,14 +153,16 @@ mod tests {
             deviation_db: None,
         };
         let walls = [files::Wall { ends_m: [[5.0, -20.0], [5.0, 20.0]], attenuation_db: None }];
-        let trends = Trend::rays(&survey, std::slice::from_ref(&beacon), &walls);
+        let trends = Trend::rays(&survey, &Plan { beacons: vec![beacon], walls: walls.to_vec() });
         let [Trend::Rays { path_loss, walls: found, .. }] = &trends[..] else { panic!("{trends:?}") };
         // The prior of the exponent pulls a little toward 2.
         assert!((path_loss.exponent - 3.0).abs() < 0.15 && (path_loss.level_1m + 40.0).abs() < 1.5, "{path_loss:?}");
         assert!((found[0].attenuation - 6.0).abs() <= 1.0, "{found:?}");
         // Without its place there is only the mean.
         let mean = survey.spots.iter().filter_map(|spot| spot.levels[0]).sum::<f64>() / 19.0;
-        let Trend::Level(level) = Trend::rays(&survey, &[], &walls)[0] else { panic!("no place") };
+        let Trend::Level(level) = Trend::rays(&survey, &Plan { beacons: Vec::new(), walls: walls.to_vec() })[0] else {
+            panic!("no place")
+        };
         assert!((level - mean).abs() < 1e-9);
     }
 }

@@ -1,24 +1,34 @@
 //! `baliza ble`: positions from the levels of Bluetooth beacons.
 
+mod fingerprint;
+mod map;
 mod rooms;
 mod solve;
 
 use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use host_tools::ble::files::{Beacon, Capture};
+use host_tools::ble::files::{Beacon, Capture, Stay, read_beacons, read_walls};
+use host_tools::ble::fingerprint::{Average, Plan, Survey};
+use host_tools::{Epoch, Wrong};
+use positioning_core::ble::fingerprint::MAX_BEACONS;
 
 /// Positions from the levels of Bluetooth beacons
 #[derive(clap::Subcommand)]
 pub enum Command {
     Rooms(rooms::Arguments),
     Solve(solve::Arguments),
+    Fingerprint(fingerprint::Arguments),
+    Map(map::Arguments),
 }
 
 pub fn run(command: &Command) -> Result<()> {
     match command {
         Command::Rooms(arguments) => rooms::run(arguments),
         Command::Solve(arguments) => solve::run(arguments),
+        Command::Fingerprint(arguments) => fingerprint::run(arguments),
+        Command::Map(arguments) => map::run(arguments),
     }
 }
 
@@ -41,4 +51,45 @@ fn tell_unknown(beacons: &[Beacon], captures: &[Capture]) {
     if !usual.is_empty() {
         super::tell(&format!("path loss not known, taken to be usual: {}\n", listed(usual)));
     }
+}
+
+/// What is known of a place beside its survey.
+#[derive(clap::Args)]
+struct Place {
+    /// Beacons whose places are known: CSV with beacon,x_m,y_m; levels are then expected to follow path loss from them
+    #[arg(long, value_name = "FILE")]
+    beacons: Option<PathBuf>,
+    /// Walls, which take from levels and are drawn: CSV with the corners of an outline, x_m,y_m, or with x1_m,y1_m,x2_m,y2_m and, where
+    /// known, attenuation_db
+    #[arg(long, value_name = "FILE")]
+    walls: Option<PathBuf>,
+}
+
+impl Place {
+    fn read(&self) -> Result<Plan, Wrong> {
+        let beacons = self.beacons.as_deref().map(read_beacons).transpose()?.unwrap_or_default();
+        Ok(Plan { beacons, walls: self.walls.as_deref().map(read_walls).transpose()?.unwrap_or_default() })
+    }
+}
+
+/// The survey of a file's stays; one that makes no map is refused.
+fn survey_of(file: &Path, stays: &[Stay], average: Average) -> Result<Survey, Wrong> {
+    let survey = Survey::of(stays, average);
+    let names = survey.beacons.len();
+    if names > MAX_BEACONS {
+        return Err(Wrong::line(file, 1, format!("{names} beacons; a map has at most {MAX_BEACONS}")));
+    }
+    if survey.spots.iter().flat_map(|spot| &spot.levels).all(Option::is_none) {
+        return Err(Wrong::line(file, 1, "no point hears any beacon"));
+    }
+    if survey.spots.len() > usize::from(u16::MAX) {
+        return Err(Wrong::line(file, 1, format!("{} points; a map has at most {}", survey.spots.len(), u16::MAX)));
+    }
+    Ok(survey)
+}
+
+/// A capture as the files of positions and the pictures know it.
+fn epoch(capture: &Capture) -> Epoch {
+    let truth = capture.truth_m.map(|[x_m, y_m]| host_tools::Place { x_m, y_m, z_m: None });
+    Epoch { name: capture.name.clone(), t_s: capture.t_s, ranges: Vec::new(), truth }
 }

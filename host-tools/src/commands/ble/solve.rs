@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use host_tools::ble::files::{Capture, read_beacons, read_captures, read_walls};
+use host_tools::ble::files::{read_beacons, read_captures, read_walls};
 use host_tools::ble::solve::{Kernel, Setup, Solver};
-use host_tools::{Epoch, Place};
+use host_tools::Epoch;
 
 use crate::commands::answers::{Answers, ByMethod, Told};
 use crate::commands::recorded::{CornersM, finite};
@@ -89,26 +89,25 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             seed: arguments.seed,
         },
     );
-    let solved: ByMethod =
-        arguments.method.0.iter().map(|&kernel| (kernel.as_str(), solver.solve(kernel, &captures))).collect();
-    let epochs: Vec<Epoch> = captures.iter().map(epoch).collect();
+    let solved: ByMethod = arguments
+        .method
+        .0
+        .iter()
+        .map(|&kernel| (kernel.as_str().to_owned(), solver.solve(kernel, &captures)))
+        .collect();
+    let epochs: Vec<Epoch> = captures.iter().map(super::epoch).collect();
     answers.give(&Told {
         epochs: &epochs,
         anchors: beacons.iter().map(|beacon| (beacon.name.clone(), beacon.position_m)).collect(),
         walls_m: walls.iter().map(|wall| wall.ends_m).collect(),
         with_errors: captures.iter().any(|capture| capture.truth_m.is_some()),
         consistency: true,
+        neighbours: None,
         solved: &solved,
     })
 }
 
-fn offset(text: &str) -> Result<f64, String> {
+pub fn offset(text: &str) -> Result<f64, String> {
     let decibels = finite(text)?;
     if (0.0..=100.0).contains(&decibels) { Ok(decibels) } else { Err("it must be from 0 to 100".to_owned()) }
-}
-
-/// A capture as the files of positions and the pictures know it.
-fn epoch(capture: &Capture) -> Epoch {
-    let truth = capture.truth_m.map(|[x_m, y_m]| Place { x_m, y_m, z_m: None });
-    Epoch { name: capture.name.clone(), t_s: capture.t_s, ranges: Vec::new(), truth }
 }

@@ -22,9 +22,9 @@ pub struct Receiver<T> {
 }
 
 impl<T: Real> Default for Receiver<T> {
-    /// An unknown one: as loud as the surveyor's within 3 dB; whole stays.
+    /// An unknown one: as loud as the surveyor's within 2 dB; whole stays.
     fn default() -> Self {
-        Self { offset_db: T::ZERO, offset_deviation_db: T::of(3.0), noise_db2: T::ZERO }
+        Self { offset_db: T::ZERO, offset_deviation_db: T::of(2.0), noise_db2: T::ZERO }
     }
 }
 

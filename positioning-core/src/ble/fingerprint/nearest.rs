@@ -31,7 +31,7 @@ pub struct Nearest<T> {
 pub struct Vicinity<T> {
     /// Their weighted mean, metres.
     pub position: [T; 2],
-    /// Their scatter about it, m²: xx, xy, yy. 0 with one neighbour: no more is known then.
+    /// Their scatter about it, m²: xx, xy, yy, and a unit's square beside; hardly more with one neighbour, where no more is known.
     pub scatter: [T; 3],
     /// The nearest point's place in the map.
     pub nearest: usize,
@@ -108,8 +108,11 @@ impl<T: Real> Nearest<T> {
                 *sum += weight * product;
             }
         }
-        let unit = map.unit::<T>();
-        let scatter = scatter.map(|sum| sum / total * unit * unit);
+        let square_m2 = map.unit::<T>().squared();
+        let [xx, xy, yy] = scatter.map(|sum| sum / total);
+        // A place was rounded to a unit's square.
+        let within = T::of(1.0 / 12.0);
+        let scatter = [xx + within, xy, yy + within].map(|sum| sum * square_m2);
         let distance_db = T::of(0.5) * square.at_least(T::ZERO).sqrt();
         Some(Vicinity { position: map.place([x, y]), scatter, nearest, distance_db, heard })
     }

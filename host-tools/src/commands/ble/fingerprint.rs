@@ -1,0 +1,202 @@
+//! `baliza ble fingerprint`: positions from levels surveyed at known points.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use host_tools::Wrong;
+use host_tools::ble::files::{Capture, read_captures, read_stays};
+use host_tools::ble::fingerprint::{Average, Comparison, Grid, Setup, Solver, Survey, held_out};
+
+use super::{Place, epoch, survey_of};
+use crate::commands::answers::{Answers, ByMethod, Told};
+use crate::progress::Progress;
+
+/// Positions by a survey of levels: k nearest neighbours, and Gaussian processes
+///
+/// A capture (the rows of one `point` or `epoch`) makes one position. Captures that follow each other within 2 s are of one walk, to
+/// `gp-walk` and to the particle filter, which start anew otherwise.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Kernels:\n  knn      the K nearest points (7): w5nn, or 5nn without --weighted\n  gp       a Gaussian process of \
+                  each beacon's level on a lattice; the posterior's mean\n  gp-walk  the same from scan to scan: the choice \
+                  where captures are of one walk, and for others the same as gp\n\nExamples:\n  \
+                  baliza ble fingerprint --fingerprints fingerprints.csv --targets targets.csv --kernel all\n  \
+                  baliza ble fingerprint --fingerprints fingerprints.csv --targets targets.csv --k 5 --weighted --particle-filter\n  \
+                  baliza ble fingerprint --fingerprints fingerprints.csv --leave-one-out --json\n  \
+                  baliza ble fingerprint --fingerprints robot.csv --hold-out 5 --block 100 --kernel gp-walk"
+)]
+pub struct Arguments {
+    /// The survey: CSV with point,x_m,y_m,beacon,rssi_dbm and, where known, t_s
+    #[arg(long, value_name = "FILE")]
+    fingerprints: PathBuf,
+    #[command(flatten)]
+    asked: Asked,
+    /// Where the receiver truly was: CSV with epoch,t_s,x_m,y_m; gives the errors
+    #[arg(long, value_name = "FILE", requires = "rssi")]
+    truth: Option<PathBuf>,
+    /// Points of the survey that are held out together, with --hold-out
+    #[arg(long, value_name = "POINTS", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), requires = "hold_out")]
+    block: u32,
+    /// How scans are compared: knn, gp, gp-walk, or all [default: knn with --k, --weighted or --particle-filter, else gp-walk]
+    #[arg(long, value_name = "KERNEL")]
+    kernel: Option<Kernel>,
+    /// How many neighbours [default: 5; with --kernel all 3, 4 and 5]
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u8).range(1..=15))]
+    k: Option<u8>,
+    /// Neighbours count by the inverse square of their distances
+    #[arg(long)]
+    weighted: bool,
+    /// Send the positions of knn and gp through the particle filter (15), one a window
+    #[arg(long)]
+    particle_filter: bool,
+    /// The particle filter's window of integration, milliseconds: 200 in a room, 500 over a floor
+    #[arg(long, value_name = "MS", default_value_t = 200, value_parser = clap::value_parser!(u32).range(10..=60_000))]
+    window_ms: u32,
+    /// How far the receiver's levels may be off from the surveyor's, all alike, dB (standard deviation); 0: they are not
+    #[arg(long, value_name = "DB", default_value_t = 2.0, value_parser = super::solve::offset)]
+    offset_db: f64,
+    /// How levels of one point are averaged
+    #[arg(long, value_name = "HOW", default_value = "power")]
+    average: Averages,
+    #[command(flatten)]
+    place: Place,
+    #[command(flatten)]
+    answers: Answers,
+}
+
+/// Whose positions are asked for.
+#[derive(clap::Args)]
+#[group(required = true, multiple = false)]
+struct Asked {
+    /// Stays at known points, to be found: CSV with point,x_m,y_m,beacon,rssi_dbm and, where known, t_s
+    #[arg(long, value_name = "FILE")]
+    targets: Option<PathBuf>,
+    /// Levels heard: CSV with epoch,t_s,beacon,rssi_dbm
+    #[arg(long, value_name = "FILE")]
+    rssi: Option<PathBuf>,
+    /// Each point of the survey by all the others
+    #[arg(long)]
+    leave_one_out: bool,
+    /// Each Nth block of the survey's points by the other blocks (--block)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..))]
+    hold_out: Option<u32>,
+}
+
+/// `--kernel`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Kernel {
+    Knn,
+    Gp,
+    GpWalk,
+    All,
+}
+
+/// `--average`.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+pub enum Averages {
+    /// Their powers
+    Power,
+    /// Their decibels between the 10th and the 90th percentile
+    Trimmed,
+}
+
+impl From<Averages> for Average {
+    fn from(average: Averages) -> Self {
+        match average {
+            Averages::Power => Self::Power,
+            Averages::Trimmed => Self::Trimmed,
+        }
+    }
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let answers = arguments.answers.check()?;
+    let comparisons = arguments.comparisons()?;
+    let stays = read_stays(&arguments.fingerprints)?;
+    let average = arguments.average.into();
+    let survey = survey_of(&arguments.fingerprints, &stays, average)?;
+    let plan = arguments.place.read()?;
+    let particles_s = arguments.particle_filter.then(|| f64::from(arguments.window_ms) / 1000.0);
+    let with_plan = (!plan.beacons.is_empty()).then_some(&plan);
+    let offset_db = arguments.offset_db;
+    let setup = Setup { average, offset_db, grid: Grid::default(), particles_s, plan: with_plan };
+
+    let (captures, solved) = match &arguments.asked {
+        Asked { targets: Some(file), .. } | Asked { rssi: Some(file), .. } => {
+            let captures = read_captures(file, arguments.truth.as_deref())?;
+            tell_strange(&survey, &captures);
+            let solver = Solver::new(&survey, &setup, None)?;
+            let solved = comparisons.iter().map(|comparison| solver.solve(*comparison, &captures));
+            let solved = solved.collect::<Result<Vec<_>, _>>()?;
+            (captures, solved)
+        }
+        Asked { hold_out, .. } => {
+            let block = arguments.block as usize;
+            let fold = |stay: usize| match hold_out {
+                Some(every) => (stay / block % *every as usize == *every as usize - 1).then_some(0),
+                None => Some(stay),
+            };
+            let folds = if hold_out.is_some() { 1 } else { stays.len() };
+            if !(0..stays.len()).any(|stay| fold(stay).is_some()) || stays.len() < 2 {
+                let said = format!("{} points are too few to hold some out", stays.len());
+                return Err(Wrong::line(&arguments.fingerprints, 1, &said).into());
+            }
+            let progress = Progress::new(folds);
+            let held = held_out(&stays, &setup, &comparisons, fold, || progress.step())?;
+            (held.stays.into_iter().map(|stay| Capture::from(stays[stay].clone())).collect(), held.solved)
+        }
+    };
+    let solved: ByMethod = comparisons.iter().map(|comparison| arguments.name(*comparison)).zip(solved).collect();
+    answers.give(&Told {
+        epochs: &captures.iter().map(epoch).collect::<Vec<_>>(),
+        anchors: plan.beacons.iter().map(|beacon| (beacon.name.clone(), beacon.position_m)).collect(),
+        walls_m: plan.walls.iter().map(|wall| wall.ends_m).collect(),
+        with_errors: captures.iter().any(|capture| capture.truth_m.is_some()),
+        consistency: true,
+        neighbours: Some(comparisons.iter().map(|comparison| comparison.k()).collect()),
+        solved: &solved,
+    })
+}
+
+impl Arguments {
+    fn comparisons(&self) -> Result<Vec<Comparison>, Wrong> {
+        let of_neighbours = self.k.is_some() || self.weighted;
+        let usual = if of_neighbours || self.particle_filter { Kernel::Knn } else { Kernel::GpWalk };
+        let k = usize::from(self.k.unwrap_or(5));
+        Ok(match self.kernel.unwrap_or(usual) {
+            Kernel::Knn => vec![Comparison::Nearest { k, weighted: self.weighted }],
+            Kernel::Gp | Kernel::GpWalk if of_neighbours => {
+                return Err(Wrong::flag("--kernel", "--k and --weighted are for knn"));
+            }
+            Kernel::Gp => vec![Comparison::Process],
+            Kernel::GpWalk if self.particle_filter => {
+                return Err(Wrong::flag("--particle-filter", "gp-walk is a filter itself"));
+            }
+            Kernel::GpWalk => vec![Comparison::Walk],
+            Kernel::All => {
+                let wanted = |comparison: &Comparison| match *comparison {
+                    Comparison::Nearest { weighted, .. } => self.k.is_none() && (weighted || !self.weighted),
+                    Comparison::Process | Comparison::Walk => true,
+                };
+                let asked = self.k.map(|_| Comparison::Nearest { k, weighted: self.weighted });
+                asked.into_iter().chain(Comparison::all().into_iter().filter(wanted)).collect()
+            }
+        })
+    }
+
+    /// The thesis puts `fp_` before what went through the particle filter (table 4.4).
+    fn name(&self, comparison: Comparison) -> String {
+        let filtered = self.particle_filter && comparison != Comparison::Walk;
+        format!("{}{}", if filtered { "fp_" } else { "" }, comparison.name())
+    }
+}
+
+/// Tells of beacons that the survey does not have.
+fn tell_strange(survey: &Survey, captures: &[Capture]) {
+    let heard = captures.iter().flat_map(|capture| &capture.samples).map(|sample| &sample.beacon);
+    let strange: std::collections::BTreeSet<&String> = heard.filter(|name| !survey.beacons.contains(name)).collect();
+    if !strange.is_empty() {
+        let names: Vec<&str> = strange.into_iter().map(String::as_str).collect();
+        crate::commands::tell(&format!("heard, but not in the survey: {}\n", names.join(", ")));
+    }
+}
