@@ -3,6 +3,7 @@
 mod ble;
 mod contract;
 mod example;
+mod fingerprint;
 mod monitor;
 mod nlos;
 mod pictures;

@@ -13,7 +13,7 @@ use crate::cholesky::Root;
 
 /// The side of a cell, metres, and how many there may be before they grow: the work is cubic in them.
 const CELL_M: f64 = 0.3;
-const MOST_CELLS: usize = 250;
+const MOST_CELLS: usize = 150;
 /// What the kernel's numbers are likely to be: the median and the spread of the logarithm. Weak: they decide where a survey is too small.
 const USUAL: [(f64, f64); 3] = [(5.0, 0.7), (2.0, 0.7), (3.0, 0.5)];
 /// A point's own fading comes back differently at each visit: its variance counts for the survey's visit and for the next.

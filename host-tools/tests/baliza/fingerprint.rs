@@ -1,0 +1,163 @@
+//! `baliza ble fingerprint` and `baliza ble map`.
+
+use positioning_core::ble::fingerprint::Map;
+
+use crate::support::{Folder, Run, recording};
+
+/// Four corners of a room of 10 m, two beacons at −60 … −80 dBm.
+const SURVEY: &str = "point,x_m,y_m,beacon,rssi_dbm,t_s\n\
+    a,0,0,7,-60,0\na,0,0,8,-60,0.1\nb,10,0,7,-80,0\nb,10,0,8,-60,0.1\n\
+    c,0,10,7,-60,0\nc,0,10,8,-80,0.1\nd,10,10,7,-80,0\nd,10,10,8,-80,0.1\n";
+
+const TARGETS: &str = "point,x_m,y_m,beacon,rssi_dbm,t_s\np,5,0,7,-70,0\np,5,0,8,-60,0.1\nq,1,1,7,127,0\n";
+
+fn room() -> Folder {
+    Folder::with(&[("survey.csv", SURVEY), ("targets.csv", TARGETS)])
+}
+
+#[test]
+fn two_neighbours_alike_far_are_averaged_and_silence_is_a_reason() {
+    // p is 10 dB from a and from b, and √(10² + 20²) dB from c and d.
+    let run = room().run(
+        "ble fingerprint --fingerprints survey.csv --targets targets.csv --k 2 --weighted --offset-db 0 --average trimmed",
+    );
+    let run = run.ok();
+    assert_eq!(run.column("method"), ["w2nn", "w2nn"]);
+    assert!((run.numbers("x_m")[0] - 5.0).abs() < 0.05 && run.numbers("y_m")[0].abs() < 0.05, "{run:?}");
+    assert_eq!((run.column("x_m")[1], run.column("reason")[1]), ("", "no-beacon-heard"));
+}
+
+#[test]
+fn json_has_the_keys_of_the_contract() {
+    let run = room().run("ble fingerprint --fingerprints survey.csv --targets targets.csv --kernel all --json");
+    let rows = run.ok().json();
+    let names: Vec<&str> = rows.as_array().expect("a list").iter().filter_map(|row| row["method"].as_str()).collect();
+    assert_eq!(names, ["w3nn", "w4nn", "w5nn", "3nn", "4nn", "5nn", "gp", "gp-walk"]);
+    assert_eq!(
+        (rows[1]["k"].as_u64(), rows[1]["points"].as_u64(), rows[1]["fixed"].as_u64()),
+        (Some(4), Some(2), Some(1))
+    );
+    assert!(rows[6]["k"].is_null() && rows[6]["mae_m"].is_f64() && rows[6]["rmse_m"].is_f64(), "{rows}");
+}
+
+#[test]
+fn flags_that_do_not_go_together_are_refused() {
+    let refused = |arguments: &str, what: &str| {
+        let run = room().run(&format!("ble fingerprint --fingerprints survey.csv {arguments}"));
+        assert_eq!(run.code, Some(2), "{run:?}");
+        assert!(run.stderr.contains(what) && run.stdout.is_empty(), "{run:?}");
+    };
+    refused("", "--targets");
+    refused("--targets targets.csv --leave-one-out", "cannot be used with");
+    refused("--targets targets.csv --kernel gp --k 3", "--kernel: --k and --weighted are for knn");
+    refused(
+        "--targets targets.csv --kernel gp-walk --particle-filter",
+        "--particle-filter: gp-walk is a filter itself",
+    );
+    refused("--targets targets.csv --k 16", "--k");
+    refused("--targets targets.csv --offset-db=-1", "it must be from 0 to 100");
+    refused("--targets targets.csv --offset-db NaN", "is not a number");
+    refused("--hold-out 5", "survey.csv:1: 4 points are too few to hold some out");
+}
+
+#[test]
+fn surveys_that_make_no_map_are_refused_with_their_line() {
+    let mute = "point,x_m,y_m,beacon,rssi_dbm\na,0,0,7,127\n";
+    let crowd: String = (0..25).map(|beacon| format!("a,0,0,{beacon},-60\n")).collect();
+    let crowd = format!("point,x_m,y_m,beacon,rssi_dbm\n{crowd}");
+    for (survey, what) in [(mute, "no point hears any beacon"), (crowd.as_str(), "25 beacons; a map has at most 24")] {
+        let folder = Folder::with(&[("survey.csv", survey), ("targets.csv", TARGETS)]);
+        for command in ["fingerprint --targets targets.csv", "map --out room.map"] {
+            let run = folder.run(&format!("ble {command} --fingerprints survey.csv"));
+            assert_eq!((run.code, run.stderr), (Some(2), format!("survey.csv:1: {what}\n")));
+        }
+        assert_eq!(folder.names(), ["survey.csv", "targets.csv"]);
+    }
+}
+
+#[test]
+fn equal_runs_print_equal_bytes_and_draw() {
+    let folder = room();
+    let run = || {
+        let picture = "--plot found.svg --out found.csv";
+        folder
+            .run(&format!(
+                "ble fingerprint --fingerprints survey.csv --targets targets.csv --weighted --particle-filter {picture}"
+            ))
+            .ok();
+        (folder.read("found.csv"), folder.read("found.svg"))
+    };
+    let first = run();
+    assert_eq!(first, run());
+    assert!(String::from_utf8(first.0).expect("UTF-8").contains("fp_w5nn"));
+}
+
+#[test]
+fn a_map_is_what_a_node_reads() {
+    let folder = room();
+    let run = folder.run("ble map --fingerprints survey.csv --out room.map --json").ok();
+    let summary = run.json();
+    let bytes = folder.read("room.map");
+    let (map, rest) = Map::decode(&bytes).expect("a map");
+    assert!(map.has_deviations() && rest.is_empty() && map.points() <= 200);
+    assert_eq!(map.identities().collect::<Vec<_>>(), [7, 8]);
+    assert_eq!(
+        (summary["points"].as_u64(), summary["bytes"].as_u64()),
+        (Some(map.points() as u64), Some(bytes.len() as u64))
+    );
+    // Levels between the corners lie between theirs.
+    let nearest =
+        map.positions::<f64>().position(|[x, y]| (x - 5.0).abs() < 0.5 && (y - 5.0).abs() < 0.5).expect("a middle");
+    assert!(map.levels::<f64>(nearest).all(|level| level.is_some_and(|level| (-76.0..=-62.0).contains(&level))));
+
+    folder.run("ble map --fingerprints survey.csv --out points.map --surveyed").ok();
+    let bytes = folder.read("points.map");
+    let (map, _) = Map::decode(&bytes).expect("a map");
+    assert_eq!((map.points(), map.has_deviations()), (4, false));
+    assert_eq!(map.levels::<f64>(1).collect::<Vec<_>>(), [Some(-80.0), Some(-60.0)]);
+}
+
+/// Runs with the recording's files; a name in braces is one of them.
+fn replay(name: &str, arguments: &str) -> Option<Run> {
+    let folder = recording(name)?;
+    let arguments = arguments.replace('{', &format!("{}/", folder.display())).replace('}', ".csv");
+    Some(Folder::with(&[]).run(&arguments).ok())
+}
+
+/// Asserts that the only method finds every point with at most so much mean absolute error, metres.
+fn reaches(name: &str, arguments: &str, reach_m: f64) {
+    let Some(run) = replay(name, &format!("ble fingerprint --fingerprints {{fingerprints}} {arguments} --json")) else {
+        return;
+    };
+    let rows = run.json();
+    assert_eq!(rows[0]["fixed"], rows[0]["points"], "{rows}");
+    let mae_m = rows[0]["mae_m"].as_f64().expect("a number");
+    assert!(mae_m <= reach_m, "{name} {arguments}: {mae_m} m is more than {reach_m} m");
+}
+
+#[test]
+fn recorded_targets_are_found() {
+    reaches("linde_room", "--targets {targets} --kernel knn --k 5 --weighted --particle-filter", 1.10);
+    reaches("linde_room", "--targets {targets} --kernel gp", 1.05);
+    reaches("linde_room", "--targets {targets}", 1.05);
+}
+
+#[test]
+fn recorded_points_are_found_by_the_others() {
+    reaches("linde_floor", "--leave-one-out --kernel gp", 1.2);
+    reaches("linde_room", "--leave-one-out --kernel gp", 1.2);
+}
+
+#[test]
+fn a_recorded_robot_is_followed() {
+    reaches("kolakowski", "--hold-out 5 --block 100 --kernel gp-walk", 0.85);
+}
+
+#[test]
+fn a_map_of_few_points_is_predicted() {
+    let few = "ble map --fingerprints {fingerprints} --survey-points 12 --beacons {beacons} --out few.map --json";
+    let Some(run) = replay("linde_floor", few) else { return };
+    let summary = run.json();
+    assert_eq!((summary["survey_points"].as_u64(), summary["found_points"].as_u64()), (Some(12), Some(25)));
+    assert!(summary["mae_m"].as_f64().expect("a number") < 2.0, "{summary}");
+}
