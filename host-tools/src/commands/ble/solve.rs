@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
+use host_tools::Epoch;
 use host_tools::ble::files::{read_beacons, read_captures, read_walls};
 use host_tools::ble::solve::{Kernel, Setup, Solver};
-use host_tools::Epoch;
 
 use crate::commands::answers::{Answers, ByMethod, Told};
 use crate::commands::recorded::{CornersM, finite};
