@@ -54,6 +54,9 @@ async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
 }
 
 #[cfg(feature = "ble")]
+mod commanded;
+
+#[cfg(feature = "ble")]
 mod bluetooth {
     use boards::dwm1001::bluetooth::{Parts, Scanner};
     use embassy_executor::Spawner;
@@ -62,22 +65,7 @@ mod bluetooth {
     use node_record::Scan;
 
     use super::Shared;
-
-    struct Commanded<'s>(&'s Scanner);
-
-    impl scan::Scanner for Commanded<'_> {
-        async fn start(&mut self) {
-            if let Err(error) = self.0.start_scan().await {
-                defmt::warn!("the scan does not start: {}", error);
-            }
-        }
-
-        async fn stop(&mut self) {
-            if let Err(error) = self.0.stop_scan().await {
-                defmt::warn!("the scan does not stop: {}", error);
-            }
-        }
-    }
+    use super::commanded::Commanded;
 
     /// Scans, and tells what it has heard.
     #[embassy_executor::task]

@@ -52,6 +52,10 @@ async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
 }
 
 #[cfg(feature = "ble")]
+#[path = "../commanded.rs"]
+mod commanded;
+
+#[cfg(feature = "ble")]
 mod bluetooth {
     use boards::esp::bluetooth::{Parts, Scanner};
     use embassy_futures::join::join3;
@@ -60,22 +64,7 @@ mod bluetooth {
     use node_record::Scan;
 
     use super::Shared;
-
-    struct Commanded<'s>(&'s Scanner);
-
-    impl scan::Scanner for Commanded<'_> {
-        async fn start(&mut self) {
-            if let Err(error) = self.0.start_scan().await {
-                defmt::warn!("the scan does not start: {}", error);
-            }
-        }
-
-        async fn stop(&mut self) {
-            if let Err(error) = self.0.stop_scan().await {
-                defmt::warn!("the scan does not stop: {}", error);
-            }
-        }
-    }
+    use super::commanded::Commanded;
 
     #[embassy_executor::task]
     pub async fn scan(parts: Parts, wanted: Scan, shared: Shared) {
