@@ -90,7 +90,9 @@ impl Heat {
         let cells = self.values.iter().enumerate().filter_map(|(index, value)| {
             let (column, row) = (index % self.columns.max(1), index / self.columns.max(1));
             let corner = (x + self.cell_m * column as f64, y + self.cell_m * row as f64);
-            let end = (corner.0 + self.cell_m, corner.1 + self.cell_m);
+            // Cells overlap a little: between those that only touch, the ground would shine through.
+            let side = 1.04 * self.cell_m;
+            let end = ((corner.0 + side).min(x + wide), (corner.1 + side).min(y + high));
             let value = (*value).filter(|value| value.is_finite())?;
             Some(Rectangle::new([corner, end], shade(share(value, scale), self.low_is_good).filled()))
         });

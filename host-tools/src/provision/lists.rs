@@ -2,6 +2,7 @@
 
 use node_record::{Anchor, Anchors, Beacon, Beacons, MAX_ANCHORS, MAX_BEACONS};
 
+use super::calibrated::Calibrated;
 use super::document::Section;
 use super::network::Lines;
 use crate::Wrong;
@@ -40,6 +41,28 @@ impl Lists {
         if self.beacons.iter().all(|(listed, _)| !same(listed)) {
             self.beacons.push((beacon, line));
         }
+    }
+
+    /// Takes what was calibrated: beacons that are known already get what they lack, the others join them. The error is of a beacon
+    /// that cannot.
+    pub(super) fn calibrate(&mut self, calibrated: &[Calibrated], line: u64) -> Result<(), String> {
+        for Calibrated { beacon, height_is_known } in calibrated {
+            let same = |listed: &Beacon| (listed.major, listed.minor) == (beacon.major, beacon.minor);
+            match self.beacons.iter_mut().find(|(listed, _)| same(listed)) {
+                Some((listed, _)) => {
+                    listed.rssi_1m_dbm = listed.rssi_1m_dbm.or(beacon.rssi_1m_dbm);
+                    listed.path_loss_exponent = listed.path_loss_exponent.or(beacon.path_loss_exponent);
+                }
+                None if *height_is_known => self.beacons.push((*beacon, line)),
+                None => {
+                    let Beacon { major, minor, .. } = beacon;
+                    return Err(format!(
+                        "beacon {major}-{minor} of the file has no z_m: say there how high it is, or list it as [[beacon]]"
+                    ));
+                }
+            }
+        }
+        Ok(())
     }
 
     /// The lists of a record, and the lines of their elements. The error is of the first line that has no room.

@@ -3,6 +3,7 @@
 //! `site.toml` → [`Site`], its [`Node`]s with their records → [`image`], a file for any flasher, or [`transfer`], over
 //! a debug probe. A page of flash → the record → [`show`], which prints what [`Site::parse`] reads.
 
+mod calibrated;
 mod document;
 pub mod image;
 mod lists;

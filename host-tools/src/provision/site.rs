@@ -5,13 +5,14 @@ use std::path::Path;
 
 use node_record::{Anchor, Beacon, Mode, Record, Role};
 
+use super::calibrated;
 use super::document::{Document, Section, nearest};
 use super::lists::{Lists, RecordLists};
 use super::network::Shared;
 use super::node::{Node, Own};
 use crate::Wrong;
 
-const KEYS: [&str; 4] = ["network", "node", "anchor", "beacon"];
+const KEYS: [&str; 5] = ["network", "node", "anchor", "beacon", "beacons_csv"];
 
 /// The nodes of a network.
 #[derive(Clone, Debug)]
@@ -51,7 +52,11 @@ impl Site {
             return Err(Wrong::file(file, "there is no [[node]]"));
         }
 
-        let told = told(listed, &owns, shared.network.mode);
+        let mut told = told(listed, &owns, shared.network.mode);
+        if let Some(field) = root.optional("beacons_csv") {
+            let calibrated = calibrated::read(&field, file)?;
+            told.calibrate(&calibrated, field.line).map_err(|what| field.wrong(what))?;
+        }
         let mut nodes = Vec::with_capacity(owns.len());
         for own in &owns {
             let node = node(document, own, &shared, &told, owns.len())?;

@@ -2,6 +2,7 @@
 
 mod ble;
 mod contract;
+mod coverage;
 mod example;
 mod fingerprint;
 mod monitor;

@@ -460,3 +460,53 @@ fn probes_and_chips_that_are_not_there_are_said() {
     refused(&folder.run("provision --read --board esp32c3"), "--read: a probe does not read an ESP's flash: ");
     refused(&folder.run("provision --read"), "the following required arguments were not provided: --board");
 }
+
+/// A tag, a beacon that is a node, and one that is listed.
+const WITH_BEACONS: &str = r#"
+beacons_csv = "calibrated.csv"
+
+[network]
+pan = 0xBA11
+
+[[node]]
+name = "tag"
+board = "dwm1001"
+role = "tag"
+scan_interval_ms = 100
+scan_window_ms = 50
+
+[[beacon]]
+major = 7
+minor = 1
+position_m = [1, 2, 3]
+path_loss_exponent = 2.5
+"#;
+
+#[test]
+fn calibrated_beacons_go_into_the_tags_record() {
+    let calibrated =
+        "beacon,x_m,y_m,z_m,rssi_1m_dbm,path_loss_exponent\n000000b0-7-1,9,9,,-61.5,3\n7-2,4,5,2.5,-55,2.25\n";
+    let folder = Folder::with(&[("site.toml", WITH_BEACONS), ("calibrated.csv", calibrated)]);
+    folder.run("provision --config site.toml --out tag.bin").ok();
+    let json = folder.run("provision --show tag.bin --json").ok().json();
+    // What is listed counts, and what it lacks comes from the calibration; the other beacon joins.
+    let expected = serde_json::json!([
+        { "major": 7, "minor": 1, "position_m": [1.0, 2.0, 3.0], "rssi_1m_dbm": -61.5, "path_loss_exponent": 2.5 },
+        { "major": 7, "minor": 2, "position_m": [4.0, 5.0, 2.5], "rssi_1m_dbm": -55.0, "path_loss_exponent": 2.25 },
+    ]);
+    assert_eq!(json["beacon"], expected, "{json}");
+
+    let refused = |text: &str, said: &str| {
+        folder.write("calibrated.csv", text.as_bytes());
+        let run = folder.run("provision --config site.toml --out other.bin");
+        assert_eq!((run.code, run.stderr.trim_end()), (Some(2), said));
+    };
+    refused(
+        "beacon,x_m,y_m\n7-3,4,5\n",
+        "site.toml:2: beacon 7-3 of the file has no z_m: say there how high it is, or list it as [[beacon]]",
+    );
+    refused(
+        "beacon,x_m,y_m,z_m\nB,4,5,2\n",
+        "calibrated.csv: beacon \"B\" is not named by its numbers: major-minor, or network-major-minor as decode has it",
+    );
+}

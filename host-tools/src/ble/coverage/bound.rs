@@ -1,12 +1,13 @@
 //! The least error of a position (Cramér and Rao) from levels or ranges whose noise is Gaussian and independent.
 //!
 //! A station at the distance d in the direction u adds u uᵀ ⁄ s² to the information; s is the deviation of a range, or of a distance
-//! that is read from a level, d σ ln 10 ⁄ (10 n). What is known beforehand, that the tag is within the area, is information too: without
+//! that is read from a level, d σ ln 10 ⁄ (10 n). Close to a beacon that is too little: the tag is within d of it, whatever the direction,
+//! so that a level tells 1 ⁄ d² across u, too. What is known beforehand, that the tag is within the area, is information too: without
 //! it, places that hear one station would have no error at all to compare.
 
 use positioning_core::ble::path_loss::{PathLoss, Wall};
 
-/// Nearer than this a direction says nothing: a tag is no point, metres.
+/// Nearer than this a level tells no more: path loss fails there, metres.
 const NEAREST_M: f64 = 0.5;
 
 /// Information of two coordinates, xx, xy, yy, 1 ⁄ m².
@@ -45,24 +46,25 @@ impl Station {
     /// What it tells of a tag at a place; `None` where the tag does not hear it.
     pub fn information(&self, tag_m: [f64; 2], walls: &[Wall<f64>], noise: Noise) -> Option<Information> {
         let away: [f64; 2] = std::array::from_fn(|axis| tag_m[axis] - self.at_m[axis]);
-        let distance = away[0].hypot(away[1]).max(NEAREST_M);
-        let deviation_m = match noise {
+        let distance = away[0].hypot(away[1]);
+        let (along, across) = match noise {
             Noise::Level { sensitivity_dbm } => {
                 if self.level(tag_m, walls) < sensitivity_dbm {
                     return None;
                 }
-                distance * self.path_loss.relative_deviation()
+                let near = distance.max(NEAREST_M);
+                ((near * self.path_loss.relative_deviation()).powi(-2), near.powi(-2))
             }
             Noise::Range { deviation_m, wall_m, reach_m } => {
                 if distance > reach_m {
                     return None;
                 }
                 let between = walls.iter().filter(|wall| wall.is_crossed(self.at_m, tag_m)).count() as f64;
-                deviation_m.hypot(wall_m * between)
+                (deviation_m.hypot(wall_m * between).powi(-2), 0.0)
             }
         };
-        let weight = (distance * deviation_m).powi(-2);
-        Some(Information([weight * away[0] * away[0], weight * away[0] * away[1], weight * away[1] * away[1]]))
+        let [x, y] = if distance > 0.0 { away.map(|axis| axis / distance) } else { [1.0, 0.0] };
+        Some(Information([along * x * x + across * y * y, (along - across) * x * y, along * y * y + across * x * x]))
     }
 
     /// Its level at a place, dBm.
@@ -136,11 +138,12 @@ mod tests {
 
     #[test]
     fn a_levels_error_grows_with_the_distance_and_ends_where_nothing_is_heard() {
-        // σ ln 10 ⁄ (10 n) = 4 · 2.302585 ⁄ 20 = 0.460517: at 5 m a distance of ±2.302585 m, and across the way as much from another.
+        // σ ln 10 ⁄ (10 n) = 4 · 2.302585 ⁄ 20 = 0.460517: at 5 m ±2.302585 m along one axis and ±5 m along the other, from two sides:
+        // 0.188611 + 0.04 = 0.228611 along both, √(2 ⁄ 0.228611) = 2.957783.
         let noise = Noise::Level { sensitivity_dbm: -80.0 };
         let pair = [station([0.0, 5.0]), station([5.0, 0.0])];
         let error = together(&pair, [5.0, 5.0], &[], noise).error_m();
-        assert!((error - 3.256_347).abs() < 1e-5, "{error}, by hand 2.302585 √2");
+        assert!((error - 2.957_783).abs() < 1e-5, "{error}");
         // −60 − 20 log₁₀ 10 = −80 is heard at 10 m, not beyond, nor through a wall.
         assert!(pair[0].information([10.0, 5.0], &[], noise).is_some());
         assert!(pair[0].information([10.1, 5.0], &[], noise).is_none());

@@ -1,0 +1,58 @@
+//! `baliza coverage` and `baliza place`.
+
+use crate::support::Folder;
+
+const BEACONS: &str = "beacon,x_m,y_m,rssi_1m_dbm,path_loss_exponent\na,0,0,-60,2\nb,8,0,-60,2\nc,4,6,-60,2\n";
+const FINGERPRINTS: &str = "point,x_m,y_m,beacon,rssi_dbm\np,1,0,a,-61\np,1,0,b,-75\nq,5,0,a,-72\nq,5,0,a,127\n";
+
+#[test]
+fn maps_are_measured_or_simulated_and_both_are_compared() {
+    let folder = Folder::with(&[("b.csv", BEACONS), ("f.csv", FINGERPRINTS), ("w.csv", "x_m,y_m\n3,-1\n3,5\n")]);
+    let json = folder.run("coverage --fingerprints f.csv --json").ok().json();
+    assert_eq!((&json[0]["source"], &json[1]), (&"measured".into(), &serde_json::Value::Null));
+    assert_eq!(json[0]["beacons"][0]["heard"], 1.0, "{json}");
+
+    let run =
+        folder.run("coverage --fingerprints f.csv --beacons b.csv --walls w.csv --json --plot m.png --out m.csv").ok();
+    let json = run.json();
+    assert_eq!(json[1]["source"], "simulated");
+    // a: −60 at 1 m (1 dB more than measured), −60 − 13.979400 − 4 behind the wall at 5 m (5.979400 less): mean −2.489700.
+    let bias = json[1]["beacons"][0]["bias_db"].as_f64().expect("a number");
+    assert!((bias + 2.4897).abs() < 1e-4, "{json}");
+    assert_eq!(json[1]["beacons"][2]["bias_db"], serde_json::Value::Null);
+    assert!(json[1]["error_p50_m"].as_f64().is_some_and(|error| (0.5..4.0).contains(&error)), "{json}");
+    assert!(folder.read("m.png").starts_with(b"\x89PNG"));
+    let cells = String::from_utf8(folder.read("m.csv")).expect("text");
+    assert!(cells.starts_with("source,x_m,y_m,heard,error_m,a,b,c\nmeasured,"), "{}", &cells[..80]);
+
+    let refused = |arguments: &str, said: &str| {
+        let run = folder.run(arguments);
+        assert_eq!((run.code, run.stderr.trim_end()), (Some(2), said));
+    };
+    refused("coverage --beacons b.csv --of x", "--of: \"x\" is neither mean, heard, error nor a beacon: a, b, c");
+    refused("coverage --fingerprints f.csv --of error", "--of: the least error needs the beacons' places: --beacons");
+    let run = folder.run("coverage --beacons b.csv --cell-m 0.01");
+    assert!(run.code == Some(2) && run.stderr.starts_with("--cell-m: "), "{run:?}");
+}
+
+#[test]
+fn places_are_found_among_candidates_or_everywhere() {
+    let folder = Folder::with(&[("b.csv", BEACONS)]);
+    let json = folder.run("place --count 1 --fixed b.csv --area 0,0,8,6 --plot p.svg --json").ok().json();
+    assert_eq!((&json["kind"], &json["cells"], &json["candidates"]), (&"beacons".into(), &192.into(), &63.into()));
+    assert!(json["error_mean_m"].as_f64() < json["before_m"].as_f64(), "{json}");
+    assert!(folder.read("p.svg").starts_with(b"<svg"));
+
+    // Two of three candidates: never the one that stands beside another.
+    let candidates = "beacon,x_m,y_m\nleft,0,3\nleft-too,0.1,3\nabove,4,6\n";
+    folder.write("c.csv", candidates.as_bytes());
+    let run = folder.run("place --count 2 --kind anchors --candidates c.csv --area 0,0,8,6 --json").ok();
+    let names: Vec<_> = run.json()["places"].as_array().expect("a list").iter().map(|p| p["name"].clone()).collect();
+    assert!(names.contains(&"above".into()), "{names:?}");
+    assert!(folder.run("place --count 2 --candidates c.csv").ok().stdout.contains("3 candidates"));
+    let run = folder.run("place --count 2");
+    assert_eq!(
+        (run.code, run.stderr.trim_end()),
+        (Some(2), "--area: say where tags are, or give --walls or --candidates")
+    );
+}
