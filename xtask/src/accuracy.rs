@@ -72,7 +72,7 @@ fn sight() -> Result<Option<String>> {
 }
 
 /// Where recordings lie: in `BALIZA_DATA`, or beside the repository.
-fn data() -> PathBuf {
+pub fn data() -> PathBuf {
     env::var_os("BALIZA_DATA").map_or_else(|| root().join("../shared/data"), PathBuf::from)
 }
 

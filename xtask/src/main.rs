@@ -1,6 +1,7 @@
 //! The project's own chores: `cargo xtask --help`.
 
 mod accuracy;
+mod beacons;
 mod chip;
 mod ci;
 mod document;
@@ -95,6 +96,7 @@ fn run(chore: &Chore) -> Result<()> {
             let cost = onchip::bench();
             accuracy::bench()?;
             tracks::bench()?;
+            beacons::bench()?;
             simulation::bench()?;
             cost
         }
