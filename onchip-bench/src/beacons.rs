@@ -55,7 +55,7 @@ pub fn for_each(measure: &mut impl Measure) {
     measure.call("particles-kept", &filter, |filter| step(filter, 2_000_000, &heard));
 
     measure.call("posterior", &heard, |heard| {
-        posterior_mean(heard, &ROOM, &Belief::default()).map_or(f32::NAN, |fix| fix.position[0])
+        posterior_mean(heard, &ROOM, &[], &Belief::default()).map_or(f32::NAN, |fix| fix.position[0])
     });
     measure.call("nonlinear", &heard, |heard| {
         nonlinear(heard, 2.0, &Constraints::default()).map_or(f32::NAN, |fix| fix.position[0])

@@ -4,10 +4,10 @@
 //! every beacon by regression on (1), robust against points in a shadow (Huber's weights), with a prior so wide that it matters for a
 //! handful of points alone.
 
-use positioning_core::ble::path_loss::PathLoss;
+use positioning_core::ble::path_loss::{PathLoss, Wall, attenuation};
 use positioning_core::ble::signal::level;
 
-use super::files::{Beacon, Stay};
+use super::files::{self, Beacon, Stay};
 
 /// Distances are not told apart below this, metres.
 const NEAREST_M: f64 = 0.1;
@@ -19,6 +19,8 @@ const PRIOR: (f64, f64) = (2.0, 30.0);
 const BELIEF: f64 = 2.0;
 /// A residual of so many deviations weighs less (P. Huber, *Robust Statistics*, 1981).
 const HUBER: f64 = 1.5;
+/// How many attenuations of a wall are tried, in steps of half a dB.
+pub const WALL_STEPS: u32 = 31;
 /// Rounds of weighing.
 const ROUNDS: usize = 20;
 
@@ -27,7 +29,7 @@ const ROUNDS: usize = 20;
 pub struct Heard {
     /// Metres.
     pub distance_m: f64,
-    /// Mean level, dBm.
+    /// Mean level, dBm; what walls took is put back.
     pub level_dbm: f64,
 }
 
@@ -44,12 +46,23 @@ pub struct Calibrated {
     pub sigma: [f64; 2],
 }
 
-/// Calibrates every beacon, in their order. Heights of beacons count where that of the tag is known.
-pub fn calibrate(beacons: &[Beacon], stays: &[Stay], height_m: Option<f64>) -> Vec<Calibrated> {
+/// Calibrates every beacon, in their order. Heights of beacons count where that of the tag is known. Walls that are given took what they
+/// take from the levels (2), and `wall_db` where that is not known.
+pub fn calibrate(
+    beacons: &[Beacon],
+    stays: &[Stay],
+    height_m: Option<f64>,
+    walls: &[files::Wall],
+    wall_db: f64,
+) -> Vec<Calibrated> {
+    let walls: Vec<Wall<f64>> = walls
+        .iter()
+        .map(|wall| Wall { ends: wall.ends_m, attenuation: wall.attenuation_db.unwrap_or(wall_db) })
+        .collect();
     beacons
         .iter()
         .map(|beacon| {
-            let points: Vec<Heard> = stays.iter().filter_map(|stay| heard(beacon, stay, height_m)).collect();
+            let points: Vec<Heard> = stays.iter().filter_map(|stay| heard(beacon, stay, height_m, &walls)).collect();
             let fitted = fit(&points);
             Calibrated {
                 beacon: beacon.name.clone(),
@@ -61,13 +74,33 @@ pub fn calibrate(beacons: &[Beacon], stays: &[Stay], height_m: Option<f64>) -> V
         .collect()
 }
 
-fn heard(beacon: &Beacon, stay: &Stay, height_m: Option<f64>) -> Option<Heard> {
+/// What a wall takes, dB, in steps of a half: the one with which all levels are most likely.
+pub fn wall_attenuation(
+    beacons: &[Beacon],
+    stays: &[Stay],
+    height_m: Option<f64>,
+    walls: &[files::Wall],
+    step: impl Fn(),
+) -> f64 {
+    let likelihood = |half: u32| {
+        step();
+        let calibrated = calibrate(beacons, stays, height_m, walls, f64::from(half) / 2.0);
+        let of_one = |beacon: &Calibrated| Some(-(beacon.points.len() as f64) * beacon.path_loss?.deviation.ln());
+        calibrated.iter().filter_map(of_one).sum::<f64>()
+    };
+    let most = (0..WALL_STEPS).map(|half| (half, likelihood(half))).max_by(|a, b| a.1.total_cmp(&b.1));
+    most.map_or(0.0, |(half, _)| f64::from(half) / 2.0)
+}
+
+fn heard(beacon: &Beacon, stay: &Stay, height_m: Option<f64>, walls: &[Wall<f64>]) -> Option<Heard> {
     let of_it = stay.samples.iter().filter(|sample| sample.beacon == beacon.name);
     let levels: Vec<f64> = of_it.filter_map(|sample| level(sample.rssi_dbm).ok()).collect();
     let up = beacon.height_m.zip(height_m).map_or(0.0, |(beacon, tag)| beacon - tag);
     let [x, y] = [0, 1].map(|axis: usize| stay.position_m[axis] - beacon.position_m[axis]);
     let distance_m = (x * x + y * y + up * up).sqrt().max(NEAREST_M);
-    (!levels.is_empty()).then(|| Heard { distance_m, level_dbm: levels.iter().sum::<f64>() / levels.len() as f64 })
+    let taken = attenuation(walls, beacon.position_m, stay.position_m);
+    let mean = levels.iter().sum::<f64>() / levels.len() as f64;
+    (!levels.is_empty()).then_some(Heard { distance_m, level_dbm: mean + taken })
 }
 
 /// Regression of levels on 10 log₁₀ d; `None` without points.

@@ -67,6 +67,8 @@ pub struct Setup {
     pub area_m: Option<[[f64; 2]; 2]>,
     /// How far the receiver's own offset may be from none, dB.
     pub offset_db: f64,
+    /// What a wall takes of which the file does not know it, dB.
+    pub wall_db: f64,
     /// Seed of the particles' random numbers.
     pub seed: u64,
 }
@@ -78,7 +80,7 @@ pub struct Solver<'a> {
     setup: Setup,
     /// What is zero for the kernels, metres.
     origin: [f64; 2],
-    /// Barriers for particles.
+    /// Barriers for particles, and for signals what they take.
     walls: Vec<Wall<f32>>,
 }
 
@@ -90,7 +92,10 @@ impl<'a> Solver<'a> {
             beacons.iter().map(|beacon| beacon.position_m[axis]).sum::<f64>() / beacons.len().max(1) as f64
         });
         let mut solver = Self { beacons, setup, origin, walls: Vec::new() };
-        let wall = |wall: &files::Wall| Wall { ends: wall.ends_m.map(|end| solver.local(end)), attenuation: 0.0 };
+        let wall = |wall: &files::Wall| Wall {
+            ends: wall.ends_m.map(|end| solver.local(end)),
+            attenuation: wall.attenuation_db.unwrap_or(setup.wall_db) as f32,
+        };
         solver.walls = walls.iter().map(wall).collect();
         solver
     }
@@ -107,7 +112,8 @@ impl<'a> Solver<'a> {
                 }
                 Kernel::Posterior => {
                     let belief = Belief { offset_deviation: self.setup.offset_db as f32, ..Belief::default() };
-                    return self.at_once(capture, |heard| posterior_mean(heard, &self.reach(), &belief));
+                    return self
+                        .at_once(capture, |heard| posterior_mean(heard, &self.reach(), self.attenuating(), &belief));
                 }
                 Kernel::Engine => Memory::Engine,
                 Kernel::ParticleFilter => Memory::Particles,
@@ -147,6 +153,11 @@ impl<'a> Solver<'a> {
                 Some((index, Heard { place, above: above as f32, level: (*level)?, path_loss }))
             })
             .collect()
+    }
+
+    /// The walls, where any takes something from a signal.
+    fn attenuating(&self) -> &[Wall<f32>] {
+        if self.walls.iter().any(|wall| wall.attenuation > 0.0) { &self.walls } else { &[] }
     }
 
     fn constraints(&self) -> Constraints<f32, 2> {
@@ -330,7 +341,8 @@ fn particle_step(
         filter.start_in(&solver.reach());
     }
     let trust = (solver.setup.window_s / SHADOW_S).min(1.0) as f32;
-    let (levels, reach) = (Levels::of(&heard, solver.setup.offset_db as f32, trust), solver.reach());
+    let levels = Levels::of(&heard, solver.setup.offset_db as f32, trust).through(solver.attenuating());
+    let reach = solver.reach();
     let within = |at: [f32; 2]| (0..2).all(|axis| (reach.min[axis]..=reach.max[axis]).contains(&at[axis]));
     let likelihood = |at| if within(at) { levels.ln_at(at) } else { f32::NAN };
     let estimate = filter.step(now_us, &solver.walls, &likelihood).ok_or(NoPosition::NoFix(NoFix::Diverged))?;

@@ -8,6 +8,7 @@
 
 use super::multilateration::Heard;
 use super::particles::{Levels, Likelihood};
+use super::path_loss::Wall;
 use crate::{AnchorSet, Area, Fix, MAX_ANCHORS, NoFix, Real};
 
 /// Points of a lattice along each axis.
@@ -33,7 +34,7 @@ impl<T: Real> Default for Belief<T> {
     }
 }
 
-/// The mean position in the plane, and its covariance.
+/// The mean position in the plane, and its covariance. Walls take their part of a signal (2), where any are given.
 ///
 /// # Errors
 /// [`NoFix::TooFewAnchors`] without a level, [`NoFix::TooManyAnchors`] beyond [`MAX_ANCHORS`], [`NoFix::NotFinite`] where a number is none
@@ -41,6 +42,7 @@ impl<T: Real> Default for Belief<T> {
 pub fn posterior_mean<T: Real>(
     heard: &[Heard<T, 2>],
     area: &Area<T, 2>,
+    walls: &[Wall<T>],
     belief: &Belief<T>,
 ) -> Result<Fix<T, 2>, NoFix> {
     if heard.is_empty() {
@@ -53,7 +55,7 @@ pub fn posterior_mean<T: Real>(
     if !(reaches && heard.iter().all(Heard::is_sane)) {
         return Err(NoFix::NotFinite);
     }
-    let levels = Levels::of(heard, belief.offset_deviation, belief.trust);
+    let levels = Levels::of(heard, belief.offset_deviation, belief.trust).through(walls);
     let coarse = Moments::over(&levels, area);
     let near = Area {
         min: core::array::from_fn(|axis| (coarse.mean[axis] - coarse.reach(axis)).at_least(area.min[axis])),
@@ -84,7 +86,7 @@ struct Moments<T> {
 }
 
 impl<T: Real> Moments<T> {
-    fn over(levels: &Levels<T>, area: &Area<T, 2>) -> Self {
+    fn over(levels: &Levels<'_, T>, area: &Area<T, 2>) -> Self {
         let spacing: [T; 2] = core::array::from_fn(|axis| (area.max[axis] - area.min[axis]) / T::count(POINTS));
         let half = T::of(0.5);
         // Sums about the area's middle, scaled by the greatest likelihood so far: nothing underflows, and one pass does.
@@ -176,7 +178,8 @@ mod tests {
             }
         }
         let mean = sums.map(|sum| sum / weight);
-        let fix = posterior_mean(&beacons, &ROOM, &Belief { offset_deviation: 0.0, trust: 0.5 }).expect("a position");
+        let fix =
+            posterior_mean(&beacons, &ROOM, &[], &Belief { offset_deviation: 0.0, trust: 0.5 }).expect("a position");
         for axis in 0..2 {
             let variance = squares[axis] / weight - mean[axis] * mean[axis];
             assert!((fix.position[axis] - mean[axis]).abs() < 0.03, "{fix:?} {mean:?}");
@@ -186,9 +189,9 @@ mod tests {
 
     #[test]
     fn one_beacon_says_something_and_none_nothing() {
-        let fix = posterior_mean(&[heard([0.0, 0.0], -50.0)], &ROOM, &Belief::default()).expect("a position");
+        let fix = posterior_mean(&[heard([0.0, 0.0], -50.0)], &ROOM, &[], &Belief::default()).expect("a position");
         assert!(fix.position[0] < 3.0 && fix.position[1] < 4.0 && fix.covariance[1][1] > 1.0, "{fix:?}");
-        assert_eq!(posterior_mean(&[], &ROOM, &Belief::default()), Err(NoFix::TooFewAnchors));
+        assert_eq!(posterior_mean(&[], &ROOM, &[], &Belief::default()), Err(NoFix::TooFewAnchors));
     }
 
     #[test]
@@ -198,7 +201,8 @@ mod tests {
         // Exact levels at (2, 3), as in multilateration's tests.
         let beacons = [([0.0, 0.0], 13.09_f64), ([6.0, 0.0], 25.09), ([0.0, 8.0], 29.09), ([6.0, 8.0], 41.09)]
             .map(|(place, square)| sharp(place, -50.0 - 10.0 * square.log10()));
-        let fix = posterior_mean(&beacons, &hall, &Belief { offset_deviation: 0.0, trust: 1.0 }).expect("a position");
+        let fix =
+            posterior_mean(&beacons, &hall, &[], &Belief { offset_deviation: 0.0, trust: 1.0 }).expect("a position");
         let error = (fix.position[0] - 2.0).hypot(fix.position[1] - 3.0);
         assert!(error < 3.0 * (fix.covariance[0][0] + fix.covariance[1][1]).sqrt() && error < 10.0, "{fix:?}");
     }
@@ -206,7 +210,8 @@ mod tests {
     #[test]
     fn what_is_no_number_is_a_reason() {
         let good = heard([0.0, 0.0], -60.0);
-        let at = |heard: &[Heard<f64, 2>], area: &Area<f64, 2>| posterior_mean(heard, area, &Belief::default()).err();
+        let at =
+            |heard: &[Heard<f64, 2>], area: &Area<f64, 2>| posterior_mean(heard, area, &[], &Belief::default()).err();
         assert_eq!(at(&[Heard { level: f64::NAN, ..good }], &ROOM), Some(NoFix::NotFinite));
         assert_eq!(at(&[good], &Area { min: [0.0, 0.0], max: [0.0, 8.0] }), Some(NoFix::NotFinite));
         assert_eq!(at(&[good], &Area { min: [0.0, f64::NAN], max: [6.0, 8.0] }), Some(NoFix::NotFinite));
@@ -216,7 +221,7 @@ mod tests {
     #[test]
     fn levels_that_say_nothing_are_the_middle_of_the_area() {
         let blind = Heard { path_loss: PathLoss { deviation: 99.0, ..MODEL }, ..heard([0.0, 0.0], -60.0) };
-        let fix = posterior_mean(&[blind], &ROOM, &Belief::default()).expect("a position");
+        let fix = posterior_mean(&[blind], &ROOM, &[], &Belief::default()).expect("a position");
         // A box of 6 by 8: variances 36 ⁄ 12 and 64 ⁄ 12.
         assert!((fix.position[0] - 3.0).abs() < 0.05 && (fix.position[1] - 4.0).abs() < 0.05, "{fix:?}");
         assert!(

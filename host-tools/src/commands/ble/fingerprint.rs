@@ -53,7 +53,7 @@ pub struct Arguments {
     #[arg(long, value_name = "MS", default_value_t = 200, value_parser = clap::value_parser!(u32).range(10..=60_000))]
     window_ms: u32,
     /// How far the receiver's levels may be off from the surveyor's, all alike, dB (standard deviation); 0: they are not
-    #[arg(long, value_name = "DB", allow_negative_numbers = true, default_value_t = 2.0, value_parser = super::solve::offset)]
+    #[arg(long, value_name = "DB", allow_negative_numbers = true, default_value_t = 2.0, value_parser = super::solve::decibels)]
     offset_db: f64,
     /// How levels of one point are averaged
     #[arg(long, value_name = "HOW", default_value = "power")]

@@ -31,6 +31,9 @@ pub struct Arguments {
     /// Walls, which are drawn, and barriers for particles: CSV with the corners of an outline, x_m,y_m, or with x1_m,y1_m,x2_m,y2_m
     #[arg(long, value_name = "FILE")]
     walls: Option<PathBuf>,
+    /// What a wall takes from a signal, dB, where the file of walls does not say; for posterior and particle-filter
+    #[arg(long, value_name = "DB", default_value_t = 0.0, value_parser = decibels, requires = "walls")]
+    wall_db: f64,
     /// How levels become a position: a name, several with commas, or all
     #[arg(long, value_name = "METHOD", default_value = "all", value_parser = Kernels::parse)]
     method: Kernels,
@@ -45,7 +48,7 @@ pub struct Arguments {
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = CornersM::parse)]
     area: Option<CornersM>,
     /// How far the receiver's levels may be off from those of the calibration, all alike, dB (standard deviation)
-    #[arg(long, value_name = "DB", allow_negative_numbers = true, default_value_t = 2.0, value_parser = offset)]
+    #[arg(long, value_name = "DB", allow_negative_numbers = true, default_value_t = 2.0, value_parser = decibels)]
     offset_db: f64,
     /// Seed of the particles: equal seeds give equal positions
     #[arg(long, default_value_t = 1)]
@@ -86,6 +89,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             height_m: arguments.height_m,
             area_m: arguments.area.map(|CornersM(corners)| corners),
             offset_db: arguments.offset_db,
+            wall_db: arguments.wall_db,
             seed: arguments.seed,
         },
     );
@@ -107,7 +111,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     })
 }
 
-pub fn offset(text: &str) -> Result<f64, String> {
+pub fn decibels(text: &str) -> Result<f64, String> {
     let decibels = finite(text)?;
     if (0.0..=100.0).contains(&decibels) { Ok(decibels) } else { Err("it must be from 0 to 100".to_owned()) }
 }

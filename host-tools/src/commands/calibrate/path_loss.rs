@@ -4,12 +4,13 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use anyhow::Result;
-use host_tools::ble::calibration::{Calibrated, calibrate, to_csv};
-use host_tools::ble::files::{read_beacons, read_stays};
+use host_tools::ble::calibration::{Calibrated, WALL_STEPS, calibrate, to_csv, wall_attenuation};
+use host_tools::ble::files::{read_beacons, read_stays, read_walls};
 use host_tools::{Wrong, output, plot};
 
 use crate::commands::recorded::finite;
 use crate::commands::{PictureFile, print, print_json, rounded, tell, write};
+use crate::progress::Progress;
 
 /// Level at one metre and path loss exponent of every beacon, by regression over fingerprints
 ///
@@ -28,6 +29,10 @@ pub struct Arguments {
     /// The height at which levels were taken, metres: heights of beacons (z_m) count
     #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = finite)]
     height_m: Option<f64>,
+    /// Walls: CSV with the corners of an outline, x_m,y_m, or with x1_m,y1_m,x2_m,y2_m and, where known, attenuation_db; what
+    /// they take, all alike, is found as well where it is not known
+    #[arg(long, value_name = "FILE")]
+    walls: Option<PathBuf>,
     /// Write the beacons with their path loss here
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -35,7 +40,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Print JSON: a list of objects with beacon, points, rssi_1m_dbm, path_loss_exponent, deviation_db, rssi_1m_sigma_db,
-    /// path_loss_exponent_sigma (null where the beacon was never heard)
+    /// path_loss_exponent_sigma (null where the beacon was never heard) and, with --walls, wall_db
     #[arg(long)]
     json: bool,
 }
@@ -50,10 +55,12 @@ struct Row<'a> {
     deviation_db: Option<f64>,
     rssi_1m_sigma_db: Option<f64>,
     path_loss_exponent_sigma: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    wall_db: Option<f64>,
 }
 
 impl<'a> Row<'a> {
-    fn of(calibrated: &'a Calibrated) -> Self {
+    fn of(calibrated: &'a Calibrated, wall_db: Option<f64>) -> Self {
         let found = calibrated.path_loss;
         Self {
             beacon: &calibrated.beacon,
@@ -63,6 +70,7 @@ impl<'a> Row<'a> {
             deviation_db: found.map(|found| rounded(found.deviation)),
             rssi_1m_sigma_db: found.map(|_| rounded(calibrated.sigma[0])),
             path_loss_exponent_sigma: found.map(|_| rounded(calibrated.sigma[1])),
+            wall_db,
         }
     }
 }
@@ -74,7 +82,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let picture = PictureFile::plot(arguments.plot.as_deref())?;
     let beacons = read_beacons(&arguments.beacons)?;
     let stays = read_stays(&arguments.fingerprints)?;
-    let calibrated = calibrate(&beacons, &stays, arguments.height_m);
+    let walls = arguments.walls.as_deref().map(read_walls).transpose()?.unwrap_or_default();
+    let wall_db = walls.iter().any(|wall| wall.attenuation_db.is_none()).then(|| {
+        let progress = Progress::new(WALL_STEPS as usize);
+        wall_attenuation(&beacons, &stays, arguments.height_m, &walls, || progress.step())
+    });
+    let calibrated = calibrate(&beacons, &stays, arguments.height_m, &walls, wall_db.unwrap_or(0.0));
     if calibrated.iter().all(|beacon| beacon.points.is_empty()) {
         let wrong = format!("none of the beacons of {} was heard", arguments.beacons.display());
         return Err(Wrong::file(&arguments.fingerprints, wrong).into());
@@ -82,11 +95,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(file) = &arguments.out {
         write(file, &to_csv(&beacons, &calibrated)?)?;
     }
-    let rows: Vec<Row> = calibrated.iter().map(Row::of).collect();
+    let rows: Vec<Row> = calibrated.iter().map(|beacon| Row::of(beacon, wall_db)).collect();
     if arguments.json {
         print_json(&rows)?;
     } else {
         print(table(&rows).as_bytes())?;
+    }
+    if let Some(wall_db) = wall_db {
+        tell(&format!("a wall takes {wall_db} dB (ble solve --wall-db {wall_db})\n"));
     }
     if let Some(picture) = picture {
         picture.write_and_tell(plot::path_loss(&calibrated)?)?;

@@ -7,6 +7,7 @@ use heapless::Vec;
 
 use super::Likelihood;
 use crate::ble::multilateration::Heard;
+use crate::ble::path_loss::{Wall, attenuation};
 use crate::{MAX_ANCHORS, Real};
 
 /// Distances are not told apart below this, metres.
@@ -22,26 +23,19 @@ struct Term<T> {
     weight: T,
 }
 
-impl<T: Real> Term<T> {
-    /// By how much the level is too loud for a place, dB. Near the beacon, where the model ends, the distance is rounded off.
-    #[inline(always)]
-    fn residual(&self, position: [T; 2]) -> T {
-        let (x, y) = (position[0] - self.place[0], position[1] - self.place[1]);
-        self.base + self.slope * (x.squared() + y.squared() + self.above).log2_about()
-    }
-}
-
 /// The likelihood of the levels of one scan.
 #[derive(Clone, Debug)]
-pub struct Levels<T> {
+pub struct Levels<'a, T> {
     terms: Vec<Term<T>, MAX_ANCHORS>,
     /// 1 ⁄ (Σ w + 1 ⁄ σₒ²), of the offset that is integrated out.
     share: T,
     /// −½ of the levels' trust.
     factor: T,
+    /// What stands between beacons and tag.
+    walls: &'a [Wall<T>],
 }
 
-impl<T: Real> Levels<T> {
+impl<'a, T: Real> Levels<'a, T> {
     /// Of levels that were heard, at most [`MAX_ANCHORS`] of them; what is not sane is left out.
     ///
     /// `offset_deviation` is how far the receiver's own offset may be from none, dB. `trust`, up to 1, is how much of it is news: what
@@ -66,7 +60,20 @@ impl<T: Real> Levels<T> {
             weights += weight;
         }
         let variance = offset_deviation.squared();
-        Self { terms, share: variance / (weights * variance + T::ONE), factor: T::of(-0.5) * trust }
+        Self { terms, share: variance / (weights * variance + T::ONE), factor: T::of(-0.5) * trust, walls: &[] }
+    }
+
+    /// The same with walls that take their part of a signal (2): every wall is looked at for every beacon and place.
+    pub fn through(self, walls: &'a [Wall<T>]) -> Self {
+        Self { walls, ..self }
+    }
+
+    /// By how much a level is too loud for a place, dB. Near the beacon, where the model ends, the distance is rounded off.
+    #[inline(always)]
+    fn residual(&self, term: &Term<T>, position: [T; 2]) -> T {
+        let (x, y) = (position[0] - term.place[0], position[1] - term.place[1]);
+        let residual = term.base + term.slope * (x.squared() + y.squared() + term.above).log2_about();
+        if self.walls.is_empty() { residual } else { residual + attenuation(self.walls, term.place, position) }
     }
 
     /// How many levels it holds.
@@ -78,7 +85,7 @@ impl<T: Real> Levels<T> {
     pub(crate) fn agreement(&self, position: [T; 2]) -> T {
         let mut weights = T::ZERO;
         for term in &self.terms {
-            weights += term.weight * term.residual(position).squared();
+            weights += term.weight * self.residual(term, position).squared();
         }
         let count = T::count(self.terms.len());
         count / (count + weights)
@@ -90,12 +97,12 @@ impl<T: Real> Levels<T> {
     }
 }
 
-impl<T: Real> Likelihood<T> for Levels<T> {
+impl<T: Real> Likelihood<T> for Levels<'_, T> {
     #[inline]
     fn ln_at(&self, position: [T; 2]) -> T {
         let (mut squares, mut sum) = (T::ZERO, T::ZERO);
         for term in &self.terms {
-            let residual = term.residual(position);
+            let residual = self.residual(term, position);
             squares += term.weight * residual.squared();
             sum += term.weight * residual;
         }
@@ -107,7 +114,7 @@ impl<T: Real> Likelihood<T> for Levels<T> {
 mod tests {
     use super::{Levels, Likelihood};
     use crate::ble::multilateration::Heard;
-    use crate::ble::path_loss::PathLoss;
+    use crate::ble::path_loss::{PathLoss, Wall};
 
     fn heard(place: [f64; 2], level: f64) -> Heard<f64, 2> {
         Heard { place, above: 0.0, level, path_loss: PathLoss { level_1m: -50.0, exponent: 2.0, deviation: 4.0 } }
@@ -125,6 +132,15 @@ mod tests {
         assert!((at(0.0, 0.25) + 0.25 * 0.960_110).abs() < 1e-6);
         // An offset of any size explains their mean, 1.581275; left are ∓3.586268: −½ · 25.722643 ⁄ 16 = −0.803833.
         assert!((at(1.0e6, 1.0) + 0.803_833).abs() < 1e-6, "{}", at(1.0e6, 1.0));
+    }
+
+    #[test]
+    fn a_wall_makes_the_places_behind_it_as_much_louder_as_it_takes() {
+        // Without: residual -2.004993 at (3, 4). A wall of 5 dB between: 2.995007, squared 8.970067, −½ · 8.970067 ⁄ 16 = −0.280315.
+        let walls = [Wall { ends: [[1.0, 0.0], [1.0, 9.0]], attenuation: 5.0 }];
+        let levels = Levels::of(&[heard([0.0, 0.0], -66.0)], 0.0, 1.0).through(&walls);
+        assert!((levels.ln_at([3.0, 4.0]) + 0.280_315).abs() < 1e-6, "{}", levels.ln_at([3.0, 4.0]));
+        assert!((levels.ln_at([-3.0, 4.0]) + 0.125_625).abs() < 1e-6, "not behind the wall");
     }
 
     #[test]
