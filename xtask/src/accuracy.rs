@@ -36,6 +36,16 @@ pub fn bench() -> Result<()> {
         None => println!("no impulse responses: the table of line of sight stays as it is"),
     }
 
+    let floor = data().join("linde_floor/fingerprints.csv");
+    if floor.is_file() {
+        let arguments = ["ble", "rooms", "--leave-one-out", "--fingerprints"].map(OsStr::new);
+        let table = baliza(arguments.into_iter().chain([floor.as_os_str()]))?;
+        println!("{table}");
+        document::remake(&file, "rooms", &table)?;
+    } else {
+        println!("no recorded floor: the table of rooms stays as it is");
+    }
+
     let folders = recordings();
     if folders.is_empty() {
         println!("no recordings: BALIZA_DATA names no folder with some, and their table stays as it is");

@@ -1,6 +1,6 @@
 //! Whether what was heard at a point may stand for the point.
 //!
-//! Bounds are such that of 74 stays recorded in a flat (10 and 5 s, phone in hand) two are refused.
+//! Bounds are such that of 74 stays recorded in a flat (10 and 5 s, phone in hand) three are refused.
 
 use std::fmt;
 
