@@ -17,6 +17,7 @@ pub mod output;
 pub mod place;
 pub mod plot;
 pub mod positions;
+pub mod presence;
 pub mod probe;
 pub mod provision;
 mod random;

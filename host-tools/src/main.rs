@@ -39,6 +39,7 @@ enum Command {
     Survey(commands::survey::Command),
     Coverage(commands::coverage::Arguments),
     Place(commands::place::Arguments),
+    Presence(commands::presence::Arguments),
     #[command(subcommand)]
     Ble(commands::ble::Command),
     #[command(subcommand)]
@@ -74,6 +75,7 @@ fn main() -> ExitCode {
         Command::Survey(command) => commands::survey::run(&command),
         Command::Coverage(arguments) => commands::coverage::run(&arguments),
         Command::Place(arguments) => commands::place::run(&arguments),
+        Command::Presence(arguments) => commands::presence::run(&arguments),
         Command::Ble(command) => commands::ble::run(&command),
         Command::Calibrate(command) => commands::calibrate::run(&command),
         Command::Plot(arguments) => commands::plot::run(&arguments),

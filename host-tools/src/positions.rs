@@ -59,6 +59,8 @@ pub struct PositionRow {
     pub epoch: String,
     /// Who found the position.
     pub method: String,
+    /// When, seconds.
+    pub t_s: Option<f64>,
     /// The position; `None` where none was found.
     pub place: Option<Place>,
     /// Standard deviation of x and y, metres.
@@ -74,14 +76,15 @@ pub struct PositionRow {
 pub fn read(file: &Path) -> Result<Vec<PositionRow>, Wrong> {
     let mut table = Table::open(file)?;
     let (epoch, x, y) = (table.column("epoch")?, table.column("x_m")?, table.column("y_m")?);
-    let [method, z, sigma_x, sigma_y, error] =
-        ["method", "z_m", "sigma_x_m", "sigma_y_m", "error_m"].map(|name| table.optional(name));
+    let [method, time, z, sigma_x, sigma_y, error] =
+        ["method", "t_s", "z_m", "sigma_x_m", "sigma_y_m", "error_m"].map(|name| table.optional(name));
     let mut rows = Vec::new();
     while let Some(row) = table.next_row()? {
         let z_m = row.number(z)?;
         rows.push(PositionRow {
             epoch: row.some_text(epoch)?.to_owned(),
             method: row.text(method).to_owned(),
+            t_s: row.number(time)?,
             place: row.number(x)?.zip(row.number(y)?).map(|(x_m, y_m)| Place { x_m, y_m, z_m }),
             sigma_m: row.number(sigma_x)?.zip(row.number(sigma_y)?).map(|(x, y)| [x, y]),
             error_m: row.number(error)?,

@@ -12,6 +12,7 @@ pub mod monitor;
 pub mod nlos;
 pub mod place;
 pub mod plot;
+pub mod presence;
 pub mod provision;
 pub mod record;
 mod recorded;

@@ -8,6 +8,7 @@ mod fingerprint;
 mod monitor;
 mod nlos;
 mod pictures;
+mod presence;
 mod provision;
 mod recordings;
 mod rooms;
