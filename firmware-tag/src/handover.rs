@@ -3,14 +3,13 @@
 
 use core::cell::Cell;
 
-use advertising::IBeacon;
+use advertising::Advertised;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use firmware_common::counts::Tally;
 use heapless::Vec;
-use ranging::RadioInstant;
 use ranging::exchange::{self, Difference, Guidance, Range};
 use ranging::native::MAX_ROUND;
 
@@ -28,6 +27,31 @@ pub enum Measured<'a> {
     Ranges(exchange::Round<'a>),
     /// Differences of arrivals among anchors that asked each other.
     Differences(exchange::Differences<'a>),
+    /// Levels of beacons, heard in a window.
+    Levels(Levels<'a>),
+}
+
+/// What was heard of beacons in a window.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Levels<'a> {
+    /// Goes on from the last round's number, wrapping.
+    pub number: u16,
+    /// The beacons heard whose place is known, the nearest first.
+    pub levels: &'a [Level],
+}
+
+/// The level of one beacon.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Level {
+    /// Its place in the list of the record.
+    pub beacon: u16,
+    /// Smoothed, dBm.
+    pub level_dbm: f32,
+    /// The distance that belongs to it, metres.
+    pub distance_m: f32,
+    /// Standard deviations of the distance's natural logarithm, by noise and by what stays with the place.
+    pub deviations: [f32; 2],
 }
 
 impl<'a> Measured<'a> {
@@ -36,22 +60,25 @@ impl<'a> Measured<'a> {
         match self {
             Self::Ranges(round) => round.number,
             Self::Differences(round) => round.number,
+            Self::Levels(window) => window.number,
         }
     }
 
-    /// Anchors that were asked.
+    /// Anchors that were asked; none for levels.
     pub const fn asked(&self) -> u8 {
         match self {
             Self::Ranges(round) => round.asked,
             Self::Differences(round) => round.asked,
+            Self::Levels(_) => 0,
         }
     }
 
-    /// How many ranges, or differences, there are.
+    /// How many ranges, differences or levels there are.
     pub const fn count(&self) -> usize {
         match self {
             Self::Ranges(round) => round.ranges.len(),
             Self::Differences(round) => round.differences.len(),
+            Self::Levels(window) => window.levels.len(),
         }
     }
 
@@ -59,15 +86,7 @@ impl<'a> Measured<'a> {
     pub const fn ranges(&self) -> &'a [Range] {
         match self {
             Self::Ranges(round) => round.ranges,
-            Self::Differences(_) => &[],
-        }
-    }
-
-    /// When the poll left or came, in the radio's clock.
-    pub(crate) const fn poll(&self) -> RadioInstant {
-        match self {
-            Self::Ranges(round) => round.poll,
-            Self::Differences(round) => round.poll,
+            Self::Differences(_) | Self::Levels(_) => &[],
         }
     }
 }
@@ -90,17 +109,18 @@ enum Owned {
 }
 
 impl Round {
-    pub(crate) fn of(measured: &Measured<'_>, poll_us: u64, sounding: Option<Sounding>) -> Self {
-        let owned = match *measured {
-            Measured::Ranges(round) => Owned::Ranges(
-                exchange::Round { ranges: &[], ..round },
-                round.ranges.iter().take(MAX_ROUND).copied().collect(),
-            ),
-            Measured::Differences(round) => Owned::Differences(
-                exchange::Differences { differences: &[], ..round },
-                round.differences.iter().take(MAX_ROUND).copied().collect(),
-            ),
-        };
+    pub(crate) fn of_ranges(round: &exchange::Round<'_>, poll_us: u64, sounding: Option<Sounding>) -> Self {
+        let ranges = round.ranges.iter().take(MAX_ROUND).copied().collect();
+        Self { poll_us, sounding, owned: Owned::Ranges(exchange::Round { ranges: &[], ..*round }, ranges) }
+    }
+
+    pub(crate) fn of_differences(
+        round: &exchange::Differences<'_>,
+        poll_us: u64,
+        sounding: Option<Sounding>,
+    ) -> Self {
+        let differences = round.differences.iter().take(MAX_ROUND).copied().collect();
+        let owned = Owned::Differences(exchange::Differences { differences: &[], ..*round }, differences);
         Self { poll_us, sounding, owned }
     }
 
@@ -114,14 +134,14 @@ impl Round {
     }
 }
 
-/// An iBeacon's advertisement, heard.
+/// A beacon's advertisement, heard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Heard {
     /// When, since the node started, microseconds.
     pub t_us: u64,
     /// What it says.
-    pub beacon: IBeacon,
+    pub beacon: Advertised,
     /// dBm.
     pub rssi_dbm: i8,
 }
@@ -164,7 +184,7 @@ impl<M: RawMutex> Handover<M> {
         self.rounds.receive().await
     }
 
-    /// The scanner has heard an iBeacon; how many older sightings that cost.
+    /// The scanner has heard a beacon; how many older sightings that cost.
     pub(crate) fn put_sighting(&self, heard: Heard) -> u32 {
         put(&self.sightings, heard)
     }
@@ -214,11 +234,12 @@ mod tests {
     use super::*;
     use embassy_futures::block_on;
     use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+    use ranging::RadioInstant;
     use ranging::native::Rate;
 
     fn round(number: u16) -> Round {
         let measured = exchange::Round { number, poll: RadioInstant::default(), asked: 4, ranges: &[] };
-        Round::of(&Measured::Ranges(measured), 0, None)
+        Round::of_ranges(&measured, 0, None)
     }
 
     #[test]

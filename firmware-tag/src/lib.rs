@@ -3,11 +3,13 @@
 //!
 //! Radio → machine → a round of ranges, or of differences → [`Handover`] → [`Tracker`] → an [`Epoch`]: a position with its
 //! covariance, or the reason why there is none. Ranging never waits for the engine: where that is late, the oldest round goes, and is counted.
-//! Back flow the position, by which a tag chooses its anchors, and its [`Pace`]. A Bluetooth scan ([`scan`]) runs beside.
+//! Back flow the position, by which a tag chooses its anchors, and its [`Pace`]. A Bluetooth scan ([`scan`]) runs beside, and what it
+//! hears of listed beacons goes into the same track, so that a tag goes from anchors to beacons and back.
 #![no_std]
 #![forbid(unsafe_code)]
 
 mod handover;
+mod levels;
 mod locator;
 mod pace;
 pub mod scan;
@@ -24,7 +26,7 @@ extern crate std;
 use core::convert::Infallible;
 
 use embassy_futures::join::{join, join3};
-use embassy_futures::select::{Either, select};
+use embassy_futures::select::{Either3, select3};
 use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
 use embedded_hal_async::delay::DelayNs;
 use firmware_common::{Reporter, Settings, TagMachine, build};
@@ -36,12 +38,12 @@ use telemetry::{Board, Hello, Role, Sighting};
 use handover::{Quiet, Round};
 use sounding::Sounder;
 
-pub use handover::{Handover, Heard, Measured};
+pub use handover::{Handover, Heard, Level, Levels, Measured};
 pub use locator::{AnchorPlace, Epoch, Locator, Position, places};
 pub use pace::Pace;
 #[cfg(feature = "_board")]
 pub use shelf::Shelf;
-pub use sightings::{KnownBeacons, tell_sightings};
+pub use sightings::KnownBeacons;
 pub use sounding::Sounding;
 pub use told::Told;
 pub use tracker::Tracker;
@@ -156,15 +158,31 @@ pub async fn engine<M: RawMutex>(
     let turns = tracker.wants_response();
     loop {
         sink.alive(Task::Engine);
-        let round = match select(handover.next_round(), delay.delay_ms(IDLE_MS)).await {
-            Either::First(round) => round,
-            Either::Second(()) => continue,
+        let idle_ms = match tracker.window_end_us() {
+            Some(end_us) => (end_us.saturating_sub(sink.now_us()).div_ceil(1000)).min(IDLE_MS.into()) as u32,
+            None => IDLE_MS,
         };
-        let epoch = tracker.follow(round.measured(), round.sounding.as_ref(), round.poll_us);
-        let position = epoch.outcome.as_ref().ok();
-        let rate = pace.after(sink.now_us(), position);
-        handover.guide(Guidance { position_m: position.map(|position| position.position_m), rate, turns });
-        sink.publish(epoch).await;
+        match select3(handover.next_round(), handover.next_sighting(), delay.delay_ms(idle_ms)).await {
+            Either3::First(round) => {
+                let epoch = tracker.follow(round.measured(), round.sounding.as_ref(), round.poll_us);
+                let position = epoch.outcome.as_ref().ok();
+                let rate = pace.after(sink.now_us(), position);
+                handover.guide(Guidance { position_m: position.map(|position| position.position_m), rate, turns });
+                sink.publish(epoch).await;
+            }
+            Either3::Second(heard) => {
+                if let Some(sighting) = tracker.hear(&heard) {
+                    sink.sighting(sighting);
+                }
+            }
+            Either3::Third(()) => {}
+        }
+        if let Some(epoch) = tracker.window(sink.now_us()) {
+            if let Ok(position) = &epoch.outcome {
+                handover.guide(Guidance { position_m: Some(position.position_m), rate: None, turns });
+            }
+            sink.publish(epoch).await;
+        }
     }
 }
 
@@ -176,19 +194,29 @@ struct Ranging<'a, M: RawMutex, S> {
 }
 
 impl<M: RawMutex, S: Sink> Ranging<'_, M, S> {
-    fn hand_over(&mut self, measured: &Measured<'_>, present: RadioInstant) {
-        let age_us = u64::try_from(present.since(measured.poll()).as_micros()).unwrap_or(0);
-        let poll_us = self.sink.now_us().saturating_sub(age_us);
-        let dropped = self.handover.put_round(Round::of(measured, poll_us, self.sounder.take()));
+    fn hand_over(&self, round: Round) {
+        let dropped = self.handover.put_round(round);
         (0..dropped).for_each(|_| self.sink.round_dropped());
+    }
+
+    /// When a poll left or came, since the node started, microseconds.
+    fn poll_us(&self, poll: RadioInstant, present: RadioInstant) -> u64 {
+        let age_us = u64::try_from(present.since(poll).as_micros()).unwrap_or(0);
+        self.sink.now_us().saturating_sub(age_us)
     }
 }
 
 impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
     async fn report(&mut self, report: Report<'_>, present: RadioInstant) -> Guidance {
         match report {
-            Report::Round(round) => self.hand_over(&Measured::Ranges(round), present),
-            Report::Differences(round) => self.hand_over(&Measured::Differences(round), present),
+            Report::Round(round) => {
+                let sounding = self.sounder.take();
+                self.hand_over(Round::of_ranges(&round, self.poll_us(round.poll, present), sounding));
+            }
+            Report::Differences(round) => {
+                let sounding = self.sounder.take();
+                self.hand_over(Round::of_differences(&round, self.poll_us(round.poll, present), sounding));
+            }
             Report::Link(link) => self.sink.link(link),
         }
         let guidance = self.handover.take_guidance();

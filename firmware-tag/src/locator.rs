@@ -5,7 +5,10 @@ use positioning_core::engine::{Dimensions, Settings, Solvers};
 use positioning_core::nlos::Model;
 use positioning_core::{NoFix, Noise, Real, Side};
 
-use crate::{Measured, Sounding};
+use crate::{KnownBeacons, Measured, Sounding};
+
+/// A track by beacons that has become more uncertain than this is given up, metres, all axes together.
+const LOST_AMONG_BEACONS_M: f32 = 10.0;
 
 /// An anchor that the tag knows of by its configuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,7 +21,7 @@ pub struct AnchorPlace {
 }
 
 /// How a tag makes positions.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone)]
 pub struct Locator<'a> {
     /// How the engine is to work.
     pub settings: Settings<f32>,
@@ -26,14 +29,16 @@ pub struct Locator<'a> {
     pub anchors: &'a [AnchorPlace],
     /// What tells blocked links; `None`: their powers.
     pub model: Option<&'a Model<'a>>,
+    /// Beacons by whose levels it finds itself as well, where it follows a track.
+    pub beacons: KnownBeacons<'a>,
 }
 
-/// What became of one round.
+/// What became of one round, or of a window of levels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Epoch<'a> {
-    /// The round with its ranges or differences.
+    /// The round with its ranges or differences, or the levels.
     pub measured: Measured<'a>,
-    /// When its poll left or came, since the node started, microseconds: the time of the position.
+    /// When its poll left or came, or its window ended, since the node started, microseconds: the time of the position.
     pub poll_us: u64,
     /// The position, or why there is none.
     pub outcome: Result<Position, NoFix>,
@@ -49,7 +54,7 @@ pub struct Position {
     pub position_m: [f32; 3],
     /// Covariance, m²; zero in the row and column of a height that was given.
     pub covariance_m2: [[f32; 3]; 3],
-    /// What of the round went into it: bit i is the i-th range or difference.
+    /// What of the round went into it: bit i is the i-th range, difference or level.
     pub used: u16,
     /// How far the round agrees with it, 0 to 1.
     pub quality: f32,
@@ -71,12 +76,17 @@ impl<'a> Locator<'a> {
             None => Settings::solve(Dimensions::Space { side: Side::Unknown }, Solvers::robust()),
         };
         let settings = Settings { noise: Noise::by_powers(), solvers: Solvers::on_node(), ..settings };
-        Self { settings, anchors, model: None }
+        Self { settings, anchors, model: None, beacons: KnownBeacons::new(&[], None) }
     }
 
     /// That of a tag with this record, and with the classifier beside it.
-    pub fn of(tag: &node_record::Tag, anchors: &'a [AnchorPlace], model: Option<&'a Model<'a>>) -> Self {
-        Self::new(tag.height_m, anchors).with_model(model)
+    pub fn of(
+        tag: &node_record::Tag,
+        record: &'a node_record::Record,
+        anchors: &'a [AnchorPlace],
+        model: Option<&'a Model<'a>>,
+    ) -> Self {
+        Self::new(tag.height_m, anchors).with_model(model).with_beacons(KnownBeacons::of(record))
     }
 
     /// Has this classifier, where there is one, tell blocked links.
@@ -86,6 +96,12 @@ impl<'a> Locator<'a> {
             self.settings.noise = Noise::by_model();
         }
         self
+    }
+
+    /// The same, that listens for these beacons. By them alone a track is uncertain by metres, and no less a track.
+    pub fn with_beacons(self, beacons: KnownBeacons<'a>) -> Self {
+        let lost = if beacons.listed().is_empty() { self.settings.lost } else { LOST_AMONG_BEACONS_M };
+        Self { settings: Settings { lost, ..self.settings }, beacons, ..self }
     }
 }
 

@@ -8,7 +8,7 @@
 
 use core::convert::Infallible;
 
-use advertising::IBeacon;
+use advertising::Advertised;
 use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
@@ -137,7 +137,7 @@ impl Supervisor {
 pub fn hear<M: RawMutex>(handover: &Handover<M>, sink: &impl Sink, data: &[u8], rssi_dbm: i8) {
     handover.heard.add();
     // Most advertisements are no beacons'.
-    if let Ok(beacon) = IBeacon::parse(data) {
+    if let Ok(beacon) = Advertised::parse(data) {
         let dropped = handover.put_sighting(Heard { t_us: sink.now_us(), beacon, rssi_dbm });
         sink.heard(dropped);
     }

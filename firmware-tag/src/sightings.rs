@@ -1,57 +1,60 @@
-//! From iBeacons heard to sightings of beacons that the tag knows: by their numbers, or through their disguise.
+//! The beacons that a tag knows: by their numbers, or through their disguise.
 
-use core::convert::Infallible;
-
-use advertising::{Disguise, IBeacon};
-use embassy_sync::blocking_mutex::raw::RawMutex;
+use advertising::{Advertised, Disguise};
 use node_record::{Beacon, Record};
-use telemetry::{BeaconId, Sighting};
-
-use crate::{Handover, Sink};
+use telemetry::BeaconId;
 
 /// The beacons that a tag knows.
+#[derive(Clone)]
 pub struct KnownBeacons<'r> {
     beacons: &'r [Beacon],
     disguise: Option<Disguise>,
 }
 
+/// A beacon that is one of ours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Known {
+    pub(crate) id: BeaconId,
+    /// Its place in the list, if it is listed.
+    pub(crate) place: Option<usize>,
+}
+
 impl<'r> KnownBeacons<'r> {
     /// Those of a record.
     pub fn of(record: &'r Record) -> Self {
-        Self { beacons: &record.beacons, disguise: record.beacon_key.as_ref().map(Disguise::new) }
+        Self::new(&record.beacons, record.beacon_key.as_ref())
     }
 
-    /// Who it is, if it is one of ours. With an empty list every beacon is.
-    fn identify(&self, heard: &IBeacon) -> Option<BeaconId> {
-        let revealed = self.disguise.as_ref().and_then(|disguise| disguise.see_through(heard));
-        let (major, minor) = revealed.map_or((heard.major, heard.minor), |true_one| (true_one.major, true_one.minor));
-        let known = self.beacons.iter().any(|beacon| (beacon.major, beacon.minor) == (major, minor));
-        let [a, b, c, d, ..] = heard.uuid;
+    /// These, and whoever wears a disguise of this key. With an empty list every beacon is known, and the place of none.
+    pub fn new(beacons: &'r [Beacon], key: Option<&[u8; 16]>) -> Self {
+        Self { beacons, disguise: key.map(Disguise::new) }
+    }
+
+    /// Those whose places are known.
+    pub(crate) fn listed(&self) -> &'r [Beacon] {
+        self.beacons
+    }
+
+    /// Who it is, if it is one of ours.
+    pub(crate) fn identify(&self, heard: &Advertised) -> Option<Known> {
+        let revealed = match (heard, &self.disguise) {
+            (Advertised::IBeacon(beacon), Some(disguise)) => disguise.see_through(beacon),
+            (Advertised::IBeacon(_), None) | (Advertised::EddystoneUid(_), _) => None,
+        };
+        let told = heard.identity();
+        let (major, minor) = revealed.map_or((told.major, told.minor), |true_one| (true_one.major, true_one.minor));
+        let place = self.beacons.iter().position(|beacon| (beacon.major, beacon.minor) == (major, minor));
         // The UUID of a disguise says nothing.
-        let network = if revealed.is_some() { 0 } else { u32::from_be_bytes([a, b, c, d]) };
-        (known || self.beacons.is_empty()).then_some(BeaconId { network, major, minor })
-    }
-}
-
-/// Tells the sightings of known beacons, for ever; runs in the engine's task.
-pub async fn tell_sightings<M: RawMutex>(
-    handover: &Handover<M>,
-    known: KnownBeacons<'_>,
-    sink: &impl Sink,
-) -> Infallible {
-    loop {
-        let heard = handover.next_sighting().await;
-        if let Some(beacon) = known.identify(&heard.beacon) {
-            let (rssi, measured_power) = (heard.rssi_dbm, heard.beacon.measured_power_dbm);
-            sink.sighting(Sighting { t_us: heard.t_us, beacon, rssi, measured_power });
-        }
+        let network = if revealed.is_some() { 0 } else { told.network };
+        let known = Known { id: BeaconId { network, major, minor }, place };
+        (place.is_some() || self.beacons.is_empty()).then_some(known)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use advertising::Fresh;
+    use advertising::{EddystoneUid, Fresh, IBeacon};
 
     const KEY: [u8; 16] = [7; 16];
 
@@ -67,21 +70,33 @@ mod tests {
 
     #[test]
     fn listed_beacons_are_known_and_others_are_not() {
-        let known = KnownBeacons { beacons: &[listed(1, 2)], disguise: None };
+        let list = [listed(1, 1), listed(1, 2)];
+        let known = KnownBeacons::new(&list, None);
         let id = BeaconId { network: 0x1234_5678, major: 1, minor: 2 };
-        assert_eq!(known.identify(&ibeacon(1, 2)), Some(id));
-        assert_eq!(known.identify(&ibeacon(1, 3)), None);
-        let all = KnownBeacons { beacons: &[], disguise: None };
-        assert_eq!(all.identify(&ibeacon(1, 3)), Some(BeaconId { minor: 3, ..id }));
+        let one = Advertised::IBeacon(ibeacon(1, 2));
+        assert_eq!(known.identify(&one), Some(Known { id, place: Some(1) }));
+        assert_eq!(known.identify(&Advertised::IBeacon(ibeacon(1, 3))), None);
+        let all = KnownBeacons::new(&[], None);
+        assert_eq!(all.identify(&one), Some(Known { id, place: None }));
+    }
+
+    #[test]
+    fn an_eddystone_is_known_by_the_last_bytes_of_its_instance() {
+        let list = [listed(0x0102, 0x0304)];
+        let heard = EddystoneUid { namespace: [0x12; 10], instance: [9, 9, 1, 2, 3, 4], power_0m_dbm: -18 };
+        let known = KnownBeacons::new(&list, Some(&KEY)).identify(&Advertised::EddystoneUid(heard));
+        let id = BeaconId { network: 0x1212_1212, major: 0x0102, minor: 0x0304 };
+        assert_eq!(known, Some(Known { id, place: Some(0) }));
     }
 
     #[test]
     fn a_disguise_is_seen_through_with_the_key_only() {
         let disguise = Disguise::new(&KEY);
-        let disguised = disguise.put_on(&ibeacon(1, 2), Fresh { salt: [1, 2, 3, 4], major: 900, minor: 901 });
-        let known = KnownBeacons { beacons: &[listed(1, 2)], disguise: Some(Disguise::new(&KEY)) };
-        assert_eq!(known.identify(&disguised), Some(BeaconId { network: 0, major: 1, minor: 2 }));
-        let blind = KnownBeacons { beacons: &[listed(1, 2)], disguise: Some(Disguise::new(&[8; 16])) };
-        assert_eq!(blind.identify(&disguised), None);
+        let fresh = Fresh { salt: [1, 2, 3, 4], major: 900, minor: 901 };
+        let disguised = Advertised::IBeacon(disguise.put_on(&ibeacon(1, 2), fresh));
+        let list = [listed(1, 2)];
+        let id = BeaconId { network: 0, major: 1, minor: 2 };
+        assert_eq!(KnownBeacons::new(&list, Some(&KEY)).identify(&disguised), Some(Known { id, place: Some(0) }));
+        assert_eq!(KnownBeacons::new(&list, Some(&[8; 16])).identify(&disguised), None);
     }
 }

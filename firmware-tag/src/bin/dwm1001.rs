@@ -49,7 +49,11 @@ async fn ranging(radio: &'static mut Radio, delay: Delay, machine: &'static mut 
 
 #[embassy_executor::task]
 async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
-    let (locator, pace) = (Locator::of(&shared.tag, anchors, shared.model), Pace::of(&shared.tag));
+    #[cfg(feature = "ble")]
+    let locator = Locator::of(&shared.tag, shared.record, anchors, shared.model);
+    #[cfg(not(feature = "ble"))]
+    let locator = Locator::new(shared.tag.height_m, anchors).with_model(shared.model);
+    let pace = Pace::of(&shared.tag);
     firmware_tag::engine(shared.handover, embassy_time::Delay, locator, pace, &shared.told()).await;
 }
 
@@ -60,14 +64,14 @@ mod commanded;
 mod bluetooth {
     use boards::dwm1001::bluetooth::{Parts, Scanner};
     use embassy_executor::Spawner;
-    use embassy_futures::join::join3;
-    use firmware_tag::{KnownBeacons, scan};
+    use embassy_futures::join::join;
+    use firmware_tag::scan;
     use node_record::Scan;
 
     use super::Shared;
     use super::commanded::Commanded;
 
-    /// Scans, and tells what it has heard.
+    /// Scans; what is heard goes to the engine.
     #[embassy_executor::task]
     pub async fn scan(spawner: Spawner, parts: Parts, wanted: Scan, shared: Shared) {
         let scanner = match Scanner::start(parts, spawner).await {
@@ -80,8 +84,7 @@ mod bluetooth {
         let (handover, told) = (shared.handover, shared.told());
         let listening = scanner.listen(|heard| scan::hear(handover, &told, heard.data, heard.rssi));
         let scanning = scan::run(handover, wanted.into(), Commanded(&scanner), embassy_time::Delay, &told);
-        let telling = firmware_tag::tell_sightings(handover, KnownBeacons::of(shared.record), &told);
-        join3(listening, scanning, telling).await;
+        join(listening, scanning).await;
     }
 }
 

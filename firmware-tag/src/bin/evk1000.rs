@@ -83,7 +83,8 @@ async fn engine(
     (anchors, model): (&'static [AnchorPlace], Option<&'static Model<'static>>),
     sink: TagShown,
 ) {
-    let (locator, pace) = (Locator::of(&tag, anchors, model), Pace::of(&tag));
+    let locator = Locator::new(tag.height_m, anchors).with_model(model);
+    let pace = Pace::of(&tag);
     firmware_tag::engine(handover, Delay, locator, pace, &sink).await;
 }
 

@@ -47,7 +47,8 @@ async fn ranging(radio: &'static mut Radio, machine: &'static mut TagMachine, sh
 
 #[embassy_executor::task]
 async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
-    let (locator, pace) = (Locator::of(&shared.tag, anchors, shared.model), Pace::of(&shared.tag));
+    let locator = Locator::of(&shared.tag, shared.record, anchors, shared.model);
+    let pace = Pace::of(&shared.tag);
     firmware_tag::engine(shared.handover, Delay, locator, pace, &shared.told()).await;
 }
 
@@ -58,9 +59,9 @@ mod commanded;
 #[cfg(feature = "ble")]
 mod bluetooth {
     use boards::esp::bluetooth::{Parts, Scanner};
-    use embassy_futures::join::join3;
+    use embassy_futures::join::join;
     use embassy_time::Delay;
-    use firmware_tag::{KnownBeacons, scan};
+    use firmware_tag::scan;
     use node_record::Scan;
 
     use super::Shared;
@@ -78,8 +79,7 @@ mod bluetooth {
         let (handover, told) = (shared.handover, shared.told());
         let listening = scanner.listen(|heard| scan::hear(handover, &told, heard.data, heard.rssi));
         let scanning = scan::run(handover, wanted.into(), Commanded(&scanner), Delay, &told);
-        let telling = firmware_tag::tell_sightings(handover, KnownBeacons::of(shared.record), &told);
-        join3(listening, scanning, telling).await;
+        join(listening, scanning).await;
     }
 }
 

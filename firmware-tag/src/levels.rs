@@ -1,0 +1,197 @@
+//! From advertisements to ranges: in flow the levels of listed beacons as the controller reports them, out flow, once a window, the
+//! distances that belong to them, with deviations that are honest.
+//!
+//! A level is judged and smoothed by the core's Kalman filter of its beacon (`positioning_core::ble::signal`), and becomes a distance
+//! by the beacon's path loss. Of its error the noise is averaged away and the shadow of walls and people is not: it stays with the
+//! place. A beacon whose levels jump more than noise does, because it moves, or because two have one identity, is doubted by as much.
+
+use heapless::Vec;
+use node_record::{Beacon, MAX_BEACONS};
+use positioning_core::Real;
+use positioning_core::ble::path_loss::PathLoss;
+use positioning_core::ble::signal::{Kalman, Smoothing, Step, level};
+
+use crate::handover::Level;
+
+/// From one position by beacons to the next, microseconds: the thesis' time of integration for a floor (A. Linde 2024, section 5.3).
+pub(crate) const WINDOW_US: u64 = 500_000;
+/// As many of the nearest beacons make a position: the engine follows sixteen links, and anchors want eight of them.
+pub(crate) const MOST: usize = 8;
+
+/// The deviation of single levels of one place, all channels together, dB (Linde, table 3.1).
+const NOISE_DB: f32 = 4.41;
+/// Q ⁄ R of the smoothing: that of the thesis, 0.01 (section 3.4.1.2).
+const PROCESS: f32 = 0.01;
+/// An interval of advertising, microseconds (Linde, section 4.2).
+const INTERVAL_US: u32 = 100_000;
+/// The deviation of what stays with the place, dB: shadowing, and how far the path loss is from the beacon's own.
+const LASTING_DB: f32 = 5.0;
+/// How much a new level counts in what a beacon's levels are seen to deviate by.
+const LEARNING: f32 = 0.1;
+/// A path-loss exponent that nobody has calibrated.
+const EXPONENT: f32 = 2.0;
+/// After so long in silence a beacon starts anew, microseconds: it may stand elsewhere by then.
+const FORGOTTEN_US: u64 = 10 * WINDOW_US;
+
+/// What was heard of one beacon.
+#[derive(Clone, Copy, Debug, Default)]
+struct Signal {
+    kalman: Kalman<f32>,
+    /// Mean square of how far levels are from the smoothed one, dB².
+    spread_db2: f32,
+    /// What it says its RSSI is at 1 m, dBm.
+    told_1m_dbm: i8,
+    /// Heard since the last window.
+    is_fresh: bool,
+}
+
+/// What was heard of all listed beacons, by their place in the list.
+#[derive(Clone, Debug)]
+pub(crate) struct Signals {
+    smoothing: Smoothing<f32>,
+    signals: [Signal; MAX_BEACONS],
+}
+
+impl Signals {
+    /// Nothing yet.
+    pub(crate) fn new() -> Self {
+        let measurement = NOISE_DB * NOISE_DB;
+        let smoothing = Smoothing { measurement, process: PROCESS * measurement, interval_us: INTERVAL_US };
+        Self { smoothing, signals: [Signal::default(); MAX_BEACONS] }
+    }
+
+    /// A beacon was heard with this RSSI, and says what it should be at 1 m, dBm. An RSSI that is none changes nothing.
+    pub(crate) fn hear(&mut self, t_us: u64, place: usize, rssi_dbm: i8, told_1m_dbm: i8) {
+        let (Ok(heard), Some(signal)) = (level(f32::from(rssi_dbm)), self.signals.get_mut(place)) else { return };
+        if t_us.saturating_sub(signal.kalman.heard_us()) > FORGOTTEN_US {
+            *signal = Signal::default();
+        }
+        let off = signal.kalman.level().map_or(0.0, |level| heard - level);
+        match signal.kalman.hear(t_us, heard, &self.smoothing) {
+            Step::Started => signal.spread_db2 = NOISE_DB * NOISE_DB,
+            Step::Smoothed => signal.spread_db2 += LEARNING * (off * off - signal.spread_db2),
+        }
+        (signal.told_1m_dbm, signal.is_fresh) = (told_1m_dbm, true);
+    }
+
+    /// The window ends: the nearest of the beacons heard in it, the nearest first.
+    pub(crate) fn take(&mut self, now_us: u64, beacons: &[Beacon]) -> Vec<Level, MOST> {
+        let mut nearest: Vec<Level, MOST> = Vec::new();
+        for (place, (signal, beacon)) in (0_u16..).zip(self.signals.iter_mut().zip(beacons)) {
+            let fresh = core::mem::take(&mut signal.is_fresh);
+            let Some(level) = fresh.then(|| signal.level(place, beacon, now_us, &self.smoothing)).flatten() else {
+                continue;
+            };
+            let before = nearest.iter().position(|other| level.distance_m < other.distance_m);
+            let at = before.unwrap_or(nearest.len());
+            if at < MOST {
+                if nearest.is_full() {
+                    nearest.pop();
+                }
+                // There is room, and no gap.
+                let _ = nearest.insert(at, level);
+            }
+        }
+        nearest
+    }
+}
+
+impl Signal {
+    fn level(&self, place: u16, beacon: &Beacon, now_us: u64, smoothing: &Smoothing<f32>) -> Option<Level> {
+        let level_dbm = self.kalman.level()?;
+        let noise_db2 = NOISE_DB * NOISE_DB;
+        let more_db2 = (self.spread_db2 - noise_db2).max(0.0);
+        let path_loss = PathLoss {
+            level_1m: beacon.rssi_1m_dbm.unwrap_or(f32::from(self.told_1m_dbm)),
+            exponent: beacon.path_loss_exponent.unwrap_or(EXPONENT),
+            deviation: Real::sqrt(LASTING_DB * LASTING_DB + more_db2),
+        };
+        if !path_loss.is_sane() {
+            return None;
+        }
+        let noise = PathLoss { deviation: Real::sqrt(self.kalman.variance_at(now_us, smoothing)), ..path_loss };
+        let deviations = [noise.relative_deviation(), path_loss.relative_deviation()];
+        Some(Level { beacon: place, level_dbm, distance_m: path_loss.distance(level_dbm), deviations })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn beacon(minor: u16) -> Beacon {
+        let position_m = [f32::from(minor), 0.0, 2.0];
+        Beacon { major: 1, minor, position_m, rssi_1m_dbm: Some(-60.0), path_loss_exponent: None }
+    }
+
+    #[test]
+    fn a_level_becomes_a_distance_and_a_doubt() {
+        let mut signals = Signals::new();
+        for k in 0..100 {
+            signals.hear(k * 100_000, 0, -80, -50);
+        }
+        let heard = signals.take(9_900_000, &[beacon(1)]);
+        let [level] = heard[..] else { panic!("{heard:?}") };
+        // 20 dB at an exponent of 2: 10 m, by the record's level at 1 m.
+        assert_eq!((level.beacon, level.level_dbm), (0, -80.0));
+        assert!((level.distance_m - 10.0).abs() < 1e-3, "{level:?}");
+        // The gain of Q ⁄ R = 0.01 goes to 0.0951 (k² = 0.01 (1 − k)): √0.0951 · 4.41 = 1.360 dB, and 5 dB; ln 10 ⁄ 20 each.
+        assert!((level.deviations[0] - 0.1566).abs() < 1e-3, "{level:?}");
+        assert!((level.deviations[1] - 0.5756).abs() < 1e-3, "{level:?}");
+        assert!(signals.take(10_400_000, &[beacon(1)]).is_empty(), "not heard since");
+    }
+
+    #[test]
+    fn without_calibration_a_beacon_is_believed() {
+        let mut signals = Signals::new();
+        signals.hear(1, 0, -70, -50);
+        let heard = signals.take(1, &[Beacon { rssi_1m_dbm: None, ..beacon(1) }]);
+        assert!((heard[0].distance_m - 10.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn an_rssi_that_is_none_changes_nothing() {
+        let mut signals = Signals::new();
+        for rssi in [127, 0, 20, -128] {
+            signals.hear(1, 0, rssi, -59);
+        }
+        assert!(signals.take(1, &[beacon(1)]).is_empty());
+        signals.hear(2, 0, -80, -59);
+        signals.hear(3, 0, 127, -59);
+        signals.hear(4, MAX_BEACONS, -40, -59);
+        assert_eq!(signals.take(4, &[beacon(1)])[0].level_dbm, -80.0);
+    }
+
+    #[test]
+    fn two_beacons_of_one_identity_are_doubted_more() {
+        let mut signals = Signals::new();
+        for k in 0..200 {
+            signals.hear(k * 50_000, 0, if k % 2 == 0 { -50 } else { -80 }, -59);
+        }
+        let level = signals.take(9_950_000, &[beacon(1)])[0];
+        // ± 15 dB: √(25 + 225 − 19) = 15 dB, 1.75; the smoothed level goes with it and makes it a little more.
+        assert!((1.6..2.1).contains(&level.deviations[1]), "{level:?}");
+    }
+
+    #[test]
+    fn the_nearest_are_taken_in_their_order() {
+        let list: std::vec::Vec<Beacon> = (0..12).map(beacon).collect();
+        let mut signals = Signals::new();
+        for place in 0..12_u8 {
+            // The loudest in the middle.
+            signals.hear(1, place.into(), -60 - 2 * i8::try_from(place.abs_diff(6)).unwrap(), -59);
+        }
+        let order: std::vec::Vec<u16> = signals.take(1, &list).iter().map(|level| level.beacon).collect();
+        assert_eq!(order, [6, 5, 7, 4, 8, 3, 9, 2]);
+    }
+
+    #[test]
+    fn a_beacon_that_was_silent_for_long_starts_anew() {
+        let mut signals = Signals::new();
+        for k in 0..50 {
+            signals.hear(k * 100_000, 0, -50, -59);
+        }
+        signals.hear(20_000_000, 0, -80, -59);
+        assert_eq!(signals.take(20_000_000, &[beacon(1)])[0].level_dbm, -80.0);
+    }
+}
