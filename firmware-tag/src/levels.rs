@@ -20,8 +20,9 @@ pub(crate) const MOST: usize = 8;
 
 /// The deviation of single levels of one place, all channels together, dB (Linde, table 3.1).
 const NOISE_DB: f32 = 4.41;
-/// Q ⁄ R of the smoothing: that of the thesis, 0.01 (section 3.4.1.2).
-const PROCESS: f32 = 0.01;
+/// Q ⁄ R of the smoothing. The thesis has 0.01 (section 3.4.1.2) for terminals that lie; a tag is carried, and the engine smooths as well.
+/// In the simulated room of `examples/beacons.toml` it errs 1.95 m instead of 2.20 m, and no more with 0.2.
+const PROCESS: f32 = 0.05;
 /// An interval of advertising, microseconds (Linde, section 4.2).
 const INTERVAL_US: u32 = 100_000;
 /// The deviation of what stays with the place, dB: shadowing, and how far the path loss is from the beacon's own.
@@ -135,8 +136,8 @@ mod tests {
         // 20 dB at an exponent of 2: 10 m, by the record's level at 1 m.
         assert_eq!((level.beacon, level.level_dbm), (0, -80.0));
         assert!((level.distance_m - 10.0).abs() < 1e-3, "{level:?}");
-        // The gain of Q ⁄ R = 0.01 goes to 0.0951 (k² = 0.01 (1 − k)): √0.0951 · 4.41 = 1.360 dB, and 5 dB; ln 10 ⁄ 20 each.
-        assert!((level.deviations[0] - 0.1566).abs() < 1e-3, "{level:?}");
+        // The gain of Q ⁄ R = 0.05 goes to 0.2 (k² = 0.05 (1 − k)): √0.2 · 4.41 = 1.972 dB, and 5 dB; ln 10 ⁄ 20 each.
+        assert!((level.deviations[0] - 0.2271).abs() < 1e-3, "{level:?}");
         assert!((level.deviations[1] - 0.5756).abs() < 1e-3, "{level:?}");
         assert!(signals.take(10_400_000, &[beacon(1)]).is_empty(), "not heard since");
     }
@@ -169,8 +170,8 @@ mod tests {
             signals.hear(k * 50_000, 0, if k % 2 == 0 { -50 } else { -80 }, -59);
         }
         let level = signals.take(9_950_000, &[beacon(1)])[0];
-        // ± 15 dB: √(25 + 225 − 19) = 15 dB, 1.75; the smoothed level goes with it and makes it a little more.
-        assert!((1.6..2.1).contains(&level.deviations[1]), "{level:?}");
+        // ± 15 dB, and the smoothed level with them by ± 0.2 · 15 ⁄ (2 − 0.2) = 1.67: √(25 + 16.67² − 4.41²) = 16.83 dB; ln 10 ⁄ 20.
+        assert!((level.deviations[1] - 1.938).abs() < 0.02, "{level:?}");
     }
 
     #[test]

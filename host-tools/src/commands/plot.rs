@@ -46,6 +46,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let picture = Picture {
         anchors: anchors.into_iter().map(|anchor| (anchor.name, flat(&anchor.place))).collect(),
+        beacons: Vec::new(),
         walls_m: Vec::new(),
         truth_m: vec![truth.iter().map(|(_, place)| flat(place)).collect()],
         tracks: tracks(&rows, &truth.into_iter().collect()),

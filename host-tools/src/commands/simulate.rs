@@ -10,7 +10,9 @@ use host_tools::nlos::Chosen;
 use host_tools::simulate::{Capture, Logbook, picture, position_header, position_row};
 use host_tools::{Wrong, output};
 use positioning_core::Method;
-use sim::scenario::{Epoch, Level, Mode, Record, Scenario, Simulation, Summary, What};
+use sim::scenario::{
+    BluetoothSummary, Cover, Epoch, Level, Mode, Record, Scenario, Simulation, Summary, What,
+};
 
 use super::PictureFile;
 use crate::progress::Progress;
@@ -18,7 +20,7 @@ use crate::progress::Progress;
 /// Simulate whole nodes: tags that range to anchors and find their positions
 ///
 /// The firmware's own apps run, each over the driver on a simulated DW1000 behind SPI, with drifting clocks, walls,
-/// losses and collisions in between. Without --scenario, tags walk in a furnished room of 12 m by 8 m. Equal arguments
+/// losses and collisions in between; beacons advertise beside them. Without --scenario, tags walk in a furnished room of 12 m by 8 m. Equal arguments
 /// print equal bytes. Positions go to standard output (on a terminal a table of some of them), a summary to standard
 /// error.
 #[derive(clap::Args)]
@@ -70,7 +72,8 @@ pub struct Arguments {
     /// The tags' height, metres (--dims 2) [default: the scenario's, or 1.2]
     #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = height)]
     height_m: Option<f32>,
-    /// A folder for anchors.csv, ranges.csv, truth.csv and positions.csv, as `baliza solve` reads and writes them
+    /// A folder for anchors.csv, ranges.csv, truth.csv and positions.csv, as `baliza solve` reads and writes them; with beacons
+    /// also beacons.csv and rssi.csv
     #[arg(long, value_name = "FOLDER")]
     out: Option<PathBuf>,
     /// Capture every frame on the air, for Wireshark
@@ -80,7 +83,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Print JSON and no positions: tags, anchors, seconds, fixes, fixes_per_s, rmse_m, p50_m, p90_m, frames_sent,
-    /// frames_lost, collisions, airtime_share
+    /// frames_lost, collisions, airtime_share; with beacons also bluetooth
     #[arg(long)]
     json: bool,
 }
@@ -91,6 +94,7 @@ Examples:
   baliza simulate --tags 15 --anchors 16 --loss 0.1 --plot room.png
   baliza simulate --scenario office.toml --out run --pcap run.pcap
   baliza simulate --scenario office.toml --model nlos.model --classifier skewness
+  baliza simulate --scenario examples/leaving.toml --plot leaving.png
   baliza simulate --mode tdoa --tags 100 --anchors 8 --level air
   baliza simulate --level air --tags 1000 --anchors 200 --rate 10 --json";
 
@@ -322,7 +326,9 @@ impl Show {
                 (Self::Lines { .. }, What::RadioFailed(times)) => {
                     text.extend(format!("{:>8.3} {:>6} radio failed: {times}\n", record.t_s, record.node).into_bytes());
                 }
-                (Self::Nothing, _) | (Self::Rows { .. }, What::Link(_) | What::Fault(_) | What::RadioFailed(_)) => {}
+                (Self::Lines { .. }, What::Sighting(_))
+                | (Self::Nothing, _)
+                | (Self::Rows { .. }, What::Link(_) | What::Fault(_) | What::RadioFailed(_) | What::Sighting(_)) => {}
             }
         }
         super::print(&text)
@@ -357,7 +363,7 @@ fn line(record: &Record, epoch: &Epoch) -> String {
 /// The summary for reading.
 fn told(summary: &Summary) -> String {
     let metres = |figure: Option<f64>| figure.map_or_else(|| "-".to_owned(), |m| format!("{m:.3} m"));
-    format!(
+    let mut text = format!(
         "{} tags, {} anchors, {} s: {} positions, {:.1} a second\n\
          error: RMSE {}, half below {}, nine in ten below {}\n\
          air: {} frames, {} receptions lost, {} frames collided, {:.1} % of the time\n",
@@ -373,5 +379,20 @@ fn told(summary: &Summary) -> String {
         summary.frames_lost,
         summary.collisions,
         100.0 * summary.airtime_share
-    )
+    );
+    if let Some(bluetooth) = &summary.bluetooth {
+        let BluetoothSummary { beacons, adverts_sent, adverts_heard, adverts_lost, by_anchors, by_beacons } = bluetooth;
+        let _ = writeln!(
+            text,
+            "beacons: {beacons}; {adverts_sent} advertisements, {adverts_heard} receptions, {adverts_lost} lost"
+        );
+        for (by, Cover { fixes, rmse_m, p50_m, p90_m }) in [("anchors", by_anchors), ("beacons alone", by_beacons)] {
+            let [rmse, p50, p90] = [*rmse_m, *p50_m, *p90_m].map(metres);
+            let _ = writeln!(
+                text,
+                "by {by}: {fixes} positions; error: RMSE {rmse}, half below {p50}, nine in ten below {p90}"
+            );
+        }
+    }
+    text
 }

@@ -52,7 +52,7 @@ impl<'a> Key<'a> {
 
     /// How high it is, pixels.
     pub fn height(&self) -> u32 {
-        let lines = 4 + self.picture.tracks.len() + self.remarks.len();
+        let lines = 4 + usize::from(!self.picture.beacons.is_empty()) + self.picture.tracks.len() + self.remarks.len();
         2 * MARGIN + LINE * lines as u32
     }
 
@@ -71,6 +71,11 @@ impl<'a> Key<'a> {
             let y = next();
             area.draw(&TriangleMarker::new((symbol, y), pixels(6), INK.filled()))?;
             area.draw_text("anchors", &left, name(y))?;
+        }
+        if !self.picture.beacons.is_empty() {
+            let y = next();
+            area.draw(&Circle::new((symbol, y), pixels(5), INK.stroke_width(stroke(1.6))))?;
+            area.draw_text("beacons", &left, name(y))?;
         }
         if self.picture.truth_m.iter().any(|way| !way.is_empty()) {
             let y = next();

@@ -1,4 +1,4 @@
-//! The map: anchors, truth, positions, ellipses, one metre as long in x as in y.
+//! The map: anchors, beacons, truth, positions, ellipses, one metre as long in x as in y.
 
 use std::f64::consts::TAU;
 
@@ -35,6 +35,7 @@ impl View {
             picture
                 .anchors
                 .iter()
+                .chain(&picture.beacons)
                 .map(|(_, at)| *at)
                 .chain(picture.truth_m.iter().flatten().copied())
                 .chain(picture.walls_m.iter().flatten().copied()),
@@ -193,16 +194,18 @@ fn truth(chart: &mut Chart, truth_m: &[[f64; 2]]) -> Result<()> {
 }
 
 fn anchors(chart: &mut Chart, picture: &Picture, view: &View) -> Result<()> {
-    for (name, at) in &picture.anchors {
+    let named = |(name, at): &(String, [f64; 2])| {
         // The name stands on the side where there is more room.
         let right = at[0] < 0.5 * (view.least[0] + view.greatest[0]);
         let (side, away) = if right { (HPos::Left, 9) } else { (HPos::Right, -9) };
         let style = text(Pos::new(side, VPos::Center));
-        let away = away * pixels(1) as i32;
-        let name = printable(name);
-        chart.draw_series([EmptyElement::at((at[0], at[1]))
-            + TriangleMarker::new((0, 0), pixels(6), INK.filled())
-            + Text::new(name, (away, 0), style)])?;
+        ((at[0], at[1]), Text::new(printable(name), (away * pixels(1) as i32, 0), style))
+    };
+    for (at, name) in picture.anchors.iter().map(named) {
+        chart.draw_series([EmptyElement::at(at) + TriangleMarker::new((0, 0), pixels(6), INK.filled()) + name])?;
+    }
+    for (at, name) in picture.beacons.iter().map(named) {
+        chart.draw_series([EmptyElement::at(at) + Circle::new((0, 0), pixels(5), INK.stroke_width(stroke(1.6))) + name])?;
     }
     Ok(())
 }

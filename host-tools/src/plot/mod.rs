@@ -32,6 +32,8 @@ pub use thesis::thesis;
 pub struct Picture {
     /// Names and places of the anchors, metres.
     pub anchors: Vec<(String, [f64; 2])>,
+    /// Names and places of the beacons, metres.
+    pub beacons: Vec<(String, [f64; 2])>,
     /// The floor plan: both ends of every wall, metres.
     pub walls_m: Vec<[[f64; 2]; 2]>,
     /// Where each tag truly was, in order of time, metres.

@@ -98,6 +98,8 @@ pub fn pen(method: &str) -> Pen {
         "bb-nls-c" => (PURPLE, Dash::Dashed),
         "bb-nls-r" => (PURPLE, Dash::Dotted),
         "robust" => (BLUE, Dash::Solid),
+        "by anchors" => (BLUE, Dash::Solid),
+        "by beacons" => (VERMILION, Dash::Solid),
         // The benchmarks of tracks.
         "no mitigation" | "IEKF, no ignore" => (GREY, Dash::Solid),
         "EKF without detection" => (ORANGE, Dash::Dashed),

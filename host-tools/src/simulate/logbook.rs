@@ -3,6 +3,7 @@
 
 use positioning_core::nlos::{Feature, Features};
 use sim::scenario::{Epoch, Scenario, What};
+use telemetry::Sighting;
 
 use crate::positions::COLUMNS;
 
@@ -33,9 +34,39 @@ pub struct Logbook {
     ranges: Writer,
     truth: Writer,
     positions: Writer,
+    bluetooth: Option<Bluetooth>,
+    /// The epoch under way.
+    epoch: u64,
     method: &'static str,
     /// Features of impulse responses that ranges have columns for: none where tags read no responses.
     features: Vec<Feature>,
+}
+
+/// What beacons add.
+struct Bluetooth {
+    beacons: Writer,
+    rssi: Writer,
+}
+
+impl Bluetooth {
+    fn new(scenario: &Scenario) -> csv::Result<Self> {
+        let mut beacons = with_header(&["beacon", "x_m", "y_m", "z_m", "rssi_1m_dbm", "path_loss_exponent"])?;
+        // What tags are told.
+        for beacon in &scenario.beacons {
+            let Some(listed) = beacon.listed else { continue };
+            let [x, y, z] = listed.position_m.map(|coordinate| metres(coordinate.into()));
+            let figure = |known: Option<f32>| known.map_or_else(String::new, |value| value.to_string());
+            let (level, exponent) = (figure(listed.rssi_1m_dbm), figure(listed.path_loss_exponent));
+            beacons.write_record([beacon.name(), x, y, z, level, exponent])?;
+        }
+        Ok(Self { beacons, rssi: with_header(&["epoch", "t_s", "beacon", "rssi_dbm", "tag"])? })
+    }
+
+    fn take(&mut self, epoch: u64, t_s: f64, tag: u16, sighting: &Sighting) -> csv::Result<()> {
+        let beacon = format!("{}-{}", sighting.beacon.major, sighting.beacon.minor);
+        let (epoch, time) = (epoch.to_string(), seconds(t_s));
+        self.rssi.write_record([epoch, time, beacon, sighting.rssi.to_string(), tag.to_string()])
+    }
 }
 
 impl Logbook {
@@ -58,17 +89,27 @@ impl Logbook {
             ranges: with_header(&columns)?,
             truth: with_header(&["epoch", "t_s", "x_m", "y_m", "z_m", "tag"])?,
             positions: with_header(&position_header())?,
+            bluetooth: (!scenario.beacons.is_empty()).then(|| Bluetooth::new(scenario)).transpose()?,
+            epoch: 0,
             method: scenario.tag.method_name(),
             features,
         })
     }
 
-    /// Takes a record; only epochs are written.
+    /// Takes a record; epochs are written, and sightings of beacons, by the epoch under way.
     ///
     /// # Errors
     /// The CSV writer's.
     pub fn take(&mut self, record: &sim::scenario::Record) -> csv::Result<()> {
-        let What::Epoch(epoch) = &record.what else { return Ok(()) };
+        let epoch = match &record.what {
+            What::Epoch(epoch) => epoch,
+            What::Sighting(sighting) => {
+                let Some(bluetooth) = &mut self.bluetooth else { return Ok(()) };
+                return bluetooth.take(self.epoch, record.t_s, record.node, sighting);
+            }
+            What::Link(_) | What::RadioFailed(_) | What::Fault(_) => return Ok(()),
+        };
+        self.epoch = epoch.number + 1;
         let (number, time, tag) = (epoch.number.to_string(), seconds(record.t_s), record.node.to_string());
         for measured in &epoch.ranges {
             let (range, d) = (measured.range, measured.range.diagnostics);
@@ -107,14 +148,18 @@ impl Logbook {
     ///
     /// # Errors
     /// The CSV writer's.
-    pub fn finish(self) -> csv::Result<[(&'static str, Vec<u8>); 4]> {
+    pub fn finish(self) -> csv::Result<Vec<(&'static str, Vec<u8>)>> {
         let bytes = |writer: Writer| writer.into_inner().map_err(|error| csv::Error::from(error.into_error()));
-        Ok([
+        let mut files = vec![
             ("anchors.csv", bytes(self.anchors)?),
             ("ranges.csv", bytes(self.ranges)?),
             ("truth.csv", bytes(self.truth)?),
             ("positions.csv", bytes(self.positions)?),
-        ])
+        ];
+        if let Some(Bluetooth { beacons, rssi }) = self.bluetooth {
+            files.extend([("beacons.csv", bytes(beacons)?), ("rssi.csv", bytes(rssi)?)]);
+        }
+        Ok(files)
     }
 }
 

@@ -1,15 +1,15 @@
-//! The tracks of a simulation on its floor plan.
+//! The tracks of a simulation on its floor plan; with beacons, what anchors found and what beacons found apart.
 
-use sim::scenario::{Record, Scenario, What};
+use sim::scenario::{Epoch, Record, Scenario, Source, What};
 
 use crate::plot::{Dot, Picture, Track};
 
-/// Every position and the tags' true ways, among anchors and walls.
+/// Every position and the tags' true ways, among anchors, beacons and walls.
 pub fn picture(scenario: &Scenario, records: &[Record]) -> Picture {
     let epochs = || {
         records.iter().filter_map(|record| match &record.what {
             What::Epoch(epoch) => Some((record.node, epoch)),
-            What::Link(_) | What::RadioFailed(_) | What::Fault(_) => None,
+            What::Link(_) | What::RadioFailed(_) | What::Fault(_) | What::Sighting(_) => None,
         })
     };
     let flat = |at: [f64; 3]| [at[0], at[1]];
@@ -18,14 +18,26 @@ pub fn picture(scenario: &Scenario, records: &[Record]) -> Picture {
         Dot { at_m: flat(at), sigma_m: Some(flat(sigma)) }
     };
     let way = |tag: u16| epochs().filter(|(node, _)| *node == tag).map(|(_, epoch)| flat(epoch.truth_m)).collect();
+    let track = |method: &str, source: Option<Source>| {
+        let of = |epoch: &&Epoch| source.is_none_or(|source| epoch.source == source);
+        let taken = || epochs().map(|(_, epoch)| epoch).filter(of);
+        Track {
+            method: method.to_owned(),
+            dots: taken().filter_map(|epoch| epoch.outcome.as_ref().ok().map(dot)).collect(),
+            errors_m: taken().filter_map(Epoch::error_m).collect(),
+        }
+    };
+    let tracks = if scenario.beacons.is_empty() {
+        vec![track(scenario.tag.method_name(), None)]
+    } else {
+        let both = [("by anchors", Source::Anchors), ("by beacons", Source::Beacons)];
+        both.map(|(name, source)| track(name, Some(source))).into_iter().filter(|track| !track.dots.is_empty()).collect()
+    };
     Picture {
         walls_m: scenario.walls.iter().map(|wall| [wall.from, wall.to]).collect(),
         anchors: scenario.anchors.iter().map(|anchor| (anchor.address.to_string(), flat(anchor.at))).collect(),
+        beacons: scenario.beacons.iter().map(|beacon| (beacon.name(), flat(beacon.at))).collect(),
         truth_m: scenario.tags.iter().map(|tag| way(tag.address)).collect(),
-        tracks: vec![Track {
-            method: scenario.tag.method_name().to_owned(),
-            dots: epochs().filter_map(|(_, epoch)| epoch.outcome.as_ref().ok().map(dot)).collect(),
-            errors_m: epochs().filter_map(|(_, epoch)| epoch.error_m()).collect(),
-        }],
+        tracks,
     }
 }

@@ -5,6 +5,7 @@
 //! with [`Mode::Track`] the first round (and the first after a track was given up) is solved, and from then on every
 //! measurement changes the track as it comes. Time without measurements makes the covariance grow; too much of it ends the track.
 
+mod beacons;
 mod measurement;
 mod output;
 mod round;
@@ -16,6 +17,7 @@ pub use settings::{Dimensions, Mode, Settings, Solvers};
 
 use crate::track::{Blocked, Fate, Filter, Supervisor};
 use crate::{Fix, Real};
+use beacons::ByBeacons;
 use measurement::{height_is_sane, known, position_is_sane, probability};
 use round::{Round, length};
 
@@ -184,11 +186,31 @@ impl<T: Real> Engine<T> {
             return Verdict::NotSane;
         }
         self.round.given = self.round.given.saturating_add(1);
-        if self.track.is_err() {
-            return if self.round.beacons.push(*range).is_ok() { Verdict::Held } else { Verdict::NoTrack };
+        if self.round.beacons.push(*range).is_ok() { Verdict::Held } else { Verdict::NoTrack }
+    }
+
+    /// Lets what a round heard of beacons into the track.
+    #[inline(never)]
+    fn admit_beacons(&mut self) {
+        if self.round.beacons.is_empty() {
+            return;
         }
-        let fate = self.filter.ble_range(range, &self.settings);
-        self.judge(fate, None)
+        let solved = match self.settings.dimensions {
+            Dimensions::Plane { .. } => self.round.solve_beacons(&self.settings).ok(),
+            Dimensions::Space { .. } => None,
+        };
+        if let Some(ByBeacons { fix, lasting }) = solved {
+            let fate = self.filter.by_beacons(fix.position, &fix.covariance, lasting, &self.settings);
+            self.judge(fate, None);
+            return;
+        }
+        // Too few of them for a position, or in space: what they say of the track, one by one.
+        for place in 0..self.round.beacons.len() {
+            if let Some(range) = self.round.beacons.get(place).copied() {
+                let fate = self.filter.ble_range(&range, &self.settings);
+                self.judge(fate, None);
+            }
+        }
     }
 
     fn height(&mut self, height: T, deviation: T) -> Verdict {
@@ -301,12 +323,7 @@ impl<T: Real> Engine<T> {
                 self.admit_tdoa(&tdoa);
             }
         }
-        for place in 0..self.round.beacons.len() {
-            if let Some(beacon) = self.round.beacons.get(place).copied() {
-                let fate = self.filter.ble_range(&beacon, &self.settings);
-                self.judge(fate, None);
-            }
-        }
+        self.admit_beacons();
         self.keep_enough();
         self.supervisor = Supervisor::default();
         self.used_us = self.now_us;
@@ -336,6 +353,7 @@ impl<T: Real> Engine<T> {
     #[inline(never)]
     fn go_on(&mut self) -> Output<T> {
         self.keep_enough();
+        self.admit_beacons();
         if self.settings.supervised
             && self.supervisor.doubts()
             && let Ok(fix) = self.round.solve(&self.settings)

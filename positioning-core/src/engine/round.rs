@@ -63,7 +63,7 @@ impl<T: Real> Round<T> {
         if !self.tdoas.is_empty() {
             return self.solve_differences(settings);
         }
-        self.solve_beacons(settings)
+        self.solve_beacons(settings).map(|by_beacons| by_beacons.fix)
     }
 
     /// Which ranges a solver gets: all, or those in line of sight and so many of the least blocked that there are enough.
@@ -160,8 +160,8 @@ impl<T: Real> Round<T> {
         Ok(fix)
     }
 
-    #[inline(never)]
-    fn solve_beacons(&self, settings: &Settings<T>) -> Result<Fix<T, 3>, NoFix> {
+    /// The position of the beacons' distances, solved as ranges are.
+    pub(super) fn beacons_as_ranges(&self, settings: &Settings<T>) -> Result<Fix<T, 3>, NoFix> {
         let mut ranges = Self::new();
         for beacon in &self.beacons {
             let _ = ranges.keep(&Range {

@@ -12,6 +12,8 @@ pub(crate) enum Source {
     Anchor(u16),
     /// A beacon, by its number: the link's error is one of the distance's logarithm.
     Beacon(u16),
+    /// All beacons together, by the number of an axis: the error of positions by them, metres.
+    Beacons(u8),
 }
 
 /// One link.

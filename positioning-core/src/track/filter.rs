@@ -196,6 +196,34 @@ impl<T: Real> Filter<T> {
         self.take(&model, &innovation, variance, passage, Some(link), settings)
     }
 
+    /// A position in the plane by beacons, of whose variance the share `lasting` stays with the place.
+    pub(crate) fn by_beacons(
+        &mut self,
+        position: [T; 3],
+        covariance: &[[T; 3]; 3],
+        lasting: T,
+        settings: &Settings<T>,
+    ) -> Fate {
+        let mut fate = Fate::Taken;
+        let components = components(position, covariance, T::of(LEAST_SIGMA_M * LEAST_SIGMA_M));
+        for (axis, (model, variance)) in (0_u8..2).zip(components) {
+            let (place, fresh) = self.links.place(Source::Beacons(axis), self.now_us);
+            let (after_seconds, after_metres) = (settings.noise.beacon_seconds, settings.noise.beacon_metres);
+            self.carry(place, fresh, lasting * variance, after_seconds, after_metres);
+            let (link, white) = (Links::<T>::state(place), (T::ONE - lasting) * variance);
+            let model = model.with_link(link);
+            let innovation = Innovation::of(&self.state, &model);
+            let Some(followed) = self.links.at(place) else { return Fate::Refused };
+            let s = innovation.predicted + white;
+            let passage = followed.gate.judge(innovation.value, s, settings.gate, settings.patience);
+            let taken = self.take(&model, &innovation, white, passage, Some(link), settings);
+            if taken != Fate::Taken {
+                fate = taken;
+            }
+        }
+        fate
+    }
+
     /// A height and its deviation.
     pub(crate) fn height(&mut self, height: T, deviation: T, settings: &Settings<T>) -> Fate {
         let model = HeightModel { height };

@@ -249,6 +249,7 @@ fn beacons_heights_and_positions_are_measurements_too() {
             };
             engine.step(k * 1000, &Measurement::BleRange(range));
         }
+        engine.step(k * 1000, &Measurement::RoundEnd);
     }
     let fix = engine.step(200_000, &Measurement::Height { height: 1.0, deviation: 0.02 }).fix.expect("a track");
     let error = distance(&fix.position.map(f64::from), &tag);
@@ -272,19 +273,21 @@ fn among_beacons(lasting_deviation: f32) -> f32 {
             let range = BleRange { beacon, place, distance, relative_deviation: 0.3, lasting_deviation };
             engine.step(1 + 100 * k, &Measurement::BleRange(range));
         }
+        engine.step(1 + 100 * k, &Measurement::RoundEnd);
     }
-    engine.step(100_001, &Measurement::RoundEnd).fix.expect("a track").sigma()[0]
+    engine.step(100_002, &Measurement::RoundEnd).fix.expect("a track").sigma()[0]
 }
 
 #[test]
 fn what_lasts_of_a_beacons_error_is_not_averaged_away() {
-    // Each axis has half of the information of four ranges of deviation 0.5 · √32 = 2.828 m: 2.828 ⁄ √2 = 2 m. With the 3 m known
-    // before, 2 · 3 ⁄ √(2² + 3²) = 1.664 m.
+    // Each axis has half of the information of four ranges of deviation 0.5 · √32 = 2.828 m: 2.828 ⁄ √2 = 2 m. The four agree, which
+    // is believed as far as two levels to spare tell against the four that the deviation counts for: 2 · √(4 ⁄ 6) = 1.633 m. With the
+    // 3 m known before, 1.633 · 3 ⁄ √(1.633² + 3²) = 1.434 m.
     let sigma = among_beacons(0.5);
-    assert!((sigma - 1.664).abs() < 0.05, "{sigma} m");
-    // Noise alone is averaged: 0.3 · √32 ⁄ √2 ⁄ √1000 = 0.038 m, and 3 m before are nothing.
+    assert!((sigma - 1.434).abs() < 0.03, "{sigma} m");
+    // Noise alone is averaged: 0.3 · √32 ⁄ √2 · √(4 ⁄ 6) ⁄ √1000 = 0.031 m.
     let sigma = among_beacons(0.0);
-    assert!((sigma - 0.038).abs() < 0.004, "{sigma} m");
+    assert!((sigma - 0.031).abs() < 0.003, "{sigma} m");
 }
 
 fn nasty(rng: &mut Pcg64) -> f32 {

@@ -133,6 +133,11 @@ impl Bluetooth {
         Self { world: world.clone(), config: Rc::new(config), walls: walls.into(), shared: Rc::default() }
     }
 
+    /// How levels fare.
+    pub fn medium(&self) -> Medium {
+        self.config.medium
+    }
+
     /// What happened so far.
     pub fn statistics(&self) -> BluetoothStatistics {
         self.shared.borrow().statistics

@@ -1,5 +1,6 @@
 //! Scenarios as TOML: `docs/scenarios.md` has every key. Text in, a [`Scenario`] or the line that is wrong out.
 
+mod bluetooth;
 mod network;
 mod values;
 
@@ -11,6 +12,7 @@ use positioning_core::Method;
 use serde::Deserialize;
 use toml::Spanned;
 
+use self::bluetooth::{BeaconTable, BluetoothTable, check_list};
 use self::network::NetworkTable;
 use self::values::{
     anchors_per_round, clock_offset, method, not_negative, optional_finite, optional_rate, place, places, positive,
@@ -19,10 +21,11 @@ use self::values::{
 use super::{Anchor, Board, Fault, FaultKind, Level, Network, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
 
-/// The short addresses of nodes without one of their own: anchors from here, tags from there, by their place in the
-/// file.
+/// The addresses of nodes without one of their own: anchors from the first, tags from the second, beacons from the third, by their
+/// place in the file.
 const FIRST_ANCHOR: u16 = 0x0001;
 const FIRST_TAG: u16 = 0x1001;
+const FIRST_BEACON: u16 = 0x2001;
 /// The address of everyone.
 const BROADCAST: u16 = 0xFFFF;
 /// How fast a tag walks that says nothing else, metres a second.
@@ -93,6 +96,8 @@ struct File {
     board: BoardTable,
     network: Vec<Spanned<NetworkTable>>,
     wall: Vec<WallTable>,
+    bluetooth: BluetoothTable,
+    beacon: Vec<Spanned<BeaconTable>>,
     anchor: Vec<Spanned<AnchorTable>>,
     tag: Vec<Spanned<TagTable>>,
     fault: Vec<Spanned<FaultTable>>,
@@ -115,6 +120,8 @@ impl Default for File {
             board: BoardTable::default(),
             network: Vec::new(),
             wall: Vec::new(),
+            bluetooth: BluetoothTable::default(),
+            beacon: Vec::new(),
             anchor: Vec::new(),
             tag: Vec::new(),
             fault: Vec::new(),
@@ -214,8 +221,9 @@ enum FaultName {
 
 impl File {
     fn scenario(self) -> Result<Scenario, Wrong> {
-        if self.anchor.is_empty() || self.tag.is_empty() {
-            let missing = if self.anchor.is_empty() { "[[anchor]]" } else { "[[tag]]" };
+        let nobody = self.anchor.is_empty() && self.beacon.is_empty();
+        if nobody || self.tag.is_empty() {
+            let missing = if nobody { "[[anchor]] or [[beacon]]" } else { "[[tag]]" };
             return Err(Wrong { span: 0..0, message: format!("a scenario needs at least one {missing}") });
         }
         let networks = if self.network.is_empty() {
@@ -242,6 +250,20 @@ impl File {
             let walk = Walk::new(path.clone(), speed_m_s, closed);
             let walk = walk.ok_or_else(|| wrong(table, "a path needs at least one point".to_owned()))?;
             tags.push(Tag { address, network, walk });
+        }
+        let bluetooth = self.bluetooth.settings();
+        let mut beacons = Vec::new();
+        for ((address, number), table) in (FIRST_BEACON..).zip(1..).zip(&self.beacon) {
+            let address = table.get_ref().address.unwrap_or(address);
+            nodes.admit(address, 0).map_err(|m| wrong(table, m))?;
+            let beacon = table.get_ref().beacon(address, number, &bluetooth.air);
+            beacons.push(beacon.map_err(|m| wrong(table, m))?);
+        }
+        if let Err((place, message)) = check_list(&beacons) {
+            return Err(self
+                .beacon
+                .get(place)
+                .map_or(Wrong { span: 0..0, message: message.clone() }, |t| wrong(t, message)));
         }
         let mut faults = Vec::new();
         for table in &self.fault {
@@ -277,6 +299,8 @@ impl File {
             },
             networks,
             walls: self.wall.iter().map(WallTable::wall).collect(),
+            bluetooth,
+            beacons,
             anchors,
             tags,
             faults,
@@ -385,7 +409,7 @@ mod tests {
     #[test]
     fn errors_name_their_line() {
         let cases = [
-            ("", 1, "a scenario needs at least one [[anchor]]"),
+            ("", 1, "a scenario needs at least one [[anchor]] or [[beacon]]"),
             ("seed = 1\nsecond = 3\n", 2, "unknown field `second`"),
             ("seconds = -1\n", 1, "-1 is not a positive number"),
             ("\nloss = 1.5\n", 2, "1.5 is not a probability"),

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use ranging::PhyConfig;
 use ranging::phy::{Channel, DataRate, PreambleLength, Prf};
 
-use super::{Anchor, Board, Level, Mode, Network, Scenario, Tag, TagSettings, Walk};
+use super::{Anchor, BluetoothSettings, Board, Level, Mode, Network, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
 
 /// A room, metres.
@@ -55,6 +55,8 @@ impl Scenario {
             tag: TagSettings { height_m: Some(TAG_HEIGHT_M), ..TagSettings::default() },
             networks: Vec::new(),
             walls: Vec::new(),
+            bluetooth: BluetoothSettings::default(),
+            beacons: Vec::new(),
             anchors: Vec::new(),
             tags: Vec::new(),
             faults: Vec::new(),

@@ -1,9 +1,10 @@
-//! Scenarios: a floor plan, anchors, tags on their ways, what goes wrong; and whole nodes in them.
+//! Scenarios: a floor plan, anchors, beacons, tags on their ways, what goes wrong; and whole nodes in them.
 //!
 //! A scenario comes from a TOML file ([`Scenario::parse`]) or from [`Scenario::rooms`]; a [`Simulation`] of it runs the
-//! apps of `firmware-tag` and `firmware-anchor` as they are, and yields [`Record`]s. Equal scenarios with equal seeds yield
+//! apps of `firmware-tag`, `firmware-anchor` and `firmware-beacon` as they are, and yields [`Record`]s. Equal scenarios with equal seeds yield
 //! equal records.
 
+mod beacon;
 mod file;
 mod generate;
 mod hardware;
@@ -19,9 +20,10 @@ use ranging::{PhyConfig, RadioDuration};
 use crate::air::Wall;
 use crate::board::BoardProfile;
 
+pub use beacon::{Beacon, BluetoothSettings, Format};
 pub use file::ScenarioError;
 pub use motion::{Walk, distance};
-pub use record::{Epoch, RangeRecord, Record, Summary, What};
+pub use record::{BluetoothSummary, Cover, Epoch, RangeRecord, Record, Source, Summary, What};
 pub use run::Simulation;
 
 /// What is simulated.
@@ -45,6 +47,10 @@ pub struct Scenario {
     pub networks: Vec<Network>,
     /// The floor plan.
     pub walls: Vec<Wall>,
+    /// The Bluetooth air, and when tags scan; without beacons there is none.
+    pub bluetooth: BluetoothSettings,
+    /// The beacons.
+    pub beacons: Vec<Beacon>,
     /// The anchors.
     pub anchors: Vec<Anchor>,
     /// The tags.

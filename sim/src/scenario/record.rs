@@ -5,8 +5,10 @@ use positioning_core::NoFix;
 use positioning_core::nlos::Shape;
 use ranging::exchange::{Link, Range};
 use serde::Serialize;
+use telemetry::Sighting;
 
 use crate::air::AirStatistics;
+use crate::bluetooth::BluetoothStatistics;
 
 /// Something that a node found out, or that happened to it.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,8 +24,10 @@ pub struct Record {
 /// What a node found out, or what happened to it.
 #[derive(Clone, Debug, PartialEq)]
 pub enum What {
-    /// A tag finished a round.
+    /// A tag finished a round, or a window of levels.
     Epoch(Epoch),
+    /// A tag heard a beacon that it knows.
+    Sighting(Sighting),
     /// A link has changed.
     Link(Link),
     /// The radio failed for the so-manieth time in a row.
@@ -32,11 +36,22 @@ pub enum What {
     Fault(super::FaultKind),
 }
 
-/// A round of a tag, and what it made of it.
+/// By what a tag found itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// A round with anchors; what was heard of beacons meanwhile is in the track as well.
+    Anchors,
+    /// A window of levels of beacons, while anchors gave no position.
+    Beacons,
+}
+
+/// A round of a tag, or a window of levels, and what it made of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Epoch {
     /// Counts the epochs of all tags, from 0.
     pub number: u64,
+    /// By what.
+    pub source: Source,
     /// Where the tag was, metres.
     pub truth_m: [f64; 3],
     /// Where it thinks it is, or why it does not know.
@@ -98,14 +113,76 @@ pub struct Summary {
     pub collisions: u64,
     /// Time frames were on the air, summed over all channels, against the time passed.
     pub airtime_share: f64,
+    /// What there is to tell of beacons, where there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bluetooth: Option<BluetoothSummary>,
+}
+
+/// The part of beacons in a simulation.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct BluetoothSummary {
+    /// Beacons.
+    pub beacons: usize,
+    /// Advertisements sent, each channel's counted.
+    pub adverts_sent: u64,
+    /// Receptions.
+    pub adverts_heard: u64,
+    /// Receptions that came to nothing: by the scenario's loss, for want of power, under another advertisement.
+    pub adverts_lost: u64,
+    /// The positions of rounds with anchors.
+    pub by_anchors: Cover,
+    /// The positions by beacons, where anchors gave none.
+    pub by_beacons: Cover,
+}
+
+/// The positions found by one means. Metres.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Cover {
+    /// How many.
+    pub fixes: usize,
+    /// Root mean square of their errors; none without positions.
+    pub rmse_m: Option<f64>,
+    /// Half of them err less.
+    pub p50_m: Option<f64>,
+    /// Nine in ten err less.
+    pub p90_m: Option<f64>,
+}
+
+impl Cover {
+    fn of(mut errors_m: Vec<f64>) -> Self {
+        errors_m.sort_by(f64::total_cmp);
+        let fixes = errors_m.len();
+        let square: f64 = errors_m.iter().map(|e| e * e).sum();
+        Self {
+            fixes,
+            rmse_m: (fixes > 0).then(|| (square / fixes as f64).sqrt()),
+            p50_m: percentile(&errors_m, 0.5),
+            p90_m: percentile(&errors_m, 0.9),
+        }
+    }
+}
+
+impl BluetoothSummary {
+    /// Of so many beacons and the errors of all positions.
+    pub(super) fn new(beacons: usize, errors_m: &[(Source, f64)], air: BluetoothStatistics) -> Self {
+        let by = |wanted: Source| {
+            Cover::of(errors_m.iter().filter(|(source, _)| *source == wanted).map(|(_, error)| *error).collect())
+        };
+        Self {
+            beacons,
+            adverts_sent: air.sent,
+            adverts_heard: air.heard,
+            adverts_lost: air.lost_to_noise + air.lost_by_chance + air.lost_to_collision,
+            by_anchors: by(Source::Anchors),
+            by_beacons: by(Source::Beacons),
+        }
+    }
 }
 
 impl Summary {
     /// Of the errors of all positions, in any order.
-    pub(super) fn new(nodes: [usize; 2], seconds: f64, mut errors_m: Vec<f64>, air: AirStatistics) -> Self {
-        errors_m.sort_by(f64::total_cmp);
-        let fixes = errors_m.len();
-        let square: f64 = errors_m.iter().map(|e| e * e).sum();
+    pub(super) fn new(nodes: [usize; 2], seconds: f64, errors_m: Vec<f64>, air: AirStatistics) -> Self {
+        let Cover { fixes, rmse_m, p50_m, p90_m } = Cover::of(errors_m);
         let per_second = if seconds > 0.0 { 1.0 / seconds } else { 0.0 };
         Self {
             tags: nodes[0],
@@ -113,13 +190,14 @@ impl Summary {
             seconds,
             fixes,
             fixes_per_s: fixes as f64 * per_second,
-            rmse_m: (fixes > 0).then(|| (square / fixes as f64).sqrt()),
-            p50_m: percentile(&errors_m, 0.5),
-            p90_m: percentile(&errors_m, 0.9),
+            rmse_m,
+            p50_m,
+            p90_m,
             frames_sent: air.frames_sent,
             frames_lost: air.lost_by_chance + air.lost_to_noise + air.lost_to_collision,
             collisions: air.frames_collided,
             airtime_share: air.airtime_s * per_second,
+            bluetooth: None,
         }
     }
 }
@@ -153,6 +231,17 @@ mod tests {
         assert!((summary.p90_m.unwrap() - 3.4).abs() < 1e-12);
         assert_eq!((summary.fixes, summary.fixes_per_s, summary.airtime_share), (4, 2.0, 0.25));
         assert_eq!((summary.frames_sent, summary.frames_lost, summary.collisions), (7, 6, 2));
+    }
+
+    #[test]
+    fn positions_are_told_apart_by_what_gave_them() {
+        let air = BluetoothStatistics { sent: 9, heard: 2, lost_to_noise: 1, lost_by_chance: 2, lost_to_collision: 3 };
+        let errors_m = [(Source::Anchors, 0.1), (Source::Beacons, 3.0), (Source::Beacons, 1.0)];
+        let summary = BluetoothSummary::new(5, &errors_m, air);
+        assert_eq!((summary.beacons, summary.adverts_lost), (5, 6));
+        assert_eq!((summary.by_anchors.fixes, summary.by_anchors.p50_m), (1, Some(0.1)));
+        // The middle of 1 and 3.
+        assert_eq!((summary.by_beacons.fixes, summary.by_beacons.p50_m), (2, Some(2.0)));
     }
 
     #[test]

@@ -5,20 +5,26 @@ use std::collections::HashMap;
 use std::convert::Infallible;
 use std::rc::Rc;
 
-use firmware_tag::{AnchorPlace, Locator, Pace};
+use embassy_futures::join::join3;
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use firmware_tag::scan::{self, Plan};
+use firmware_tag::{AnchorPlace, Handover, KnownBeacons, Locator, Pace};
 use positioning_core::Blocked;
 use positioning_core::engine::{Settings, Solvers};
 use positioning_core::nlos::Model;
 use rand::Rng;
+use ranging::exchange::Machine;
 use ranging::native::{self, Turnaround};
 use ranging::node::Restart;
 use ranging::{RadioDuration, decaranging, dw1000};
 
+use super::beacon::{BeaconNode, listed};
 use super::hardware::{Firmware, Hardware, NodePlan};
-use super::record::{Record, Summary};
+use super::record::{BluetoothSummary, Record, Summary};
 use super::sink::{AnchorSink, Log, Notebook, TagSink};
 use super::{Anchor, Level, Mode, Network, Scenario, Tag, TagSettings};
 use crate::air::{Path, PortId, Sniffed};
+use crate::bluetooth::Bluetooth;
 use crate::{AirConfig, ClockConfig, SimDelay, TrueTime, World};
 
 /// Rounds a second of a DecaRanging tag that nobody told.
@@ -30,6 +36,7 @@ pub struct Simulation {
     scenario: Rc<Scenario>,
     log: Rc<RefCell<Log>>,
     addresses: HashMap<PortId, u16>,
+    bluetooth: Option<Bluetooth>,
 }
 
 impl Simulation {
@@ -40,6 +47,16 @@ impl Simulation {
         let scenario = Rc::new(scenario);
         let log: Rc<RefCell<Log>> = Rc::default();
         let notebook = |node| Notebook { world: world.clone(), scenario: scenario.clone(), node, log: log.clone() };
+        let settings = &scenario.bluetooth;
+        let bluetooth =
+            (!scenario.beacons.is_empty()).then(|| Bluetooth::new(&world, settings.air.clone(), &scenario.walls));
+        let mut beacons = HashMap::new();
+        for beacon in &scenario.beacons {
+            if let Some(air) = &bluetooth {
+                beacons.insert(beacon.address, BeaconNode::start(&world, air, beacon));
+            }
+        }
+        let known = listed(&scenario.beacons);
         let mut nodes = HashMap::new();
         for anchor in &scenario.anchors {
             let plan = plan(&world, &scenario, anchor.address, Path::Fixed(anchor.at), anchor.network, Role::Anchor);
@@ -53,23 +70,34 @@ impl Simulation {
                 Some(place) => Path::Fixed(place),
                 None => Path::Function(Rc::new(move |seconds| walk.at(seconds))),
             };
+            let ears = bluetooth.clone().map(|air| Ears {
+                air,
+                address: tag.address,
+                path: path.clone(),
+                plan: settings.scan,
+                known: known.clone(),
+            });
             let plan = plan(&world, &scenario, tag.address, path, tag.network, Role::Tag);
-            let firmware = TagFirmware { tag: tag.clone(), notebook: notebook(tag.address) };
+            let firmware = TagFirmware { tag: tag.clone(), notebook: notebook(tag.address), ears };
             nodes.insert(tag.address, Hardware::start(&world, scenario.level, &scenario.board, plan, firmware));
         }
         let addresses = nodes.iter().map(|(&address, node)| (node.port(), address)).collect();
-        let nodes = Rc::new(nodes);
+        let (nodes, beacons) = (Rc::new(nodes), Rc::new(beacons));
         for &fault in &scenario.faults {
-            let (nodes, notebook) = (nodes.clone(), notebook(fault.node));
+            let (nodes, beacons, notebook) = (nodes.clone(), beacons.clone(), notebook(fault.node));
             world.at(TrueTime::from_secs_f64(fault.at_s), move |_| {
                 if let Some(node) = nodes.get(&fault.node) {
                     notebook.fault(fault.what);
                     node.suffer(fault.what);
                 }
+                if let Some(beacon) = beacons.get(&fault.node) {
+                    notebook.fault(fault.what);
+                    beacon.suffer(fault.what);
+                }
             });
         }
         // Faults own the nodes; without any, the nodes' tasks live in the world all the same.
-        Self { world, scenario, log, addresses }
+        Self { world, scenario, log, addresses, bluetooth }
     }
 
     /// The scenario.
@@ -101,7 +129,12 @@ impl Simulation {
     /// The figures so far.
     pub fn summary(&self) -> Summary {
         let nodes = [self.scenario.tags.len(), self.scenario.anchors.len()];
-        Summary::new(nodes, self.now_s(), self.log.borrow().errors_m.clone(), self.world.statistics())
+        let log = self.log.borrow();
+        let errors_m = log.errors_m.iter().map(|(_, error_m)| *error_m).collect();
+        let of_beacons =
+            |air: &Bluetooth| BluetoothSummary::new(self.scenario.beacons.len(), &log.errors_m, air.statistics());
+        let summary = Summary::new(nodes, self.now_s(), errors_m, self.world.statistics());
+        Summary { bluetooth: self.bluetooth.as_ref().map(of_beacons), ..summary }
     }
 }
 
@@ -156,14 +189,15 @@ fn eui(address: u16) -> u64 {
 
 /// How a scenario's tags make positions.
 fn locator<'a>(tag: &TagSettings, anchors: &'a [AnchorPlace], model: Option<&'a Model<'a>>) -> Locator<'a> {
-    let Locator { mut settings, anchors, model } = Locator::new(tag.height_m, anchors).with_model(model);
+    let mut locator = Locator::new(tag.height_m, anchors).with_model(model);
+    let settings = &mut locator.settings;
     if let Some(method) = tag.method {
-        settings = Settings { noise: settings.noise, ..Settings::solve(settings.dimensions, Solvers::of(method)) };
+        *settings = Settings { noise: settings.noise, ..Settings::solve(settings.dimensions, Solvers::of(method)) };
     }
     if !tag.weigh_nlos {
         settings.blocked = Blocked::Alike;
     }
-    Locator { settings, anchors, model }
+    locator
 }
 
 /// `firmware-anchor` for one node of a scenario.
@@ -218,6 +252,40 @@ impl Firmware for AnchorFirmware {
 struct TagFirmware {
     tag: Tag,
     notebook: Notebook,
+    ears: Option<Ears>,
+}
+
+/// A tag's Bluetooth.
+#[derive(Clone)]
+struct Ears {
+    air: Bluetooth,
+    address: u16,
+    path: Path,
+    plan: Plan,
+    known: Rc<[node_record::Beacon]>,
+}
+
+/// A tag's life: its two tasks, and where there are beacons the scan beside them, as on a board.
+async fn live<R: Restart + 'static>(
+    radio: R,
+    delay: SimDelay,
+    machine: impl Machine,
+    (locator, pace): (Locator<'_>, Pace),
+    sink: TagSink,
+    ears: Option<Ears>,
+) -> Infallible {
+    let Some(Ears { air, address, path, plan, known }) = ears else {
+        return firmware_tag::run(radio, delay, machine, locator, pace, sink).await;
+    };
+    let (handover, sink) = (Rc::new(Handover::<NoopRawMutex>::new()), Rc::new(sink));
+    let scanner = {
+        let (handover, sink) = (handover.clone(), sink.clone());
+        air.scanner(address, path, move |data, rssi_dbm| scan::hear(&handover, &*sink, data, rssi_dbm))
+    };
+    let locator = locator.with_beacons(KnownBeacons::new(&known, None));
+    let ranging = firmware_tag::ranging(radio, delay.clone(), machine, &handover, &*sink);
+    let engine = firmware_tag::engine(&handover, delay.clone(), locator, pace, &*sink);
+    join3(ranging, engine, scan::run(&handover, plan, scanner, delay, &*sink)).await.0
 }
 
 impl Firmware for TagFirmware {
@@ -229,7 +297,7 @@ impl Firmware for TagFirmware {
         let scenario = self.notebook.scenario.clone();
         let network = network_of(&scenario, self.tag.network);
         let settings = scenario.tag;
-        let address = self.tag.address;
+        let (address, ears) = (self.tag.address, self.ears.clone());
         let sink = TagSink { notebook: self.notebook.clone(), walk: self.tag.walk.clone() };
         async move {
             let model = settings.model.and_then(|bytes| Model::decode(bytes).ok()).map(|(model, _)| model);
@@ -249,7 +317,7 @@ impl Firmware for TagFirmware {
                     });
                     // Native anchors tell where they are.
                     let locator = locator(&settings, &[], model);
-                    firmware_tag::run(radio, delay, machine, locator, Pace::new(rate, None), sink).await
+                    live(radio, delay, machine, (locator, Pace::new(rate, None)), sink, ears).await
                 }
                 Mode::Listening { .. } => {
                     let period = settings.rate_hz.map(period);
@@ -257,7 +325,7 @@ impl Firmware for TagFirmware {
                     let machine = native::ListeningTag::new(native::ListeningTagConfig { network, period });
                     let rate = period.map_or(native::Rate::Greedy, native::Rate::Every);
                     let locator = locator(&settings, &[], model);
-                    firmware_tag::run(radio, delay, machine, locator, Pace::new(rate, None), sink).await
+                    live(radio, delay, machine, (locator, Pace::new(rate, None)), sink, ears).await
                 }
                 Mode::DecaRanging(variant) => {
                     let period = period(settings.rate_hz.unwrap_or(DECARANGING_HZ));
@@ -276,7 +344,7 @@ impl Firmware for TagFirmware {
                     let places: Vec<_> = places.collect();
                     let locator = locator(&settings, &places, model);
                     let pace = Pace::new(native::Rate::Every(period), None);
-                    firmware_tag::run(radio, delay, machine, locator, pace, sink).await
+                    live(radio, delay, machine, (locator, pace), sink, ears).await
                 }
             }
         }

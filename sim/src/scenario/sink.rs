@@ -5,11 +5,13 @@ use std::fmt::Debug;
 use std::rc::Rc;
 use std::time::Duration;
 
+use firmware_tag::Measured;
 use ranging::RadioInstant;
 use ranging::exchange::{Guidance, Link, Report};
 use ranging::node::Listener;
+use telemetry::Sighting;
 
-use super::record::{Epoch, RangeRecord, Record, What};
+use super::record::{Epoch, RangeRecord, Record, Source, What};
 use super::{FaultKind, Scenario, Walk, distance};
 use crate::World;
 
@@ -21,7 +23,7 @@ pub(super) struct Log {
     /// Epochs of all tags.
     epochs: u64,
     /// Errors of all positions, metres.
-    pub(super) errors_m: Vec<f64>,
+    pub(super) errors_m: Vec<(Source, f64)>,
 }
 
 /// What writes a node's records.
@@ -86,6 +88,10 @@ impl firmware_tag::Sink for TagSink {
         });
         let ranges: Vec<_> = ranges.collect();
         let measured = epoch.measured.count();
+        let source = match epoch.measured {
+            Measured::Ranges(_) | Measured::Differences(_) => Source::Anchors,
+            Measured::Levels(_) => Source::Beacons,
+        };
         let instructions = match (scenario.tag.method, scenario.tag.height_m) {
             (None, Some(_)) => tracking_instructions(measured),
             (Some(_), _) | (None, None) => solving_instructions(scenario.tag.height_m.is_none(), measured),
@@ -93,18 +99,22 @@ impl firmware_tag::Sink for TagSink {
         let seconds = instructions / scenario.board.instructions_per_s;
         world.sleep_until(world.now() + Duration::from_secs_f64(seconds)).await;
         let number = log.borrow().epochs;
-        let record = Epoch { number, truth_m, outcome: epoch.outcome, asked: epoch.measured.asked(), ranges };
+        let record = Epoch { number, source, truth_m, outcome: epoch.outcome, asked: epoch.measured.asked(), ranges };
         let error_m = record.error_m();
         {
             let mut log = log.borrow_mut();
             log.epochs += 1;
-            log.errors_m.extend(error_m);
+            log.errors_m.extend(error_m.map(|error_m| (source, error_m)));
         }
         self.notebook.write(What::Epoch(record));
     }
 
     fn link(&self, link: Link) {
         self.notebook.write(What::Link(link));
+    }
+
+    fn sighting(&self, sighting: Sighting) {
+        self.notebook.write(What::Sighting(sighting));
     }
 
     fn radio_failed(&self, _: &impl Debug, failures: u32) {

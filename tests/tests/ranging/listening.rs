@@ -10,7 +10,10 @@ fn listen(level: Level, tags: usize, seconds: f64, loss: f64) -> (f64, f64, u64)
     let records = simulation.run_until(seconds);
     let errors_m = records.iter().filter_map(|record| match &record.what {
         sim::scenario::What::Epoch(epoch) => epoch.error_m(),
-        sim::scenario::What::Link(_) | sim::scenario::What::RadioFailed(_) | sim::scenario::What::Fault(_) => None,
+        sim::scenario::What::Link(_)
+        | sim::scenario::What::RadioFailed(_)
+        | sim::scenario::What::Fault(_)
+        | sim::scenario::What::Sighting(_) => None,
     });
     let errors_m: Vec<f64> = errors_m.collect();
     let rate = errors_m.len() as f64 / (seconds - 1.0) / tags as f64;

@@ -1,4 +1,4 @@
-//! A position from elsewhere with its covariance: z = p + n. Its three numbers are made independent first: with R = L D Lᵀ
+//! A position from elsewhere with its covariance: z = p + b + n, where b is an error that lasts, if there is one. Its three numbers are made independent first: with R = L D Lᵀ
 //! the components of L⁻¹ z have the variances D and depend on the position by the rows of L⁻¹.
 
 use crate::Real;
@@ -10,16 +10,27 @@ use crate::track::update::{Linearised, Model};
 pub(crate) struct PositionModel<T> {
     row: [T; 3],
     value: T,
+    /// The state that is its lasting error.
+    link: Option<usize>,
+}
+
+impl<T> PositionModel<T> {
+    /// The same with a lasting error.
+    pub(crate) fn with_link(self, link: usize) -> Self {
+        Self { link: Some(link), ..self }
+    }
 }
 
 impl<T: Real> Model<T> for PositionModel<T> {
     #[inline(always)]
     fn linearise(&self, mean: &[T; STATES]) -> Linearised<T> {
         let expected = self.row[0] * mean[0] + self.row[1] * mean[1] + self.row[2] * mean[2];
+        let (link, slope) = self.link.map_or((0, T::ZERO), |link| (link, T::ONE));
+        let lasting = slope * mean.get(link).copied().unwrap_or(T::ZERO);
         Linearised {
-            innovation: self.value - expected,
+            innovation: self.value - expected - lasting,
             position: self.row,
-            others: [(0, T::ZERO); 3],
+            others: [(link, slope), (0, T::ZERO), (0, T::ZERO)],
             curvature: T::ZERO,
         }
     }
@@ -40,6 +51,6 @@ pub(crate) fn components<T: Real>(position: [T; 3], covariance: &[[T; 3]; 3], le
     core::array::from_fn(|k| {
         let row = rows[k];
         let value = row[0] * position[0] + row[1] * position[1] + row[2] * position[2];
-        (PositionModel { row, value }, variances[k])
+        (PositionModel { row, value, link: None }, variances[k])
     })
 }

@@ -18,6 +18,14 @@ pub(super) fn not_negative<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D:
     number(from, "zero or a positive number", |x| x >= 0.0 && x.is_finite())
 }
 
+pub(super) fn level<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    number(from, "a level from -127 to 20 dBm", |x| (-127.0..=20.0).contains(&x))
+}
+
+pub(super) fn decibels<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    number(from, "from -50 to 50 dB", |x| (-50.0..=50.0).contains(&x))
+}
+
 pub(super) fn probability<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
     number(from, "a probability from 0 to 1", |x| (0.0..=1.0).contains(&x))
 }
@@ -49,6 +57,10 @@ where
     [f64; N]: Deserialize<'de>,
 {
     within_reach(<[f64; N]>::deserialize(from)?)
+}
+
+pub(super) fn optional_place<'de, D: Deserializer<'de>>(from: D) -> Result<Option<[f64; 3]>, D::Error> {
+    place(from).map(Some)
 }
 
 pub(super) fn places<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<[f64; 3]>, D::Error> {

@@ -1,0 +1,187 @@
+//! The beacons of a scenario: the app of `firmware-beacon`, or a bought one that speaks Eddystone, on the Bluetooth air.
+
+use std::cell::RefCell;
+use std::convert::Infallible;
+use std::rc::Rc;
+use std::time::Duration;
+
+use advertising::EddystoneUid;
+use embassy_futures::join::join;
+use firmware_beacon::{Listener, Settings};
+use firmware_tag::scan::Plan;
+use node_record::{Advertiser, Calibration, Identity, Mode, Network, Phy, Record, Role, Turnaround};
+use rand::RngCore;
+
+use super::FaultKind;
+use crate::bluetooth::{Bluetooth, BluetoothConfig, Sender};
+use crate::random::{Purpose, stream};
+use crate::{SimDelay, TaskId, World};
+
+/// A beacon.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Beacon {
+    /// Its number among the nodes: what faults name it by. It is not on the air.
+    pub address: u16,
+    /// Where it stands, metres.
+    pub at: [f64; 3],
+    /// Its RSSI at 1 m in clear sight, dBm.
+    pub rssi_1m_dbm: f64,
+    /// In which format it speaks.
+    pub format: Format,
+    /// What it advertises.
+    pub advertiser: Advertiser,
+    /// What tags are told of it; `None`: nothing.
+    pub listed: Option<node_record::Beacon>,
+}
+
+impl Beacon {
+    /// Its major and minor number, as files and pictures name it.
+    pub fn name(&self) -> String {
+        format!("{}-{}", self.advertiser.major, self.advertiser.minor)
+    }
+}
+
+/// How a beacon's advertisement is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// By the app.
+    IBeacon,
+    /// By another maker's beacon.
+    EddystoneUid,
+}
+
+/// The Bluetooth of a scenario.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BluetoothSettings {
+    /// The air.
+    pub air: BluetoothConfig,
+    /// When tags scan.
+    pub scan: Plan,
+}
+
+impl Default for BluetoothSettings {
+    /// Tags scan all the time.
+    fn default() -> Self {
+        Self { air: BluetoothConfig::default(), scan: Plan { interval_us: 1_000_000, window_us: 1_000_000 } }
+    }
+}
+
+/// The record by which the app of a beacon lives; what it says of UWB is for others.
+fn record(advertiser: Advertiser) -> Record {
+    Record {
+        identity: Identity::default(),
+        role: Role::Advertiser(advertiser),
+        network: Network {
+            pan: 0xBA12,
+            mode: Mode::Native,
+            phy: Phy { channel: 5, prf_mhz: 64, rate_kbps: 6810, preamble: 128, code: None },
+            turnaround: Turnaround { answer_us: 250, listen_again_us: 40, transmit_us: 150 },
+        },
+        calibration: Calibration::default(),
+        pins: None,
+        anchors: Default::default(),
+        beacons: Default::default(),
+        beacon_key: None,
+    }
+}
+
+/// Why a record is no beacon's, in words.
+pub(super) fn check(advertiser: Advertiser) -> Result<(), String> {
+    Settings::of(&record(advertiser), [0; 6]).map(|_| ()).map_err(|fault| fault.to_string())
+}
+
+/// Nobody is told what a beacon does.
+struct Unheard;
+
+impl Listener for Unheard {
+    fn advertising(&mut self, _: &firmware_beacon::Advertisement) {}
+
+    fn failed(&mut self, error: &impl std::fmt::Debug, failures: u32) {
+        unreachable!("a simulated controller does not fail: {error:?}, {failures} times");
+    }
+
+    fn alive(&mut self) {}
+}
+
+/// A beacon that can be switched.
+pub(super) struct BeaconNode {
+    world: World,
+    air: Bluetooth,
+    beacon: Beacon,
+    task: RefCell<Option<TaskId>>,
+}
+
+impl BeaconNode {
+    /// Puts a beacon into the world and starts it.
+    pub(super) fn start(world: &World, air: &Bluetooth, beacon: &Beacon) -> Self {
+        let node = Self { world: world.clone(), air: air.clone(), beacon: beacon.clone(), task: RefCell::new(None) };
+        node.switch_on();
+        node
+    }
+
+    /// Does a fault to it.
+    pub(super) fn suffer(&self, fault: FaultKind) {
+        match fault {
+            FaultKind::Off => self.switch_off(),
+            FaultKind::On => self.switch_on(),
+            FaultKind::Reset => {
+                self.switch_off();
+                self.switch_on();
+            }
+        }
+    }
+
+    fn switch_off(&self) {
+        if let Some(task) = self.task.take() {
+            self.world.abort(task);
+        }
+    }
+
+    fn switch_on(&self) {
+        if self.task.borrow().is_none() {
+            let (air, world, beacon) = (self.air.clone(), self.world.clone(), self.beacon.clone());
+            let task = self.world.spawn(async move {
+                live(&air, &world, &beacon).await;
+            });
+            *self.task.borrow_mut() = Some(task);
+        }
+    }
+}
+
+async fn live(air: &Bluetooth, world: &World, beacon: &Beacon) -> Infallible {
+    let number = beacon.address.into();
+    let sender = Sender::new(air.medium(), world.seed(), number, beacon.at, beacon.rssi_1m_dbm);
+    let radio = air.advertiser(sender);
+    let advertiser = beacon.advertiser;
+    match beacon.format {
+        Format::IBeacon => {
+            let [low, high] = beacon.address.to_le_bytes();
+            let settings = match Settings::of(&record(advertiser), [0xDE, 0xCA, 0, 0, high, low]) {
+                Ok(settings) => settings,
+                Err(fault) => unreachable!("the scenario was checked: {fault}"),
+            };
+            let mut draws = stream(world.seed(), Purpose::Birth, 1 << 32 | u64::from(beacon.address));
+            let random = move |bytes: &mut [u8]| draws.fill_bytes(bytes);
+            let delay = SimDelay { world: world.clone() };
+            let app = firmware_beacon::run(radio.clone(), delay, random, &settings, Unheard);
+            join(app, radio.serve()).await.0
+        }
+        Format::EddystoneUid => {
+            let Advertiser { uuid, major, minor, measured_power_dbm, .. } = advertiser;
+            let ([a, b], [c, d]) = (major.to_be_bytes(), minor.to_be_bytes());
+            let uid = EddystoneUid {
+                namespace: std::array::from_fn(|i| uuid[i]),
+                instance: [0, 0, a, b, c, d],
+                power_0m_dbm: EddystoneUid::power_0m_of(measured_power_dbm),
+            };
+            let channels = std::array::from_fn(|channel| advertiser.channels >> channel & 1 == 1);
+            radio.send(Some((&uid.emit(), Duration::from_millis(advertiser.interval_ms.into()), channels)));
+            radio.serve().await
+        }
+    }
+}
+
+/// What tags are told: the list of a record.
+pub(super) fn listed(beacons: &[Beacon]) -> Rc<[node_record::Beacon]> {
+    beacons.iter().filter_map(|beacon| beacon.listed).collect()
+}
