@@ -113,6 +113,7 @@ pub fn flat(place: &Place) -> [f64; 2] {
 fn draw(told: &Told) -> Picture {
     Picture {
         anchors: told.anchors.clone(),
+        beacons: Vec::new(),
         walls_m: told.walls_m.clone(),
         truth_m: vec![told.epochs.iter().filter_map(|epoch| epoch.truth.as_ref().map(flat)).collect()],
         tracks: told

@@ -10,9 +10,7 @@ use host_tools::nlos::Chosen;
 use host_tools::simulate::{Capture, Logbook, picture, position_header, position_row};
 use host_tools::{Wrong, output};
 use positioning_core::Method;
-use sim::scenario::{
-    BluetoothSummary, Cover, Epoch, Level, Mode, Record, Scenario, Simulation, Summary, What,
-};
+use sim::scenario::{BluetoothSummary, Cover, Epoch, Level, Mode, Record, Scenario, Simulation, Summary, What};
 
 use super::PictureFile;
 use crate::progress::Progress;

@@ -205,7 +205,9 @@ fn anchors(chart: &mut Chart, picture: &Picture, view: &View) -> Result<()> {
         chart.draw_series([EmptyElement::at(at) + TriangleMarker::new((0, 0), pixels(6), INK.filled()) + name])?;
     }
     for (at, name) in picture.beacons.iter().map(named) {
-        chart.draw_series([EmptyElement::at(at) + Circle::new((0, 0), pixels(5), INK.stroke_width(stroke(1.6))) + name])?;
+        chart.draw_series([EmptyElement::at(at)
+            + Circle::new((0, 0), pixels(5), INK.stroke_width(stroke(1.6)))
+            + name])?;
     }
     Ok(())
 }

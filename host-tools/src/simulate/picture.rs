@@ -31,7 +31,10 @@ pub fn picture(scenario: &Scenario, records: &[Record]) -> Picture {
         vec![track(scenario.tag.method_name(), None)]
     } else {
         let both = [("by anchors", Source::Anchors), ("by beacons", Source::Beacons)];
-        both.map(|(name, source)| track(name, Some(source))).into_iter().filter(|track| !track.dots.is_empty()).collect()
+        both.map(|(name, source)| track(name, Some(source)))
+            .into_iter()
+            .filter(|track| !track.dots.is_empty())
+            .collect()
     };
     Picture {
         walls_m: scenario.walls.iter().map(|wall| [wall.from, wall.to]).collect(),

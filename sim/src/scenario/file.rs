@@ -389,6 +389,8 @@ mod tests {
         let scenario = Scenario::parse(text).unwrap();
         assert_eq!((scenario.seconds, scenario.seed, scenario.loss, scenario.level), (30.0, 1, 0.1, Level::Spi));
         assert_eq!((scenario.anchors.len(), scenario.tags.len(), scenario.walls.len()), (3, 1, 1));
+        assert_eq!(scenario.beacons.len(), 1);
+        assert_eq!(scenario.bluetooth, BluetoothSettings::default());
         assert_eq!(scenario.walls[0].material, Material::BRICK);
         assert_eq!(scenario.networks, [Network::default()]);
         assert_eq!(scenario.board, Board::DWM1001);
@@ -440,6 +442,11 @@ mod tests {
             ("[[network]]\nchannel = 6\n", 5, "not 6"),
             ("[[network]]\nrounds_hz = 6\n", 5, "rounds_hz is for mode"),
             ("[[network]]\nrate_kbps = 110\npreamble = 128\n", 5, "at least 1024 symbols, not 128"),
+            ("[[beacon]]\nat = [0, 0, 2]\nchannels = [37, 40]\n", 5, "37, 38 and 39, not 40"),
+            ("[[beacon]]\nat = [0, 0, 2]\nchannels = []\n", 5, "some of 0b111"),
+            ("[[beacon]]\nat = [0, 0, 2]\ninterval_ms = 10\n", 5, "20 to 10240 ms"),
+            ("[[beacon]]\nat = [0, 0, 2]\naddress = 1\n", 5, "two nodes have the address 1"),
+            ("[[beacon]]\nat = [0, 0, 2]\nrssi_1m_dbm = 40\n", 7, "40 is not a level"),
             ("[[network]]\ncode = 3\n", 5, "[9, 10, 11, 12], not 3"),
         ];
         for (more, line, message) in cases {
@@ -456,6 +463,22 @@ mod tests {
         };
         assert_eq!(mode(""), Mode::Listening { period: RadioDuration::from_micros(100_000) });
         assert_eq!(mode("rounds_hz = 6.25\n"), Mode::Listening { period: RadioDuration::from_micros(160_000) });
+    }
+
+    #[test]
+    fn beacons_and_their_air_are_read() {
+        let text = "[bluetooth]\nshadowing_db = 4\nscan_window_ms = 100\n\
+            [[beacon]]\nat = [1, 2, 3]\n[[beacon]]\nat = [4, 5, 6]\nminor = 9\nrssi_1m_dbm = -40.4\nchannels = [37, 39]\n\
+            listed_at = [0, 0, 0]\n[[beacon]]\nat = [7, 8, 9]\nlisted = false\n[[tag]]\npath = [[1, 2, 1]]\n";
+        let scenario = Scenario::parse(text).unwrap();
+        assert_eq!((scenario.bluetooth.air.medium.shadowing_db, scenario.bluetooth.air.medium.exponent), (4.0, 2.0));
+        assert_eq!((scenario.bluetooth.scan.interval_us, scenario.bluetooth.scan.window_us), (1_000_000, 100_000));
+        let [first, second, third] = &scenario.beacons[..] else { panic!("{:?}", scenario.beacons) };
+        assert_eq!((first.address, first.name(), first.advertiser.channels), (0x2001, "1-1".to_owned(), 0b111));
+        assert_eq!((second.name(), second.advertiser.channels), ("1-9".to_owned(), 0b101));
+        assert_eq!(second.advertiser.measured_power_dbm, -40);
+        assert_eq!(second.listed.map(|listed| listed.position_m), Some([0.0; 3]));
+        assert_eq!(third.listed, None);
     }
 
     #[test]

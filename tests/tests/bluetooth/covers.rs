@@ -1,0 +1,96 @@
+//! Where anchors reach, where beacons reach, and between.
+
+use sim::scenario::{Scenario, Source};
+use system_tests::{Run, TAG};
+
+use super::{ROUND, STANDS, by_beacons, errors, room};
+
+/// A scenario of `examples/`, with this seed.
+fn example(text: &str, seed: u64) -> Run {
+    match Scenario::parse(text) {
+        Ok(scenario) => Run::of(Scenario { seed, ..scenario }),
+        Err(error) => panic!("line {error}"),
+    }
+}
+
+#[test]
+fn a_tag_among_beacons_alone_has_positions_and_knows_how_good_they_are() {
+    let (mut squares, mut over_sigma) = (0.0, 0.0);
+    for seed in 1..=3 {
+        let run = example(include_str!("../../../examples/beacons.toml"), seed);
+        let epochs = by_beacons(&run, 0.0, 120.0);
+        // Two a second from the first half on.
+        assert!(epochs.len() > 230, "{}", epochs.len());
+        assert!(run.longest_gap(TAG, 0.0, 120.0) < 1.1);
+        let (rmse_m, normalised) = errors(&epochs);
+        squares += rmse_m * rmse_m / 3.0;
+        over_sigma += normalised / 3.0;
+    }
+    // Shadows of 3 dB of six beacons in 96 m². The thesis' room, of 37 m², has 1.33 m by multilateration.
+    assert!(squares.sqrt() < 2.5, "{} m", squares.sqrt());
+    assert!((0.4..1.8).contains(&over_sigma), "{over_sigma}");
+}
+
+#[test]
+fn beacons_beside_anchors_cost_nothing_and_give_no_epochs_of_their_own() {
+    let alone = example(include_str!("../../../examples/anchors.toml"), 1);
+    let both = example(include_str!("../../../examples/both.toml"), 1);
+    let rmse_m = |run: &Run| run.summary.rmse_m.unwrap_or(f64::NAN);
+    assert!(rmse_m(&both) < 1.1 * rmse_m(&alone), "{} m and {} m", rmse_m(&both), rmse_m(&alone));
+    assert_eq!((both.summary.fixes, both.summary.frames_sent), (alone.summary.fixes, alone.summary.frames_sent));
+    assert!(both.summary.bluetooth.as_ref().is_some_and(|bluetooth| bluetooth.adverts_heard > 2000));
+    assert!(alone.summary.bluetooth.is_none());
+}
+
+#[test]
+fn a_tag_goes_out_of_the_anchors_cover_into_the_beacons_and_back() {
+    let run = example(include_str!("../../../examples/leaving.toml"), 1);
+    let found: Vec<_> = run
+        .epochs(TAG)
+        .filter_map(|(t_s, epoch)| Some((t_s, epoch.source, epoch.outcome.as_ref().ok()?, epoch.error_m()?)))
+        .collect();
+    let gap = found.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(0.0, f64::max);
+    assert!(gap < 1.1, "{gap} s without a position");
+    // What the beacons' levels err by is known where the anchors' cover ends: it begins with centimetres, and grows with the way.
+    let left = found.windows(2).filter(|pair| (pair[0].1, pair[1].1) == (Source::Anchors, Source::Beacons));
+    let first: Vec<_> = left.map(|pair| (pair[1].3, pair[1].2.deviation_m()[0])).collect();
+    assert!(!first.is_empty() && first.iter().all(|(error_m, sigma_m)| *error_m < 1.0 && *sigma_m < 1.0), "{first:?}");
+    // Back among the anchors it errs as ever.
+    let later = found.iter().filter(|(t_s, source, ..)| *t_s > 50.0 && *t_s < 60.0 && *source == Source::Anchors);
+    let errors_m: Vec<f64> = later.map(|(.., error_m)| *error_m).collect();
+    assert!(errors_m.len() > 50, "{}", errors_m.len());
+    assert!(errors_m.iter().all(|error_m| *error_m < 0.5), "{errors_m:?}");
+    let bluetooth = run.summary.bluetooth.as_ref().expect("there are beacons");
+    assert!(bluetooth.by_beacons.fixes > 100, "{bluetooth:?}");
+}
+
+#[test]
+fn beacons_of_another_maker_serve_as_well() {
+    let run = Run::of_text(&(room("seconds = 30", &["format = \"eddystone-uid\""; 6]) + ROUND));
+    let epochs = by_beacons(&run, 0.0, 30.0);
+    assert!(epochs.iter().filter(|(_, epoch)| epoch.outcome.is_ok()).count() > 50);
+    assert!(errors(&epochs).0 < 5.0);
+}
+
+#[test]
+fn a_scan_of_a_tenth_of_the_time_is_enough() {
+    let head = "seconds = 30\n[bluetooth]\nscan_interval_ms = 1000\nscan_window_ms = 100";
+    let run = Run::of_text(&(room(head, &[]) + STANDS));
+    let epochs = by_beacons(&run, 3.0, 30.0);
+    // A window of 100 ms hears a beacon of 100 ms as good as once.
+    assert!(epochs.iter().filter(|(_, epoch)| epoch.outcome.is_ok()).count() > 10, "{}", epochs.len());
+    let summary = run.summary.bluetooth.expect("there are beacons");
+    // Six beacons, 9.5 events a second each, a tenth of the time.
+    let expected = 6.0 * 9.5 * 30.0 / 10.0;
+    assert!((0.5..1.5).contains(&(summary.adverts_heard as f64 / expected)), "{summary:?}");
+}
+
+#[test]
+fn equal_seeds_give_equal_records() {
+    let records = |seed: u64| {
+        let run = Run::of_text(&(room(&format!("seconds = 10\nseed = {seed}"), &[]) + ROUND));
+        format!("{:?}{:?}", run.records, run.summary)
+    };
+    assert!(records(5) == records(5));
+    assert!(records(5) != records(6));
+}

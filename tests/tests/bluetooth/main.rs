@@ -1,0 +1,44 @@
+//! Beacons, whole: tags that find themselves by them, alone and beside anchors, and what goes wrong with beacons. The apps of tag and
+//! beacon run as they are; each advertisement is the beacon's own bytes.
+
+mod covers;
+mod troubles;
+
+use sim::scenario::{Epoch, Source};
+use system_tests::{Run, TAG};
+
+/// A room of 12 m × 8 m with six beacons around; more text may follow.
+fn room(head: &str, beacons: &[&str]) -> String {
+    const PLACES: [[f64; 2]; 6] = [[0.3, 0.3], [6.0, 0.3], [11.7, 0.3], [11.7, 7.7], [6.0, 7.7], [0.3, 7.7]];
+    let mut text = format!("height_m = 1.2\nlevel = \"air\"\n{head}\n");
+    for (place, [x, y]) in PLACES.into_iter().enumerate() {
+        let more = beacons.get(place).copied().unwrap_or("");
+        text += &format!("[[beacon]]\nat = [{x}, {y}, 2.2]\n{more}\n");
+    }
+    text
+}
+
+/// A tag that goes round in it.
+const ROUND: &str =
+    "[[tag]]\npath = [[2, 2, 1.2], [10, 2, 1.2], [10, 6, 1.2], [2, 6, 1.2]]\nspeed_m_s = 0.8\nclosed = true\n";
+/// One that stands.
+const STANDS: &str = "[[tag]]\npath = [[5, 3, 1.2]]\n";
+
+/// The epochs by beacons within a time.
+fn by_beacons(run: &Run, from_s: f64, to_s: f64) -> Vec<(f64, &Epoch)> {
+    let within = |(t_s, epoch): &(f64, &Epoch)| (from_s..=to_s).contains(t_s) && epoch.source == Source::Beacons;
+    run.epochs(TAG).filter(within).collect()
+}
+
+/// Root mean square of the errors, metres, and the mean of their squares over what the tag's covariance says.
+fn errors(epochs: &[(f64, &Epoch)]) -> (f64, f64) {
+    let errors: Vec<(f64, f64)> = epochs
+        .iter()
+        .filter_map(|(_, epoch)| {
+            let sigma_m = epoch.outcome.as_ref().ok()?.deviation_m().map(f64::from);
+            Some((epoch.error_m()?, sigma_m[0].hypot(sigma_m[1])))
+        })
+        .collect();
+    let mean = |of: &dyn Fn(f64, f64) -> f64| errors.iter().map(|(e, s)| of(*e, *s)).sum::<f64>() / errors.len() as f64;
+    (mean(&|error, _| error * error).sqrt(), mean(&|error, sigma| (error / sigma).powi(2)))
+}

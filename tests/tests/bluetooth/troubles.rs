@@ -1,0 +1,90 @@
+//! What goes wrong with beacons: one vanishes, moves, is cloned, mute, or screams; RSSIs that are none.
+
+use positioning_core::NoFix;
+use system_tests::{Run, TAG};
+
+use super::{ROUND, STANDS, by_beacons, errors, room};
+
+/// The first beacon's address, for faults.
+const FIRST: u16 = 0x2001;
+
+fn off(at_s: f64, node: u16) -> String {
+    format!("[[fault]]\nat_s = {at_s}\nnode = {node}\nwhat = \"off\"\n")
+}
+
+/// The error of a walk through the room, mean square over some seeds, metres.
+fn walked(beacons: &[&str], more: &str) -> f64 {
+    let square = |seed: u64| {
+        let head = format!("seconds = 60\nseed = {seed}");
+        let run = Run::of_text(&(room(&head, beacons) + ROUND + more));
+        errors(&by_beacons(&run, 0.0, 60.0)).0.powi(2)
+    };
+    ((1..=4).map(square).sum::<f64>() / 4.0).sqrt()
+}
+
+#[test]
+fn a_beacon_that_vanishes_is_missed_and_the_others_go_on() {
+    let run = Run::of_text(&(room("seconds = 30", &[]) + ROUND + &off(10.0, FIRST)));
+    assert!(run.longest_gap(TAG, 0.0, 30.0) < 1.1);
+    let heard = |from_s, to_s| {
+        let epochs = by_beacons(&run, from_s, to_s);
+        epochs.iter().filter_map(|(_, epoch)| epoch.outcome.as_ref().ok()).map(|p| p.used.count_ones()).max()
+    };
+    assert_eq!((heard(5.0, 10.0), heard(11.0, 30.0)), (Some(6), Some(5)));
+}
+
+#[test]
+fn when_all_vanish_there_is_a_reason_and_no_old_value() {
+    let all: String = (FIRST..FIRST + 6).map(|beacon| off(10.0, beacon)).collect();
+    let run = Run::of_text(&(room("seconds = 20", &[]) + STANDS + &all));
+    let later = by_beacons(&run, 11.0, 20.0);
+    assert!(later.len() > 5, "{}", later.len());
+    assert!(later.iter().all(|(_, epoch)| epoch.outcome == Err(NoFix::TooFewAnchors)), "{later:?}");
+}
+
+#[test]
+fn a_mute_beacon_is_as_if_it_were_not_there() {
+    assert!(walked(&[], &off(0.0, FIRST)) < 2.6);
+}
+
+#[test]
+fn a_beacon_that_was_moved_is_doubted() {
+    // Carried to the other end of the room, 11 m, and its place in the list is the old one.
+    let moved = walked(&["listed_at = [11.0, 7.0, 2.2]"], "");
+    assert!(moved < 4.0, "{moved} m");
+}
+
+#[test]
+fn a_clone_makes_its_twin_doubtful_and_no_more() {
+    // Another beacon with the numbers of the first, in the opposite corner.
+    let clone = "[[beacon]]\nat = [11.0, 7.0, 2.2]\nminor = 1\nlisted = false\n";
+    let cloned = walked(&[], clone);
+    assert!(cloned < 3.5, "{cloned} m");
+}
+
+#[test]
+fn a_beacon_that_screams_drowns_nobody() {
+    // Fifty times a second and 15 dB louder than is told of it.
+    let screaming = ["interval_ms = 20\nrssi_1m_dbm = -44\nlisted_rssi_1m_dbm = -59"];
+    let run = Run::of_text(&(room("seconds = 30", &screaming) + ROUND));
+    let epochs = by_beacons(&run, 2.0, 30.0);
+    let all = epochs.iter().filter_map(|(_, epoch)| epoch.outcome.as_ref().ok()).filter(|p| p.used.count_ones() >= 5);
+    assert!(all.count() > 40, "the others are heard");
+    let error_m = walked(&screaming, "");
+    assert!(error_m < 4.0, "{error_m} m");
+}
+
+#[test]
+fn an_rssi_of_127_is_none() {
+    // Half of all: taken for a level, each would be a distance of nothing.
+    let run = Run::of_text(&(room("seconds = 30\n[bluetooth]\nunknown_rssi = 0.5", &[]) + ROUND));
+    let (rmse_m, normalised) = errors(&by_beacons(&run, 0.0, 30.0));
+    assert!(rmse_m < 4.0 && normalised < 4.0, "{rmse_m} m, {normalised}");
+}
+
+#[test]
+fn two_beacons_of_one_identity_cannot_be_listed() {
+    let text = room("", &["minor = 7", "minor = 7"]) + STANDS;
+    let error = sim::scenario::Scenario::parse(&text).expect_err("twice the same");
+    assert!(error.message.contains("two beacons 1-7"), "{error}");
+}
