@@ -114,11 +114,7 @@ impl Round {
         Self { poll_us, sounding, owned: Owned::Ranges(exchange::Round { ranges: &[], ..*round }, ranges) }
     }
 
-    pub(crate) fn of_differences(
-        round: &exchange::Differences<'_>,
-        poll_us: u64,
-        sounding: Option<Sounding>,
-    ) -> Self {
+    pub(crate) fn of_differences(round: &exchange::Differences<'_>, poll_us: u64, sounding: Option<Sounding>) -> Self {
         let differences = round.differences.iter().take(MAX_ROUND).copied().collect();
         let owned = Owned::Differences(exchange::Differences { differences: &[], ..*round }, differences);
         Self { poll_us, sounding, owned }

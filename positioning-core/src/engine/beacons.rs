@@ -22,6 +22,11 @@ const DB: f64 = 10.0 / core::f64::consts::LN_10;
 /// the way.
 const COMMON_DB: f64 = 3.0;
 
+/// Of so many beacons or more, one may be left out: one that was moved, or is louder than it says.
+const TO_SPARE: usize = 5;
+/// Where levels agree by less than this, 0 to 1, one of them is looked for that spoils it.
+const DOUBTFUL: f64 = 0.75;
+
 /// A round's position by beacons.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ByBeacons<T> {
@@ -64,7 +69,23 @@ impl<T: Real> Round<T> {
     fn beacons_in_plane(&self, settings: &Settings<T>, height: T) -> Result<Fix<T, 3>, NoFix> {
         let heard: Vec<Heard<T, 2>, MAX_ANCHORS> = self.beacons.iter().map(|beacon| beacon.heard(height)).collect();
         let area = settings.area.map(|area| Area { min: [area.min[0], area.min[1]], max: [area.max[0], area.max[1]] });
-        let fix = multilateration::nonlinear(&heard, T::of(COMMON_DB), &Constraints { side: Side::Unknown, area })?;
+        let constraints = Constraints { side: Side::Unknown, area };
+        let solve = |heard: &[Heard<T, 2>]| multilateration::nonlinear(heard, T::of(COMMON_DB), &constraints);
+        let mut fix = solve(&heard)?;
+        if heard.len() >= TO_SPARE && fix.quality < T::of(DOUBTFUL) {
+            // What the levels agree in all: whoever disagrees with more than it adds is left out.
+            let mut agreement = fix.quality * T::count(heard.len());
+            for left_out in 0..heard.len() {
+                let others = heard.iter().enumerate().filter(|(place, _)| *place != left_out);
+                let others: Vec<Heard<T, 2>, MAX_ANCHORS> = others.map(|(_, heard)| *heard).collect();
+                if let Ok(other) = solve(&others)
+                    && other.quality * T::count(others.len()) > agreement
+                {
+                    agreement = other.quality * T::count(others.len());
+                    fix = other;
+                }
+            }
+        }
         let [x, y] = fix.position;
         let mut covariance = [[T::ZERO; 3]; 3];
         for (row, of) in covariance.iter_mut().zip(&fix.covariance) {

@@ -80,8 +80,9 @@ fn a_scan_of_a_tenth_of_the_time_is_enough() {
     // A window of 100 ms hears a beacon of 100 ms as good as once.
     assert!(epochs.iter().filter(|(_, epoch)| epoch.outcome.is_ok()).count() > 10, "{}", epochs.len());
     let summary = run.summary.bluetooth.expect("there are beacons");
-    // Six beacons, 9.5 events a second each, a tenth of the time.
-    let expected = 6.0 * 9.5 * 30.0 / 10.0;
+    // Six beacons, 9.5 events a second each. A tag that looks for anchors is never quiet, so that every window is an interval late: a
+    // twentieth of the time.
+    let expected = 6.0 * 9.5 * 30.0 / 20.0;
     assert!((0.5..1.5).contains(&(summary.adverts_heard as f64 / expected)), "{summary:?}");
 }
 
