@@ -33,8 +33,14 @@ pub fn live(record: &Record, life_us: u64, tag_in: TagIn) -> Result<(Vec<u8>, u3
     let radio = tag_in(&world).ok_or("the world is full")?;
     reporter.journal.reset(Reset { t_us: uptime_us(), cause: ResetCause::PowerOn, crash: None });
     let told = (&handover, &reporter);
-    let app =
-        run_as_told(radio, world.delay(), (&settings, &tag), Locator::of(&tag, &anchors, None), told, Board::Simulated);
+    let app = run_as_told(
+        radio,
+        world.delay(),
+        (&settings, &tag),
+        Locator::of(&tag, record, &anchors, None),
+        told,
+        Board::Simulated,
+    );
 
     let mut telemetry = Vec::new();
     let everything = pin!(join(app, room::anchors(&world, settings.network)));

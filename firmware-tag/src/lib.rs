@@ -19,6 +19,7 @@ mod sightings;
 mod sounding;
 mod told;
 mod tracker;
+mod windows;
 
 #[cfg(test)]
 extern crate std;

@@ -5,55 +5,38 @@
 //! which may ask for the impulse response, or by the received powers.
 
 use heapless::Vec;
-use positioning_core::engine::{BleRange, Engine, Measurement, Missing, Mode, Output, Tdoa, Verdict};
+use positioning_core::engine::{Engine, Measurement, Missing, Output, Tdoa, Verdict};
 use positioning_core::nlos::{Feature, Features, Judge, Reception, first_path_to_noise_db};
 use positioning_core::{NoFix, Real, engine};
 use ranging::Diagnostics;
 use ranging::exchange::{Difference, Differences, Range, Round};
 use ranging::native::MAX_ROUND;
 
-use telemetry::Sighting;
-
-use crate::handover::{Heard, Level, Levels};
-use crate::levels::{MOST, Signals, WINDOW_US};
+use crate::handover::Level;
+use crate::levels::{MOST, Signals};
+use crate::windows::Window;
 use crate::{AnchorPlace, Epoch, KnownBeacons, Locator, Measured, Position, Sounding};
-
-/// A tag that has heard no beacon for so long is told to be without, microseconds: a scan may pause for a while.
-const SILENT_US: u64 = 5 * WINDOW_US;
 
 /// Follows one tag.
 #[derive(Clone)]
 pub struct Tracker<'a> {
-    engine: Engine<f32>,
+    pub(crate) engine: Engine<f32>,
     anchors: &'a [AnchorPlace],
     judge: Judge<'a>,
     /// Where the tag was at the end of the last round, metres, where that is known.
-    last_m: Option<[f32; 3]>,
-    beacons: KnownBeacons<'a>,
-    signals: Signals,
+    pub(crate) last_m: Option<[f32; 3]>,
+    pub(crate) beacons: KnownBeacons<'a>,
+    pub(crate) signals: Signals,
     /// What the last window had.
-    levels: Vec<Level, MOST>,
-    window: Window,
+    pub(crate) levels: Vec<Level, MOST>,
+    pub(crate) window: Window,
     /// The number of the last epoch.
-    number: u16,
-}
-
-/// When positions are made of levels.
-#[derive(Clone, Copy, Debug, Default)]
-struct Window {
-    /// When the one under way ends, microseconds; none before a listed beacon has been heard.
-    end_us: Option<u64>,
-    /// When a listed beacon was heard last, microseconds.
-    heard_us: u64,
-    /// Anchors have given a position since the last window.
-    found_by_anchors: bool,
-    /// The last epoch was one of anchors.
-    after_anchors: bool,
+    pub(crate) number: u16,
 }
 
 /// What the engine has taken of a round.
 #[derive(Default)]
-struct Taken {
+pub(crate) struct Taken {
     /// Which of the round each range is that the engine counts.
     places: Vec<u8, MAX_ROUND>,
     /// The differences or levels that were used: bit i is the round's i-th.
@@ -101,70 +84,6 @@ impl<'a> Tracker<'a> {
         self.window.after_anchors = true;
         self.window.found_by_anchors |= outcome.is_ok();
         Epoch { measured, poll_us, outcome, sounding }
-    }
-
-    /// A beacon's advertisement was heard; what there is to tell of it, if it is one of ours.
-    pub fn hear(&mut self, heard: &Heard) -> Option<Sighting> {
-        let known = self.beacons.identify(&heard.beacon)?;
-        let (rssi, measured_power) = (heard.rssi_dbm, heard.beacon.rssi_1m_dbm());
-        if let (Some(place), Mode::Track) = (known.place, self.engine.settings().mode) {
-            self.signals.hear(heard.t_us, place, rssi, measured_power);
-            self.window.heard_us = self.window.heard_us.max(heard.t_us);
-            self.window.end_us.get_or_insert(heard.t_us.saturating_add(WINDOW_US));
-        }
-        Some(Sighting { t_us: heard.t_us, beacon: known.id, rssi, measured_power })
-    }
-
-    /// When [`window`](Self::window) is to be called next, microseconds since the node started.
-    pub fn window_end_us(&self) -> Option<u64> {
-        self.window.end_us
-    }
-
-    /// At a window's end, what was heard of beacons goes into the track. An epoch comes of it where anchors gave no position
-    /// meanwhile: the position, or why there is none; also where nothing is heard any more, until anchors answer.
-    pub fn window(&mut self, now_us: u64) -> Option<Epoch<'_>> {
-        if now_us < self.window.end_us? {
-            return None;
-        }
-        self.window.end_us = Some(now_us.saturating_add(WINDOW_US));
-        self.levels = self.signals.take(now_us, self.beacons.listed());
-        let found = core::mem::take(&mut self.window.found_by_anchors);
-        if self.levels.is_empty() {
-            let is_silent = now_us.saturating_sub(self.window.heard_us) >= SILENT_US;
-            if self.window.after_anchors || !is_silent {
-                // Anchors alone, or nothing yet.
-                self.window.end_us = self.window.end_us.filter(|_| !is_silent);
-                return None;
-            }
-        }
-        let mut taken = Taken::default();
-        let levels = core::mem::take(&mut self.levels);
-        self.take_levels(&levels, now_us, &mut taken);
-        self.levels = levels;
-        let end = self.engine.step_on_node(now_us, &Measurement::RoundEnd);
-        self.last_m = end.fix.as_ref().ok().map(|fix| fix.position);
-        if found {
-            return None;
-        }
-        self.window.after_anchors = false;
-        self.number = self.number.wrapping_add(1);
-        let outcome = outcome(&end, taken, self.levels.len());
-        let measured = Measured::Levels(Levels { number: self.number, levels: &self.levels });
-        Some(Epoch { measured, poll_us: now_us, outcome, sounding: None })
-    }
-
-    fn take_levels(&mut self, levels: &[Level], now_us: u64, taken: &mut Taken) {
-        for (place, level) in (0..MOST as u16).zip(levels) {
-            let Some(beacon) = self.beacons.listed().get(usize::from(level.beacon)) else { continue };
-            let range = BleRange {
-                beacon: level.beacon,
-                place: beacon.position_m,
-                distance: level.distance_m,
-                relative_deviation: level.deviations[0],
-                lasting_deviation: level.deviations[1],
-            };
-            taken.count(place, self.engine.step_on_node(now_us, &Measurement::BleRange(range)).verdict);
-        }
     }
 
     fn take_ranges(&mut self, round: &Round<'_>, sounding: Option<&Sounding>, poll_us: u64, taken: &mut Taken) {
@@ -242,7 +161,7 @@ impl<'a> Tracker<'a> {
 
 impl Taken {
     /// Counts the round's `place`-th difference or level.
-    fn count(&mut self, place: u16, verdict: Verdict) {
+    pub(crate) fn count(&mut self, place: u16, verdict: Verdict) {
         match verdict {
             Verdict::Used | Verdict::Readmitted => self.used |= 1 << place,
             Verdict::Held => self.held |= 1 << place,
@@ -257,7 +176,7 @@ impl Taken {
 }
 
 /// What the end of a round that measured so much has brought.
-fn outcome(end: &Output<f32>, taken: Taken, measured: usize) -> Result<Position, NoFix> {
+pub(crate) fn outcome(end: &Output<f32>, taken: Taken, measured: usize) -> Result<Position, NoFix> {
     match end.fix {
         Ok(fix) if fix.age_us == 0 => {
             let ranges = taken.places.iter().enumerate().filter(|(bit, _)| fix.used.contains(*bit));

@@ -208,9 +208,11 @@ impl<T: Real> Filter<T> {
         let components = components(position, covariance, T::of(LEAST_SIGMA_M * LEAST_SIGMA_M));
         for (axis, (model, variance)) in (0_u8..2).zip(components) {
             let (place, fresh) = self.links.place(Source::Beacons(axis), self.now_us);
-            let (after_seconds, after_metres) = (settings.noise.beacon_seconds, settings.noise.beacon_metres);
-            self.carry(place, fresh, lasting * variance, after_seconds, after_metres);
-            let (link, white) = (Links::<T>::state(place), (T::ONE - lasting) * variance);
+            let (shadow, noise) = (lasting * variance, &settings.noise);
+            let usual = T::of(UNUSUAL_BEACON * UNUSUAL_BEACON) * shadow;
+            self.carry(place, fresh, [shadow, usual], [noise.beacon_seconds, noise.beacon_metres]);
+            let white = (variance - shadow).at_least(T::of(LEAST_SIGMA_M * LEAST_SIGMA_M));
+            let link = Links::<T>::state(place);
             let model = model.with_link(link);
             let innovation = Innovation::of(&self.state, &model);
             let Some(followed) = self.links.at(place) else { return Fate::Refused };

@@ -374,6 +374,7 @@ mod tests {
     use ranging::RadioDuration;
 
     use super::*;
+    use crate::scenario::BluetoothSettings;
     use crate::scenario::{Mode, distance};
 
     const LEAST: &str = "[[anchor]]\nat = [0, 0, 2]\n[[tag]]\npath = [[1, 2, 1]]\n";

@@ -1,0 +1,181 @@
+//! From sightings of beacons to epochs: once a window, what was heard goes into the track of the tag's rounds.
+
+use positioning_core::engine::{BleRange, Measurement, Mode};
+use telemetry::Sighting;
+
+use crate::handover::{Heard, Level, Levels};
+use crate::levels::{MOST, WINDOW_US};
+use crate::tracker::{Taken, outcome};
+use crate::{Epoch, Measured, Tracker};
+
+/// A tag that has heard no beacon for so long is told to be without, microseconds: a scan may pause for a while.
+const SILENT_US: u64 = 5 * WINDOW_US;
+
+/// When positions are made of levels.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Window {
+    /// When the one under way ends, microseconds; none before a listed beacon has been heard.
+    end_us: Option<u64>,
+    /// When a listed beacon was heard last, microseconds.
+    heard_us: u64,
+    /// Anchors have given a position since the last window.
+    pub(crate) found_by_anchors: bool,
+    /// The last epoch was one of anchors.
+    pub(crate) after_anchors: bool,
+}
+
+impl Tracker<'_> {
+    /// A beacon's advertisement was heard; what there is to tell of it, if it is one of ours.
+    pub fn hear(&mut self, heard: &Heard) -> Option<Sighting> {
+        let known = self.beacons.identify(&heard.beacon)?;
+        let (rssi, measured_power) = (heard.rssi_dbm, heard.beacon.rssi_1m_dbm());
+        if let (Some(place), Mode::Track) = (known.place, self.engine.settings().mode) {
+            self.signals.hear(heard.t_us, place, rssi, measured_power);
+            self.window.heard_us = self.window.heard_us.max(heard.t_us);
+            self.window.end_us.get_or_insert(heard.t_us.saturating_add(WINDOW_US));
+        }
+        Some(Sighting { t_us: heard.t_us, beacon: known.id, rssi, measured_power })
+    }
+
+    /// When [`window`](Self::window) is to be called next, microseconds since the node started.
+    pub fn window_end_us(&self) -> Option<u64> {
+        self.window.end_us
+    }
+
+    /// At a window's end, what was heard of beacons goes into the track. An epoch comes of it where anchors gave no position
+    /// meanwhile: the position, or why there is none; also where nothing is heard any more, until anchors answer.
+    pub fn window(&mut self, now_us: u64) -> Option<Epoch<'_>> {
+        if now_us < self.window.end_us? {
+            return None;
+        }
+        self.window.end_us = Some(now_us.saturating_add(WINDOW_US));
+        self.levels = self.signals.take(now_us, self.beacons.listed());
+        let found = core::mem::take(&mut self.window.found_by_anchors);
+        if self.levels.is_empty() {
+            let is_silent = now_us.saturating_sub(self.window.heard_us) >= SILENT_US;
+            if self.window.after_anchors || !is_silent {
+                // Anchors alone, or nothing yet.
+                self.window.end_us = self.window.end_us.filter(|_| !is_silent);
+                return None;
+            }
+        }
+        let mut taken = Taken::default();
+        let levels = core::mem::take(&mut self.levels);
+        self.take_levels(&levels, now_us, &mut taken);
+        self.levels = levels;
+        let end = self.engine.step_on_node(now_us, &Measurement::RoundEnd);
+        self.last_m = end.fix.as_ref().ok().map(|fix| fix.position);
+        if found {
+            return None;
+        }
+        self.window.after_anchors = false;
+        self.number = self.number.wrapping_add(1);
+        let outcome = outcome(&end, taken, self.levels.len());
+        let measured = Measured::Levels(Levels { number: self.number, levels: &self.levels });
+        Some(Epoch { measured, poll_us: now_us, outcome, sounding: None })
+    }
+
+    pub(crate) fn take_levels(&mut self, levels: &[Level], now_us: u64, taken: &mut Taken) {
+        for (place, level) in (0..MOST as u16).zip(levels) {
+            let Some(beacon) = self.beacons.listed().get(usize::from(level.beacon)) else { continue };
+            let range = BleRange {
+                beacon: level.beacon,
+                place: beacon.position_m,
+                distance: level.distance_m,
+                relative_deviation: level.deviations[0],
+                lasting_deviation: level.deviations[1],
+            };
+            taken.count(place, self.engine.step_on_node(now_us, &Measurement::BleRange(range)).verdict);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{KnownBeacons, Locator};
+    use advertising::{Advertised, IBeacon};
+    use node_record::Beacon;
+    use positioning_core::NoFix;
+
+    /// In the corners of a square of 6 m, at the tag's height.
+    fn corners() -> [Beacon; 4] {
+        [[0.0, 0.0, 1.0], [6.0, 0.0, 1.0], [6.0, 6.0, 1.0], [0.0, 6.0, 1.0]].map(|position_m: [f32; 3]| Beacon {
+            major: 1,
+            minor: (position_m[0] + 2.0 * position_m[1]) as u16,
+            position_m,
+            rssi_1m_dbm: Some(-60.0),
+            path_loss_exponent: None,
+        })
+    }
+
+    fn heard(beacon: &Beacon, t_us: u64, rssi_dbm: i8) -> Heard {
+        let ibeacon = IBeacon { uuid: [1; 16], major: beacon.major, minor: beacon.minor, measured_power_dbm: -60 };
+        Heard { t_us, beacon: Advertised::IBeacon(ibeacon), rssi_dbm }
+    }
+
+    /// What the window after ten advertisements of each beacon brings.
+    fn after(
+        tracker: &mut Tracker<'_>,
+        list: &[Beacon],
+        from_us: u64,
+        rssi_dbm: impl Fn(usize) -> i8,
+    ) -> Option<Result<[f32; 3], NoFix>> {
+        for k in 0..10 {
+            for (place, beacon) in list.iter().enumerate() {
+                assert!(tracker.hear(&heard(beacon, from_us + 50_000 * k, rssi_dbm(place))).is_some());
+            }
+        }
+        let end_us = tracker.window_end_us()?;
+        tracker.window(end_us).map(|epoch| epoch.outcome.map(|position| position.position_m))
+    }
+
+    #[test]
+    fn levels_of_the_middle_are_found_there() {
+        let list = corners();
+        let mut tracker = Tracker::new(Locator::new(Some(1.0), &[]).with_beacons(KnownBeacons::new(&list, None)));
+        // √18 m from each: −60 − 20 lg 4.243 = −72.55 dBm.
+        let found = after(&mut tracker, &list, 0, |_| -73).expect("an epoch").expect("a position");
+        assert!((found[0] - 3.0).abs() < 0.1 && (found[1] - 3.0).abs() < 0.1, "{found:?}");
+        assert_eq!(found[2], 1.0);
+    }
+
+    #[test]
+    fn an_rssi_that_is_none_makes_no_position() {
+        let list = corners();
+        for rssi_dbm in [127, 0] {
+            let mut tracker = Tracker::new(Locator::new(Some(1.0), &[]).with_beacons(KnownBeacons::new(&list, None)));
+            assert_eq!(after(&mut tracker, &list, 0, |_| rssi_dbm), None);
+            // Good ones in between are not spoilt.
+            let mixed = |place| if place == 3 { rssi_dbm } else { -73 };
+            let found = after(&mut tracker, &list, 1_000_000, mixed).expect("an epoch").expect("a position");
+            assert!((found[0] - 3.0).abs() < 1.0 && (found[1] - 3.0).abs() < 1.0, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn a_tag_that_hears_nothing_any_more_says_so_and_one_that_never_did_is_silent() {
+        let list = corners();
+        let mut tracker = Tracker::new(Locator::new(Some(1.0), &[]).with_beacons(KnownBeacons::new(&list, None)));
+        assert!(tracker.window_end_us().is_none() && tracker.window(1_000_000).is_none());
+        after(&mut tracker, &list, 0, |_| -73);
+        let mut told = std::vec::Vec::new();
+        for _ in 0..10 {
+            let end_us = tracker.window_end_us().expect("windows go on");
+            told.extend(tracker.window(end_us).map(|epoch| (end_us, epoch.outcome.err())));
+        }
+        // A scan may pause: two and a half seconds after the last advertisement, of 0.45 s.
+        assert!(
+            told.iter().all(|(end_us, reason)| *end_us >= 2_950_000 && *reason == Some(NoFix::TooFewAnchors)),
+            "{told:?}"
+        );
+        assert!(told.len() >= 4, "{told:?}");
+    }
+
+    #[test]
+    fn in_space_beacons_are_told_and_make_no_positions() {
+        let list = corners();
+        let mut tracker = Tracker::new(Locator::new(None, &[]).with_beacons(KnownBeacons::new(&list, None)));
+        assert_eq!(after(&mut tracker, &list, 0, |_| -73), None);
+    }
+}
