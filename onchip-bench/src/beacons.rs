@@ -2,6 +2,7 @@
 //! hears them with deviations of some dB; the same on chip and desktop.
 
 use oorandom::Rand32;
+use positioning_core::ble::fingerprint::{self, MAX_NODE_POINTS, Map, Motion, Nearest, Point, Receiver, Walk};
 use positioning_core::ble::multilateration::{Heard, nonlinear, weighted_linear};
 use positioning_core::ble::particles::{Levels, ON_NODE, ParticleFilter, Settings};
 use positioning_core::ble::path_loss::PathLoss;
@@ -17,6 +18,8 @@ const KNOWN: usize = 12;
 const TAG_M: [f32; 2] = [3.1, 4.2];
 /// The room, metres.
 const ROOM: Area<f32, 2> = Area { min: [0.0, 0.0], max: [9.5, 7.5] };
+/// Between points of a map, metres.
+const STEP_M: f64 = 0.6;
 /// Between two adverts of a beacon, microseconds.
 const INTERVAL_US: u64 = 100_000;
 /// Rounds of adverts before anything is measured.
@@ -61,6 +64,71 @@ pub fn for_each(measure: &mut impl Measure) {
         nonlinear(heard, 2.0, &Constraints::default()).map_or(f32::NAN, |fix| fix.position[0])
     });
     measure.call("weighted-linear", &heard, |heard| weighted_linear(heard).map_or(f32::NAN, |fix| fix.position[0]));
+
+    let surveyed = Prints::new(&[]);
+    if let Some(map) = surveyed.map() {
+        measure.call("nearest", &(), |()| nearest(&map, &surveyed.scan));
+    }
+    let mut charted = Prints::new(&[4.0; KNOWN]);
+    let bytes = charted.bytes;
+    if let Ok((map, _)) = Map::decode(&bytes) {
+        measure.call("map", &(), |()| Map::decode(&bytes).map_or(f32::NAN, |(map, _)| map.points() as f32));
+        measure.call("lattice", &(), |()| lattice(&map, &charted.scan));
+        walk(&mut charted.walk, &map, &charted.scan, 0);
+        measure.call("walk", &charted.walk, |state| walk(state, &map, &charted.scan, 500_000));
+    }
+}
+
+/// A map of a node: as many points as there is room for, and all beacons.
+#[derive(Clone)]
+struct Prints {
+    bytes: [u8; 4096],
+    scan: [Option<f32>; KNOWN],
+    walk: Walk<f32>,
+}
+
+impl Prints {
+    /// Points 0.6 m apart over the room, with deviations or without, whose levels repeat every eight points; a scan near one of them.
+    fn new(deviations: &[f64]) -> Self {
+        let level = |row: usize, beacon: usize| -50.0 - ((row * 37 + beacon * 61) % 80) as f64 / 2.0;
+        let rows: [[Option<f64>; KNOWN]; 8] =
+            core::array::from_fn(|row| core::array::from_fn(|beacon| Some(level(row, beacon))));
+        let points: [Point<'_>; MAX_NODE_POINTS] = core::array::from_fn(|at| Point {
+            position_m: [(at / 13) as f64 * STEP_M, (at % 13) as f64 * STEP_M],
+            levels: rows.get(at % 8).map_or(&[], |row| row.as_slice()),
+            deviations,
+        });
+        let mut bytes = [0; 4096];
+        let fits = fingerprint::encode(&points, &[0; KNOWN], &[-95.0; KNOWN], Some(STEP_M), &mut bytes).is_ok();
+        debug_assert!(fits, "the map fits");
+        let scan =
+            core::array::from_fn(|beacon| (beacon != 3).then(|| level(5, beacon) as f32 + (beacon % 3) as f32 - 1.0));
+        Self { bytes, scan, walk: Walk::new() }
+    }
+
+    fn map(&self) -> Option<Map<'_>> {
+        Map::decode(&self.bytes).ok().map(|(map, _)| map)
+    }
+}
+
+/// Compares a scan with all surveyed points.
+#[inline(never)]
+fn nearest(map: &Map<'_>, scan: &[Option<f32>]) -> f32 {
+    let nearest = Nearest { neighbours: 5, weighted: true, offset: 0.7 };
+    nearest.locate(map, scan).map_or(f32::NAN, |found| found.position[0])
+}
+
+/// The posterior's mean over a lattice.
+#[inline(never)]
+fn lattice(map: &Map<'_>, scan: &[Option<f32>]) -> f32 {
+    fingerprint::locate(map, scan, &Receiver::default()).map_or(f32::NAN, |found| found.position[0])
+}
+
+/// A step of the walk over it.
+#[inline(never)]
+fn walk(walk: &mut Walk<f32>, map: &Map<'_>, scan: &[Option<f32>], now_us: u64) -> f32 {
+    let step = walk.step(map, scan, &Receiver::default(), &Motion::default(), now_us);
+    step.map_or(f32::NAN, |found| found.position[0])
 }
 
 /// What one advert takes: its level is judged and smoothed, and becomes a distance, metres.

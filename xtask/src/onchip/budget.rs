@@ -22,9 +22,12 @@ pub const CALLS: [Budget; 2] = [
 pub const FEATURES: u64 = 12_000;
 
 /// Of the levels of beacons, instructions: what, its name in the tables, and the most that it may take.
-pub const BEACONS: [(&str, &str, u64); 2] = [
+pub const BEACONS: [(&str, &str, u64); 5] = [
     ("advert", "an advert: judged, smoothed, a distance", 600),
     ("particles", "a step of 256 particles by the levels of 6 beacons", 400_000),
+    ("nearest", "5 nearest of 200 points, 12 beacons", 60_000),
+    ("lattice", "the posterior over 200 points, 12 beacons", 120_000),
+    ("walk", "a step of the walk over them", 250_000),
 ];
 
 /// Of the code of all methods together in the plane, bytes.

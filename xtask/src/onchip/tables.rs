@@ -157,6 +157,10 @@ pub fn beacons(measured: &[Measured]) -> Result<String> {
                 ("scan", "a scan of 12 beacons, 6 of them heard"),
                 ("particles", "a step of 256 particles, resampled, 6 beacons"),
                 ("particles-kept", "the same, not resampled"),
+                ("nearest", "5 nearest of 200 points × 12 beacons, weighted"),
+                ("map", "checking a map of 200 points × 12 beacons, once"),
+                ("lattice", "the posterior over 200 points × 12 beacons"),
+                ("walk", "a step of the walk over them"),
             ];
             known
                 .iter()

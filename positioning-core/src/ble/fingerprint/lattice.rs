@@ -5,9 +5,14 @@
 //! ln L = −½ (Σ w d² − R² ⁄ (W + π)) − ½ ln((W + π) ⁄ π) − Σ ln σ, and the offset there is R ⁄ (W + π) ± 1 ⁄ √(W + π). Deviations have
 //! sixteen values, so that their reciprocals and logarithms are a table; no matrix is left for the node.
 
+use heapless::Vec;
+
 use super::map::Row;
 use super::{Codes, DEVIATIONS_DB, MAX_BEACONS, Map, NoPosition};
 use crate::Real;
+
+/// Points less likely than the likeliest by more than this (as a logarithm) are worth nothing: 200 of them would be worth 10⁻⁵.
+const NOTHING: f64 = 17.0;
 
 /// What is believed of the receiver before the scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,8 +65,8 @@ pub fn locate<T: Real>(map: &Map<'_>, scan: &[Option<T>], receiver: &Receiver<T>
 
 /// How likely a scan is at the points of a map.
 pub(super) struct Likelihood<T> {
-    codes: Codes<T>,
-    fallbacks: [u8; MAX_BEACONS],
+    /// Of each beacon that is heard: its place in the map, its level, and what it has where a point did not hear it.
+    heard: Vec<(usize, T, u8), MAX_BEACONS>,
     /// 1 ⁄ σ² and ln σ of each half byte, in the map's half decibels.
     table: [(T, T); 16],
     /// π, or nothing where the offset is known.
@@ -81,13 +86,13 @@ impl<T: Real> Likelihood<T> {
         if !map.has_deviations() {
             return Err(NoPosition::NoDeviations);
         }
-        let mut codes = Codes::of(scan, map.beacons())?;
+        let codes = Codes::of(scan, map.beacons())?;
         // In half decibels from here on. Codes count downward: a stronger receiver's are lower.
         let offset = receiver.offset_db + receiver.offset_db;
         let offset = if offset.is_finite() { offset } else { T::ZERO };
-        codes.codes.iter_mut().for_each(|code| *code += offset);
-        let mut fallbacks = [0; MAX_BEACONS];
-        fallbacks.iter_mut().zip(map.fallbacks()).for_each(|(own, fallback)| *own = *fallback);
+        let beacons = codes.codes.iter().zip(codes.heard).zip(map.fallbacks()).enumerate();
+        let heard = beacons.filter(|(_, ((_, heard), _))| *heard);
+        let heard = heard.map(|(beacon, ((code, _), fallback))| (beacon, *code + offset, *fallback)).collect();
         let four = T::of(4.0);
         let noise = if receiver.noise_db2 > T::ZERO { four * receiver.noise_db2 } else { T::ZERO };
         let table = core::array::from_fn(|half| {
@@ -97,21 +102,18 @@ impl<T: Real> Likelihood<T> {
         });
         let deviation = receiver.offset_deviation_db;
         let precision = (deviation > T::ZERO).then(|| T::ONE / (four * deviation * deviation));
-        Ok(Self { codes, fallbacks, table, precision, offset })
+        Ok(Self { heard, table, precision, offset })
     }
 
     #[inline]
     pub fn at(&self, row: &Row<'_>) -> Seen<T> {
         let (mut weights, mut sum, mut square, mut logs) = (T::ZERO, T::ZERO, T::ZERO, T::ZERO);
-        let halves = row.deviations.iter().flat_map(|pair| [pair & 15, pair >> 4]);
-        let beacons = self.codes.codes.iter().zip(&self.codes.heard).zip(&self.fallbacks);
-        for (((scanned, heard), fallback), (code, half)) in beacons.zip(row.levels.iter().zip(halves)) {
-            if !heard {
-                continue;
-            }
+        for (beacon, scanned, fallback) in &self.heard {
+            let (Some(code), Some(halves)) = (row.levels.get(*beacon), row.deviations.get(*beacon / 2)) else { break };
             let code = if *code == 0 { *fallback } else { *code };
+            let half = usize::from(if *beacon % 2 == 0 { halves & 15 } else { halves >> 4 });
+            let (weight, log) = self.table[half & 15];
             let apart = T::count(code.into()) - *scanned;
-            let (weight, log) = self.table.get(usize::from(half)).copied().unwrap_or((T::ZERO, T::ZERO));
             let weighted = weight * apart;
             weights += weight;
             sum += weighted;
@@ -123,7 +125,9 @@ impl<T: Real> Likelihood<T> {
             Some(precision) => {
                 let total = weights + precision;
                 let offset = sum / total;
-                let log = -half * (square - sum * offset) - half * (total / precision).ln() - logs;
+                let log = -half * (square - sum * offset)
+                    - T::of(0.5 * core::f64::consts::LN_2) * (total / precision).log2_about()
+                    - logs;
                 Seen { log, offset, offset_variance: T::ONE / total }
             }
             None => Seen { log: -half * square - logs, offset: T::ZERO, offset_variance: T::ZERO },
@@ -151,6 +155,7 @@ impl<T: Real> Moments<T> {
     #[inline]
     pub fn add(&mut self, log: T, seen: &Seen<T>, units: [u8; 2]) {
         let weight = match self.top {
+            Some(top) if log < top - T::of(NOTHING) => return,
             Some(top) if log <= top => (log - top).exp(),
             Some(top) => {
                 self.scale((top - log).exp());
@@ -196,7 +201,7 @@ impl<T: Real> Moments<T> {
             covariance: covariance.map(|entry| entry * square),
             offset_db: half * (offset + likelihood.offset),
             offset_deviation_db: half * (offsets - offset * offset).at_least(T::ZERO).sqrt(),
-            heard: likelihood.codes.count,
+            heard: likelihood.heard.len(),
         }
     }
 }

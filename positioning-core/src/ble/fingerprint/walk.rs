@@ -17,6 +17,9 @@ const MOST_PASSES: usize = 100;
 /// The share of the belief that is put everywhere alike before a scan, so that a lost receiver is found again.
 const LOST: f64 = 1.0e-3;
 
+/// Beliefs below this say nothing of the mean.
+const NOTHING: f64 = 1.0e-6;
+
 /// How a receiver walks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -87,7 +90,10 @@ impl<T: Real, const N: usize> Walk<T, N> {
         let mut moments = Moments::default();
         for (belief, row) in self.belief.iter_mut().zip(map.rows()) {
             *belief /= total;
-            moments.add_weighted(*belief, &likelihood.at(&row), row.units);
+            // Where it hardly can be, the likelihood need not be known again.
+            if *belief > T::of(NOTHING) {
+                moments.add_weighted(*belief, &likelihood.at(&row), row.units);
+            }
         }
         Ok(moments.posterior(map, &likelihood))
     }
