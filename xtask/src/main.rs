@@ -5,6 +5,7 @@ mod beacons;
 mod chip;
 mod ci;
 mod document;
+mod fingerprints;
 mod firmware;
 mod onchip;
 mod qemu;
@@ -97,6 +98,7 @@ fn run(chore: &Chore) -> Result<()> {
             accuracy::bench()?;
             tracks::bench()?;
             beacons::bench()?;
+            fingerprints::bench()?;
             simulation::bench()?;
             cost
         }

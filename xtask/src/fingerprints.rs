@@ -1,0 +1,138 @@
+//! How good comparisons with fingerprints are: runs `baliza ble fingerprint` and `baliza ble map` on recorded surveys, and takes their
+//! tables into `docs/performance.md`.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+
+use anyhow::{Context, Result};
+use serde::Deserialize;
+
+use crate::accuracy::{baliza, data};
+use crate::{document, root};
+
+/// One method, as `baliza ble fingerprint --json` prints it; `ble map` prints the errors alone.
+#[derive(Clone, Debug, Deserialize)]
+struct Score {
+    #[serde(default)]
+    method: String,
+    mae_m: Option<f64>,
+    rmse_m: Option<f64>,
+}
+
+/// What is compared: a title, the recording, and the arguments; `{` stands for the recording's folder.
+const COLUMNS: [(&str, &str, &str); 6] = [
+    ("linde_room, as in the thesis", "linde_room", "--targets {targets.csv --average trimmed --offset-db 0"),
+    ("linde_room, targets", "linde_room", "--targets {targets.csv"),
+    ("the same, particle filter", "linde_room", "--targets {targets.csv --particle-filter"),
+    ("linde_room, left out", "linde_room", "--leave-one-out"),
+    ("linde_floor, left out", "linde_floor", "--leave-one-out"),
+    ("kolakowski, held out", "kolakowski", "--hold-out 5 --block 100"),
+];
+
+/// What the thesis printed for its first terminal without the particle filter (table 4.4): MAE and RMSE, metres.
+const THESIS: [(&str, f64, f64); 6] = [
+    ("w3nn", 1.32, 1.48),
+    ("w4nn", 1.23, 1.39),
+    ("w5nn", 1.18, 1.34),
+    ("3nn", 1.38, 1.51),
+    ("4nn", 1.26, 1.41),
+    ("5nn", 1.21, 1.37),
+];
+
+/// Maps of few points: the recording, what is known beside, and how many points.
+const MAPS: [(&str, &str, [u32; 4]); 5] = [
+    ("linde_floor", "", [8, 12, 18, 24]),
+    ("linde_floor", "--beacons {beacons.csv", [8, 12, 18, 24]),
+    ("kolakowski", "", [8, 15, 30, 60]),
+    ("kolakowski", "--beacons {beacons.csv", [8, 15, 30, 60]),
+    ("kolakowski", "--beacons {beacons.csv --walls {walls.csv", [8, 15, 30, 60]),
+];
+
+/// Remakes the tables, where the recordings are.
+pub fn bench() -> Result<()> {
+    let folders = COLUMNS.iter().map(|(_, folder, _)| folder).chain(MAPS.iter().map(|(folder, ..)| folder));
+    if !folders.into_iter().all(|folder| data().join(folder).is_dir()) {
+        println!("no recorded surveys: the tables of fingerprints stay as they are");
+        return Ok(());
+    }
+    let file = root().join("docs/performance.md");
+    for (name, table) in [("fingerprints", comparisons()?), ("predicted maps", maps()?)] {
+        println!("{table}");
+        document::remake(&file, name, &table)?;
+    }
+    Ok(())
+}
+
+fn comparisons() -> Result<String> {
+    let mut table = String::from("| MAE (RMSE), m | the thesis |");
+    let mut scores: Vec<BTreeMap<String, String>> = Vec::new();
+    for (title, folder, arguments) in COLUMNS {
+        table += &format!(" {title} |");
+        let printed = run("fingerprint --kernel all --json", folder, arguments)?;
+        let rows: Vec<Score> = serde_json::from_str(&printed).context("baliza prints something else")?;
+        // What goes through the particle filter has a name that says so.
+        let named = rows.iter().map(|row| (row.method.trim_start_matches("fp_").to_owned(), cell(row)));
+        scores.push(named.collect());
+    }
+    table += &format!("\n|---|{}\n", "---:|".repeat(1 + COLUMNS.len()));
+    for method in THESIS.iter().map(|(method, ..)| *method).chain(["gp", "gp-walk"]) {
+        let thesis = THESIS.iter().find(|(name, ..)| *name == method);
+        let thesis = thesis.map_or_else(|| "–".to_owned(), |(_, mae, rmse)| format!("{mae:.2} ({rmse:.2})"));
+        table += &format!("| `{method}` | {thesis} |");
+        for score in &scores {
+            table += &format!(" {} |", score.get(method).with_context(|| format!("no {method}"))?);
+        }
+        table.push('\n');
+    }
+    Ok(table)
+}
+
+fn maps() -> Result<String> {
+    let mut table = String::from("| recording | known beside | MAE of the others (RMSE), m |\n|---|---|---|\n");
+    let out = root().join("target/few.map");
+    for (folder, known, points) in MAPS {
+        let beside = match known.matches("--").count() {
+            0 => "nothing",
+            1 => "the beacons' places",
+            _ => "the beacons' places, walls",
+        };
+        let cells = points.map(|count| {
+            let map = format!("map --survey-points {count} --json --out {}", out.display());
+            let score: Score =
+                serde_json::from_str(&run(&map, folder, known)?).context("baliza prints something else")?;
+            Ok(format!("{count} points: {}", cell(&score)))
+        });
+        let cells = cells.into_iter().collect::<Result<Vec<_>>>()?;
+        table += &format!("| {folder} | {beside} | {} |\n", cells.join("; "));
+    }
+    Ok(table)
+}
+
+/// `baliza ble` with a recording's survey.
+fn run(command: &str, folder: &str, arguments: &str) -> Result<String> {
+    let folder = data().join(folder);
+    let argument = |word: &str| match word.strip_prefix('{') {
+        Some(file) => folder.join(file).into_os_string(),
+        None => OsString::from(word),
+    };
+    let words = format!("ble {command} --fingerprints {{fingerprints.csv {arguments}");
+    baliza(words.split_whitespace().map(argument))
+}
+
+fn cell(score: &Score) -> String {
+    let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.2}"));
+    format!("{} ({})", number(score.mae_m), number(score.rmse_m))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Score, cell};
+
+    #[test]
+    fn a_cell_has_both_errors_or_says_that_there_is_none() {
+        let score: Score =
+            serde_json::from_str(r#"{"method":"gp","k":null,"mae_m":1.018,"rmse_m":1.128}"#).expect("a score");
+        assert_eq!(cell(&score), "1.02 (1.13)");
+        assert_eq!(cell(&Score { mae_m: None, rmse_m: None, ..score }), "– (–)");
+    }
+}
