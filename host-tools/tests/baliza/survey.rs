@@ -64,6 +64,7 @@ fn what_is_wrong_is_said_before_anything_is_written() {
     };
     let begin = "survey fingerprints --file telemetry.bin";
     refused(&format!("{begin} --points points.csv --out f.csv"), "point \"a\" has no from_s");
+    refused(&format!("{begin} --points points.csv --out f.csv --seconds 5"), "--seconds: only with a live node");
     refused(&format!("{begin} --out f.csv"), "--points: is needed with a recording");
     refused(&format!("{begin} --points points.csv --out other.csv"), "other.csv:1: no column point in the header");
     assert_eq!(folder.names(), ["other.csv", "points.csv", "telemetry.bin"]);

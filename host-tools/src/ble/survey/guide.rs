@@ -1,7 +1,7 @@
 //! A survey with a person: from point to point, with what is heard, until each point is taken or left out.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use telemetry::Message;
@@ -15,6 +15,8 @@ use crate::monitor::{Channel, Event, Source};
 
 /// A source is asked for no longer than this, so that a key is soon heard.
 const PATIENCE: Duration = Duration::from_millis(50);
+/// A node that said nothing so many times, for ten seconds, is asked after.
+const SILENT: u32 = 200;
 
 /// Who carries the node.
 pub trait Person {
@@ -101,13 +103,17 @@ pub struct Guide<'a> {
     pub stay_s: f64,
     /// Ctrl-C was pressed.
     pub stop: &'a AtomicBool,
+    /// When the survey ends at the latest.
+    pub until: Option<Instant>,
     stream: Stream,
+    /// How often in a row the node said nothing.
+    silent: u32,
 }
 
 impl<'a> Guide<'a> {
     /// A guide who has not begun.
     pub fn new(source: &'a mut dyn Source, person: &'a mut dyn Person, stay_s: f64, stop: &'a AtomicBool) -> Self {
-        Self { source, person, stay_s, stop, stream: Stream::default() }
+        Self { source, person, stay_s, stop, until: None, stream: Stream::default(), silent: 0 }
     }
 
     /// Visits a point until it is taken, left out, or the survey ends; `None`: it ends.
@@ -185,10 +191,15 @@ impl<'a> Guide<'a> {
 
     /// Takes what the node says next; `None`: nothing comes any more. Adverts are named.
     fn next(&mut self, take: &mut Take<'_>) -> Result<Option<()>> {
-        if self.stop.load(Ordering::Relaxed) {
+        if self.stop.load(Ordering::Relaxed) || self.until.is_some_and(|until| Instant::now() >= until) {
             return Ok(None);
         }
-        match self.source.next(PATIENCE)? {
+        let event = self.source.next(PATIENCE)?;
+        self.silent = if event.is_none() { self.silent.saturating_add(1) } else { 0 };
+        if self.silent == SILENT {
+            self.person.tell("nothing comes from the node: is it connected, and does its record have it scan?");
+        }
+        match event {
             Some(Event::Bytes(Channel::Telemetry, bytes)) => each_advert(&mut self.stream, &bytes, take),
             Some(Event::Lost(why)) => {
                 self.stream.interrupted();

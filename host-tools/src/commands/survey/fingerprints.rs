@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::time::Instant;
 
 use anyhow::Result;
 use host_tools::Wrong;
@@ -59,7 +60,11 @@ struct Row {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let places = arguments.points.as_deref().map(read_points).transpose()?;
     let mut book = Book::open("--out", &arguments.out)?;
-    let visits = match (arguments.source.input()?, places) {
+    let input = arguments.source.input()?;
+    if input.is_some() && arguments.source.seconds.is_some() {
+        return Err(Wrong::flag("--seconds", "only with a live node").into());
+    }
+    let visits = match (input, places) {
         (Some(input), Some(places)) => recorded(arguments, &input, &places, &mut book)?,
         (Some(_), None) => return Err(Wrong::flag("--points", "is needed with a recording").into()),
         (None, places) => live(arguments, places, &mut book)?,
@@ -174,6 +179,7 @@ fn live(arguments: &Arguments, places: Option<Vec<Place>>, book: &mut Book) -> R
     let mut source = arguments.source.live(None, false);
     let mut person = Terminal::new();
     let mut guide = Guide::new(source.as_mut(), &mut person, arguments.stay_s, &STOP);
+    guide.until = arguments.source.seconds.map(|seconds| Instant::now() + seconds);
     let mut visits = Vec::new();
     if let Some(places) = places {
         for place in missing(&places, book) {
