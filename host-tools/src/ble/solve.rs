@@ -19,6 +19,8 @@ use crate::{NoPosition, Place, Position, Solved};
 pub const MOST_BEACONS: usize = 64;
 /// The engine's time at the start of a capture, seconds: times a little earlier are still times.
 const BEGIN_S: f64 = 3600.0;
+/// Shadows of several beacons at one place are one another's: two levels are worth one, √2.
+const SHARED: f32 = std::f32::consts::SQRT_2;
 /// What is left of the noise in a window's mean of smoothed levels, dB (table 3.1: 1 to 1.2 over single levels).
 const NOISE_DB: f32 = 1.2;
 /// The time in which the levels of scans one after the other count as much as one scan, seconds: shadows stay while a tag does.
@@ -316,7 +318,7 @@ fn engine_step(
             place: [x, y, 0.0],
             distance: heard.distance(),
             relative_deviation: heard.path_loss.relative(NOISE_DB),
-            lasting_deviation: heard.path_loss.relative_deviation(),
+            lasting_deviation: SHARED * heard.path_loss.relative_deviation(),
         };
         engine.step(now_us, &Measurement::BleRange(range));
     }
