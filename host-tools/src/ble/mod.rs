@@ -6,6 +6,7 @@ pub mod calibration;
 pub mod coverage;
 pub mod files;
 pub mod fingerprint;
+mod follow;
 pub mod rooms;
 pub mod solve;
 pub mod survey;

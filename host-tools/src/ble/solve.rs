@@ -5,26 +5,17 @@
 //! of the beacons.
 
 use positioning_core::ble::multilateration::{Heard, nonlinear, weighted_linear};
-use positioning_core::ble::particles::{self, Levels, Likelihood, ON_HOST, ParticleFilter};
 use positioning_core::ble::path_loss::{PathLoss, Wall};
 use positioning_core::ble::posterior::{Belief, posterior_mean};
-use positioning_core::ble::signal::{Beacons, Smoothing, level};
-use positioning_core::engine::{BleRange, Dimensions, Engine, Measurement, Settings};
+use positioning_core::ble::signal::level;
 use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, NoFix, Side};
 
 use super::files::{self, Beacon, Capture, Sample};
+use super::follow::{Follower, Memory};
 use crate::{NoPosition, Place, Position, Solved};
 
 /// The most beacons that are followed.
 pub const MOST_BEACONS: usize = 64;
-/// The engine's time at the start of a capture, seconds: times a little earlier are still times.
-const BEGIN_S: f64 = 3600.0;
-/// Shadows of several beacons at one place are one another's: two levels are worth one, √2.
-const SHARED: f32 = std::f32::consts::SQRT_2;
-/// What is left of the noise in a window's mean of smoothed levels, dB (table 3.1: 1 to 1.2 over single levels).
-const NOISE_DB: f32 = 1.2;
-/// The time in which the levels of scans one after the other count as much as one scan, seconds: shadows stay while a tag does.
-const SHADOW_S: f64 = 5.0;
 
 /// How levels become a position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,12 +69,12 @@ pub struct Setup {
 /// Solves captures with the same beacons.
 #[derive(Debug)]
 pub struct Solver<'a> {
-    beacons: &'a [Beacon],
-    setup: Setup,
+    pub(super) beacons: &'a [Beacon],
+    pub(super) setup: Setup,
     /// What is zero for the kernels, metres.
     origin: [f64; 2],
     /// Barriers for particles, and for signals what they take.
-    walls: Vec<Wall<f32>>,
+    pub(super) walls: Vec<Wall<f32>>,
 }
 
 impl<'a> Solver<'a> {
@@ -120,8 +111,10 @@ impl<'a> Solver<'a> {
                 Kernel::Engine => Memory::Engine,
                 Kernel::ParticleFilter => Memory::Particles,
             };
-            let earlier = follower.take().filter(|_| !capture.is_stay);
-            follower.insert(earlier.unwrap_or_else(|| Follower::new(self, memory))).follow(capture)
+            let earlier = follower.take();
+            let receiver = earlier.as_ref().map(|earlier| earlier.receiver);
+            let earlier = earlier.filter(|_| !capture.is_stay);
+            follower.insert(earlier.unwrap_or_else(|| Follower::new(self, memory, receiver))).follow(capture)
         };
         let solved = |capture: &Capture| {
             let outcome = position(capture);
@@ -146,7 +139,7 @@ impl<'a> Solver<'a> {
     }
 
     /// A scan with what is known of the beacons, and their places in the file.
-    fn heard(&self, scan: &[Option<f32>]) -> Vec<(usize, Heard<f32, 2>)> {
+    pub(super) fn heard(&self, scan: &[Option<f32>]) -> Vec<(usize, Heard<f32, 2>)> {
         let beacons = self.beacons.iter().zip(scan).enumerate();
         beacons
             .filter_map(|(index, (beacon, level))| {
@@ -158,11 +151,11 @@ impl<'a> Solver<'a> {
     }
 
     /// The walls, where any takes something from a signal.
-    fn attenuating(&self) -> &[Wall<f32>] {
+    pub(super) fn attenuating(&self) -> &[Wall<f32>] {
         if self.walls.iter().any(|wall| wall.attenuation > 0.0) { &self.walls } else { &[] }
     }
 
-    fn constraints(&self) -> Constraints<f32, 2> {
+    pub(super) fn constraints(&self) -> Constraints<f32, 2> {
         let area = self.setup.area_m.map(|corners| {
             let [min, max] = corners.map(|corner| self.local(corner));
             Area { min, max }
@@ -171,7 +164,7 @@ impl<'a> Solver<'a> {
     }
 
     /// Where the tag can be: the known area, else among the beacons.
-    fn reach(&self) -> Area<f32, 2> {
+    pub(super) fn reach(&self) -> Area<f32, 2> {
         /// At least so large, metres.
         const LEAST_M: f32 = 0.5;
         self.constraints().area.unwrap_or_else(|| {
@@ -183,11 +176,11 @@ impl<'a> Solver<'a> {
         })
     }
 
-    fn local(&self, at_m: [f64; 2]) -> [f32; 2] {
+    pub(super) fn local(&self, at_m: [f64; 2]) -> [f32; 2] {
         std::array::from_fn(|axis| (at_m[axis] - self.origin[axis]) as f32)
     }
 
-    fn global(&self, at: [f32; 2], covariance: &[[f32; 2]; 2], used: usize) -> Position {
+    pub(super) fn global(&self, at: [f32; 2], covariance: &[[f32; 2]; 2], used: usize) -> Position {
         let [x_m, y_m] = std::array::from_fn(|axis| f64::from(at[axis]) + self.origin[axis]);
         let [sigma_x, sigma_y] = [0, 1].map(|axis: usize| f64::from(covariance[axis][axis]).sqrt());
         Position {
@@ -200,7 +193,7 @@ impl<'a> Solver<'a> {
 }
 
 /// Of more levels than a kernel can take, the loudest.
-fn loudest(heard: &mut Vec<Heard<f32, 2>>) {
+pub(super) fn loudest(heard: &mut Vec<Heard<f32, 2>>) {
     if heard.len() > MAX_ANCHORS {
         heard.sort_by(|a, b| b.level.total_cmp(&a.level));
         heard.truncate(MAX_ANCHORS);
@@ -226,127 +219,4 @@ pub fn means(beacons: &[Beacon], samples: &[Sample]) -> Vec<Option<f32>> {
         (!levels.is_empty()).then(|| (levels.iter().sum::<f64>() / levels.len() as f64) as f32)
     };
     beacons.iter().map(mean).collect()
-}
-
-/// What a kernel with memory remembers.
-#[derive(Clone, Copy, Debug)]
-enum Memory {
-    Engine,
-    Particles,
-}
-
-/// A kernel with memory.
-struct Follower<'a> {
-    solver: &'a Solver<'a>,
-    beacons: Box<Beacons<f32, MOST_BEACONS>>,
-    track: Track,
-    /// The first time, which is [`BEGIN_S`] for the kernel, seconds.
-    first_s: Option<f64>,
-}
-
-enum Track {
-    Engine(Box<Engine<f32>>),
-    Particles(Box<ParticleFilter<f32, ON_HOST>>),
-}
-
-impl<'a> Follower<'a> {
-    fn new(solver: &'a Solver<'a>, memory: Memory) -> Self {
-        let window_us = (solver.setup.window_s * 1.0e6) as u64;
-        let track = match memory {
-            Memory::Engine => {
-                let area = solver.constraints().area.map(|area| Area {
-                    min: [area.min[0], area.min[1], f32::NEG_INFINITY],
-                    max: [area.max[0], area.max[1], f32::INFINITY],
-                });
-                let settings = Settings { area, ..Settings::track(Dimensions::Plane { height: 0.0 }) };
-                Track::Engine(Box::new(Engine::new(settings)))
-            }
-            Memory::Particles => {
-                let settings = particles::Settings::walking();
-                Track::Particles(Box::new(ParticleFilter::new(settings, solver.setup.seed)))
-            }
-        };
-        let beacons = Box::new(Beacons::new(Smoothing::default(), window_us));
-        Self { solver, beacons, track, first_s: None }
-    }
-
-    /// Goes through a capture, window by window of those in which something was heard; its position is the last one.
-    fn follow(&mut self, capture: &Capture) -> Result<Position, NoPosition> {
-        let mut samples: Vec<&Sample> = capture.samples.iter().collect();
-        samples.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
-        let (Some(first), Some(last)) = (samples.first(), samples.last()) else {
-            return Err(NoPosition::NoFix(NoFix::TooFewAnchors));
-        };
-        let (first_s, last_s, window_s) = (first.t_s, last.t_s, self.solver.setup.window_s);
-        let window = |sample: &Sample| ((sample.t_s - first_s) / window_s).floor();
-        let mut position = Err(NoPosition::NoFix(NoFix::TooFewAnchors));
-        for samples in samples.chunk_by(|a, b| window(a) == window(b)) {
-            for sample in samples {
-                if let Some(beacon) = self.solver.beacons.iter().position(|beacon| beacon.name == sample.beacon) {
-                    let now_us = self.microseconds(sample.t_s);
-                    self.beacons.hear(now_us, beacon, sample.rssi_dbm as f32);
-                }
-            }
-            let end_s = samples.last().map_or(last_s, |sample| first_s + (window(sample) + 1.0) * window_s);
-            let now_us = self.microseconds(end_s.min(last_s));
-            let heard = self.solver.heard(&self.beacons.scan(now_us));
-            position = match &mut self.track {
-                Track::Engine(engine) => engine_step(self.solver, engine, now_us, &heard),
-                Track::Particles(filter) => particle_step(self.solver, filter, now_us, &heard),
-            };
-        }
-        position
-    }
-
-    fn microseconds(&mut self, t_s: f64) -> u64 {
-        let first_s = *self.first_s.get_or_insert(t_s);
-        // A float too large or negative becomes the largest or least integer.
-        ((t_s - first_s + BEGIN_S) * 1.0e6) as u64
-    }
-}
-
-fn engine_step(
-    solver: &Solver,
-    engine: &mut Engine<f32>,
-    now_us: u64,
-    heard: &[(usize, Heard<f32, 2>)],
-) -> Result<Position, NoPosition> {
-    for (beacon, heard) in heard {
-        let [x, y] = heard.place;
-        let range = BleRange {
-            beacon: *beacon as u16,
-            place: [x, y, 0.0],
-            distance: heard.distance(),
-            relative_deviation: heard.path_loss.relative(NOISE_DB),
-            lasting_deviation: SHARED * heard.path_loss.relative_deviation(),
-        };
-        engine.step(now_us, &Measurement::BleRange(range));
-    }
-    let fix = engine.step(now_us, &Measurement::RoundEnd).fix.map_err(NoPosition::Missing)?;
-    let [x, y, _] = fix.position;
-    let covariance = [0, 1].map(|row: usize| [fix.covariance[row][0], fix.covariance[row][1]]);
-    Ok(solver.global([x, y], &covariance, heard.len()))
-}
-
-fn particle_step(
-    solver: &Solver,
-    filter: &mut ParticleFilter<f32, ON_HOST>,
-    now_us: u64,
-    heard: &[(usize, Heard<f32, 2>)],
-) -> Result<Position, NoPosition> {
-    let mut heard: Vec<Heard<f32, 2>> = heard.iter().map(|(_, heard)| *heard).collect();
-    loudest(&mut heard);
-    if heard.is_empty() {
-        return Err(NoPosition::NoFix(NoFix::TooFewAnchors));
-    }
-    if !filter.is_started() {
-        filter.start_in(&solver.reach());
-    }
-    let trust = (solver.setup.window_s / SHADOW_S).min(1.0) as f32;
-    let levels = Levels::of(&heard, solver.setup.offset_db as f32, trust).through(solver.attenuating());
-    let reach = solver.reach();
-    let within = |at: [f32; 2]| (0..2).all(|axis| (reach.min[axis]..=reach.max[axis]).contains(&at[axis]));
-    let likelihood = |at| if within(at) { levels.ln_at(at) } else { f32::NAN };
-    let estimate = filter.step(now_us, &solver.walls, &likelihood).ok_or(NoPosition::NoFix(NoFix::Diverged))?;
-    Ok(solver.global(estimate.position, &estimate.covariance, heard.len()))
 }

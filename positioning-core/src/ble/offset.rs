@@ -6,7 +6,7 @@
 
 use crate::Real;
 
-/// What is believed of a receiver before anything is heard: as calibrated, give or take 4 dB.
+/// What is believed of a receiver before anything is heard, dB.
 const PRIOR_DB: f64 = 4.0;
 /// By how much an offset wanders, dB² a scan: a hand, a pocket. A thousandth of a dB² is a dB in a thousand scans.
 const WANDER: f64 = 1.0e-3;
@@ -22,12 +22,18 @@ pub struct ReceiverOffset<T> {
 }
 
 impl<T: Real> Default for ReceiverOffset<T> {
+    /// A receiver of which nothing is known: as the calibration's, give or take 4 dB.
     fn default() -> Self {
-        Self { offset: T::ZERO, variance: T::of(PRIOR_DB * PRIOR_DB) }
+        Self::new(T::of(PRIOR_DB))
     }
 }
 
 impl<T: Real> ReceiverOffset<T> {
+    /// A receiver that is as the calibration's, give or take `deviation` dB.
+    pub fn new(deviation: T) -> Self {
+        Self { offset: T::ZERO, variance: deviation.squared() }
+    }
+
     /// By how much the receiver's levels are too loud, dB.
     pub fn offset(&self) -> T {
         self.offset
