@@ -84,7 +84,7 @@ pub struct Fix {
     pub round: u16,
     /// From the poll to the publication, microseconds.
     pub age_us: u32,
-    /// Anchors asked.
+    /// Anchors asked; none: it is by beacons, and `round` goes on from the last round's.
     pub asked: u8,
     /// What came of the round.
     pub outcome: Outcome,
@@ -102,7 +102,7 @@ pub enum Outcome {
         deviation: [u32; 3],
         /// Correlations xy, xz, yz in 1/127.
         correlation: [i8; 3],
-        /// Bit i: the round's i-th range was used.
+        /// Bit i: the round's i-th range, or the i-th nearest beacon, was used.
         used: u16,
         /// How far the ranges agree with it, 0 to 255.
         quality: u8,

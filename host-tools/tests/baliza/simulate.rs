@@ -48,6 +48,29 @@ fn json_has_the_keys_of_the_contract_and_nothing_else_is_printed() {
     assert_eq!(run.stderr, "");
 }
 
+/// Beacons in the corners instead of anchors.
+const BEACONS: &str = "seconds = 4\nheight_m = 1.2\nlevel = \"air\"\n\
+    [[beacon]]\nat = [0, 0, 2]\n[[beacon]]\nat = [6, 0, 2]\n[[beacon]]\nat = [6, 5, 2]\n[[beacon]]\nat = [0, 5, 2]\n\
+    [[tag]]\npath = [[2, 2, 1.2], [4, 3, 1.2]]\n";
+
+#[test]
+fn beacons_alone_give_positions_a_summary_of_theirs_and_files_for_ble_solve() {
+    let folder = folder();
+    folder.write("beacons.toml", BEACONS.as_bytes());
+    let run = folder.run("simulate --scenario beacons.toml --json").ok();
+    let bluetooth = &run.json()["bluetooth"];
+    assert_eq!((&bluetooth["beacons"], &bluetooth["by_anchors"]["fixes"]), (&4.into(), &0.into()));
+    let fixes = bluetooth["by_beacons"]["fixes"].as_u64().expect("a number");
+    // Two a second.
+    assert!((6..=8).contains(&fixes), "{fixes}");
+    let run = folder.run("simulate --scenario beacons.toml --out out --plot room.svg").ok();
+    assert!(run.stderr.contains("by beacons alone: "), "{}", run.stderr);
+    assert!(String::from_utf8_lossy(&folder.read("room.svg")).contains("beacons"));
+    let files = "--beacons out/beacons.csv --rssi out/rssi.csv --truth out/truth.csv";
+    let solved = folder.run(&format!("ble solve {files} --json")).ok();
+    assert!(solved.json()[0]["fixed"].as_u64().is_some_and(|fixed| fixed >= 6), "{}", solved.stdout);
+}
+
 #[test]
 fn equal_arguments_print_equal_bytes_and_another_seed_others() {
     let bytes = |seed: u8| {
