@@ -7,9 +7,9 @@ use anyhow::Result;
 use host_tools::ble::coverage::bound::{Noise, Station};
 use host_tools::ble::coverage::{Fitted, Grid, Map, USUAL_WALL_DB, errors_m, fitted, walls_of};
 use host_tools::ble::files::{Beacon, Stay, Wall, read_beacons, read_stays, read_walls};
+use host_tools::ble::fingerprint::{Average, Survey};
 use host_tools::plot::{Heat, heat};
 use host_tools::{Wrong, output};
-use positioning_core::ble::signal::level;
 
 use super::recorded::{CornersM, finite};
 use super::{PictureFile, print, print_json, rounded, tell, write};
@@ -149,23 +149,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// The beacons of a survey without a file of beacons, in the order in which they were heard; where they are is not known.
+/// The beacons of a survey without a file of beacons; where they are is not known.
 fn heard_beacons(stays: &[Stay]) -> Vec<Beacon> {
-    let mut beacons: Vec<Beacon> = Vec::new();
-    for sample in stays.iter().flat_map(|stay| &stay.samples).filter(|sample| level(sample.rssi_dbm).is_ok()) {
-        if !beacons.iter().any(|beacon| beacon.name == sample.beacon) {
-            beacons.push(Beacon {
-                name: sample.beacon.clone(),
-                position_m: [0.0; 2],
-                height_m: None,
-                rssi_1m_dbm: None,
-                path_loss_exponent: None,
-                deviation_db: None,
-            });
-        }
-    }
-    beacons.sort_by_key(|beacon| (beacon.name.parse::<u64>().ok(), beacon.name.clone()));
-    beacons
+    let beacon = |name| Beacon {
+        name,
+        position_m: [0.0; 2],
+        height_m: None,
+        rssi_1m_dbm: None,
+        path_loss_exponent: None,
+        deviation_db: None,
+    };
+    Survey::of(stays, Average::Power).beacons.into_iter().map(beacon).collect()
 }
 
 fn grid(

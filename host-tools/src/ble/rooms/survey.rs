@@ -1,4 +1,4 @@
-//! What a survey says of its points: each beacon's mean level and deviation, and the scans of short windows.
+//! What a survey says of its points: each beacon's level and deviation, and the scans of short windows.
 
 use std::path::Path;
 
@@ -7,11 +7,17 @@ use positioning_core::ble::signal::level;
 
 use crate::Wrong;
 use crate::ble::files::{Sample, Stay};
+use crate::ble::fingerprint::{self, Average, scan};
+
+/// Levels are averaged as those of maps are.
+const AVERAGE: Average = Average::Power;
+/// A file may claim any span of time.
+const MOST_WINDOWS: f64 = 1e5;
 
 /// A beacon at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Heard {
-    /// Mean level, dBm.
+    /// Level of the mean power, dBm.
     pub mean_dbm: f64,
     /// Standard deviation of single adverts, dB.
     pub deviation_db: f64,
@@ -33,7 +39,7 @@ pub struct Point {
 /// A survey whose points have rooms.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Survey {
-    /// Names of the beacons, sorted.
+    /// Names of the beacons, by number where all are numbers, else by name.
     pub beacons: Vec<String>,
     /// Names of the rooms, in the file's order.
     pub rooms: Vec<String>,
@@ -47,11 +53,8 @@ impl Survey {
     /// # Errors
     /// A point without a room; fewer than two rooms; more rooms or beacons than a model holds.
     pub fn of_fingerprints(file: &Path, stays: &[Stay], window_s: f64) -> Result<Self, Wrong> {
-        let mut survey = Self::default();
-        let heard = stays.iter().flat_map(|stay| &stay.samples).filter(|sample| level(sample.rssi_dbm).is_ok());
-        survey.beacons = heard.map(|sample| sample.beacon.clone()).collect();
-        survey.beacons.sort_by(|a, b| natural(a).cmp(&natural(b)));
-        survey.beacons.dedup();
+        let beacons = fingerprint::Survey::of(stays, AVERAGE).beacons;
+        let mut survey = Self { beacons, ..Self::default() };
         survey.add(file, stays, window_s, true)?;
         let too_many = |what: &str, count: usize, most: usize| {
             (count > most).then(|| Wrong::file(file, format!("{count} {what}, where a model holds {most}")))
@@ -61,9 +64,9 @@ impl Survey {
         {
             return Err(wrong);
         }
-        match (survey.rooms.len(), survey.beacons.len()) {
-            (0 | 1, _) => Err(Wrong::file(file, "its points are all in one room: there is nothing to tell apart")),
+        match (survey.rooms.len(), survey.points.len()) {
             (_, 0) => Err(Wrong::file(file, "none of its levels is one that a receiver can have measured")),
+            (0 | 1, _) => Err(Wrong::file(file, "its points are all in one room: there is nothing to tell apart")),
             (_, _) => Ok(survey),
         }
     }
@@ -107,42 +110,34 @@ impl Point {
     }
 }
 
-/// Numbers in names by their value: 2 before 10.
-fn natural(name: &str) -> (Option<u64>, &str) {
-    (name.parse().ok(), name)
-}
-
 fn heard(samples: &[Sample], beacons: &[String]) -> Vec<Option<Heard>> {
-    beacons
-        .iter()
-        .map(|beacon| {
-            let of_it = samples.iter().filter(|sample| sample.beacon == *beacon);
-            let levels: Vec<f64> = of_it.filter_map(|sample| level(sample.rssi_dbm).ok()).collect();
-            let count = levels.len() as f64;
-            let mean_dbm = levels.iter().sum::<f64>() / count;
-            let squares: f64 = levels.iter().map(|level| (level - mean_dbm).powi(2)).sum();
-            (!levels.is_empty()).then(|| Heard { mean_dbm, deviation_db: (squares / count).sqrt() })
-        })
-        .collect()
+    let means = scan(beacons, samples, AVERAGE);
+    let deviation_db = |beacon: &String| {
+        let of_it = samples.iter().filter(|sample| sample.beacon == *beacon);
+        let levels: Vec<f64> = of_it.filter_map(|sample| level(sample.rssi_dbm).ok()).collect();
+        let count = levels.len() as f64;
+        let middle = levels.iter().sum::<f64>() / count;
+        (levels.iter().map(|level| (level - middle).powi(2)).sum::<f64>() / count).sqrt()
+    };
+    let heard = |(mean, beacon): (Option<f64>, &String)| {
+        mean.map(|mean_dbm| Heard { mean_dbm, deviation_db: deviation_db(beacon) })
+    };
+    means.into_iter().zip(beacons).map(heard).collect()
 }
 
 /// The scans of successive windows; what is left at the end is no whole window.
 fn windows(samples: &[Sample], beacons: &[String], window_s: f64) -> Vec<Vec<Option<f32>>> {
     let times = || samples.iter().map(|sample| sample.t_s);
     let (begin, end) = (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max));
-    let count = ((end - begin) / window_s).max(0.0) as usize;
-    // Levels of a window and beacon: their sum and their number.
-    let mut sums = vec![vec![(0.0, 0_u32); beacons.len()]; count];
+    let count = ((end - begin) / window_s).clamp(0.0, MOST_WINDOWS) as usize;
+    let mut parts = vec![Vec::new(); count];
     for sample in samples {
-        let window = sums.get_mut(((sample.t_s - begin) / window_s) as usize);
-        let beacon = beacons.iter().position(|beacon| *beacon == sample.beacon);
-        if let (Some(window), Some(beacon), Ok(level)) = (window, beacon, level(sample.rssi_dbm)) {
-            window[beacon].0 += level;
-            window[beacon].1 += 1;
+        if let Some(part) = parts.get_mut(((sample.t_s - begin) / window_s) as usize) {
+            part.push(sample.clone());
         }
     }
-    let mean = |(sum, number): (f64, u32)| (number > 0).then(|| (sum / f64::from(number)) as f32);
-    sums.into_iter().map(|window| window.into_iter().map(mean).collect()).collect()
+    let single = |level: Option<f64>| level.map(|level| level as f32);
+    parts.into_iter().map(|part| scan(beacons, &part, AVERAGE).into_iter().map(single).collect()).collect()
 }
 
 #[cfg(test)]
@@ -166,13 +161,14 @@ mod tests {
         ];
         let survey = Survey::of_fingerprints(Path::new("f"), &stays, 1.0).expect("good");
         assert_eq!((survey.beacons.join(","), survey.rooms.join(",")), ("2,10".into(), "hall,attic".into()));
-        // r heard nothing that is a level. p: (−60 − 64 − 70)/3 = −64.667; 4.667² + 0.667² + 5.333² = 50.667, /3 = 16.889.
+        // r heard nothing that is a level. p: 1, 0.398107 and 0.1 nW, mean 0.499369, −63.0158 dBm; about the mean of the decibels,
+        // −64.667: 4.667² + 0.667² + 5.333² = 50.667, /3 = 16.889. The first window: 0.699054 nW, −61.5549 dBm.
         assert_eq!(survey.points.len(), 2);
         let heard = survey.points[0].heard[1].expect("heard");
-        assert!(
-            (heard.mean_dbm + 64.666_667).abs() < 1e-6 && (heard.deviation_db - 16.888_889_f64.sqrt()).abs() < 1e-6
-        );
-        assert_eq!(survey.points[0].windows, [vec![None, Some(-62.0)], vec![None, None]]);
+        assert!((heard.mean_dbm + 63.0158).abs() < 1e-4 && (heard.deviation_db - 16.888_889_f64.sqrt()).abs() < 1e-6);
+        let windows = &survey.points[0].windows;
+        assert!((windows[0][1].expect("heard") + 61.5549).abs() < 1e-3, "{windows:?}");
+        assert_eq!((windows.len(), windows[0][0], &windows[1]), (2, None, &vec![None, None]));
     }
 
     #[test]
