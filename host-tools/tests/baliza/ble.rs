@@ -230,8 +230,8 @@ fn a_beacon_that_was_moved_or_has_a_double_costs_metres_at_most() {
     }
 }
 
-/// The thesis' room: places of tables 4.1 and 4.2, in the frame of its fingerprints; beacons 6 and 8 are exchanged there, as their
-/// path losses of table 4.3 show, which come out at these places and at no others.
+/// The thesis' room: places of tables 4.1 and 4.2, in the frame of its fingerprints; beacons 6 and 8 are exchanged there: only so do the
+/// path losses of table 4.3 come out.
 const ROOM: &str = "beacon,x_m,y_m\n1,0.45,3.22\n2,5.25,1.63\n6,3.70,6.55\n7,6.88,3.73\n8,2.30,0.12\n";
 
 #[test]
