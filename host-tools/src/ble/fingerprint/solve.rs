@@ -18,7 +18,7 @@ use crate::{NoPosition, Place, Position, Solved};
 /// Captures that follow each other sooner than this are of one walk, seconds.
 const ONE_WALK_S: f64 = 2.0;
 /// Deviation of a single level, dB, that an offset of all is compared with.
-const LEVEL_DB: f64 = 3.0;
+const LEVEL_DB: f32 = 3.0;
 /// Room for the points of a lattice.
 const ROOM: usize = 1000;
 /// Equal captures give equal positions.
@@ -85,7 +85,7 @@ pub struct Setup<'a> {
 
 impl Default for Setup<'_> {
     fn default() -> Self {
-        Self { average: Average::default(), offset_db: 2.0, grid: Grid::default(), particles_s: None, plan: None }
+        Self { average: Average::default(), offset_db: 4.0, grid: Grid::default(), particles_s: None, plan: None }
     }
 }
 
@@ -133,33 +133,50 @@ impl Solver {
     /// Its own maps are damaged: never.
     pub fn solve(&self, comparison: Comparison, captures: &[Capture]) -> Result<Vec<Solved>, Fault> {
         let ((points, _), (lattice, _)) = (Map::decode(&self.points)?, Map::decode(&self.lattice)?);
-        let receiver = Receiver { offset_deviation_db: self.offset_db as f32, ..Receiver::default() };
+        // All captures are of one receiver, whose offset is learnt from one to the next.
+        let mut receiver = Receiver { offset_deviation_db: self.offset_db as f32, ..Receiver::default() };
         let mut walk = Walk::<f32, ROOM>::new();
-        let at_once = |scan: &[Option<f32>]| match comparison {
+        let at_once = |scan: &[Option<f32>], receiver: &Receiver<f32>| match comparison {
             Comparison::Nearest { k, weighted } => {
-                let offset = (self.offset_db / LEVEL_DB) as f32;
-                Nearest { neighbours: k, weighted, offset }.locate(&points, scan).map(Found::from)
+                let offset = receiver.offset_deviation_db / LEVEL_DB;
+                let scan: Vec<_> = scan.iter().map(|level| level.map(|level| level - receiver.offset_db)).collect();
+                Nearest { neighbours: k, weighted, offset }.locate(&points, &scan).map(Found::from)
             }
-            Comparison::Process | Comparison::Walk => locate(&lattice, scan, &receiver).map(Found::from),
+            Comparison::Process | Comparison::Walk => locate(&lattice, scan, receiver).map(Found::from),
         };
         let mut particles = Particles::new();
         let mut timeline = Timeline::default();
+        let fading_us = (Motion::<f64>::default().fading_s * 1.0e6) as u64;
+        let mut learnt_us = 0;
         let position = |capture: &Capture| {
             let (now_us, goes_on) = timeline.next(capture);
+            let scan = self.single(capture);
+            // Scans in quick succession are shadowed alike, and would pass their shadows off as an offset.
+            let learns = !goes_on || now_us.saturating_sub(learnt_us) >= fading_us;
+            if learns {
+                learnt_us = now_us;
+            }
             if comparison == Comparison::Walk {
                 if !goes_on {
                     walk = Walk::new();
                 }
-                let scan = self.single(capture);
-                return walk.step(&lattice, &scan, &receiver, &Motion::default(), now_us).map(Found::from);
+                let posterior = walk.step(&lattice, &scan, &receiver, &Motion::default(), now_us)?;
+                if learns {
+                    receiver.learn(&posterior);
+                }
+                return Ok(Found::from(posterior));
             }
-            let Some(window_s) = self.particles_s else { return at_once(&self.single(capture)) };
+            let before = receiver;
+            if let Some(posterior) = locate(&lattice, &scan, &receiver).ok().filter(|_| learns) {
+                receiver.learn(&posterior);
+            }
+            let Some(window_s) = self.particles_s else { return at_once(&scan, &before) };
             if !goes_on {
                 particles = Particles::new();
             }
             let mut last = Err(fingerprint::NoPosition::Unheard);
             for Window { before_us, scan } in windows(&self.beacons, capture, window_s, self.average) {
-                let found = at_once(&single_precision(scan));
+                let found = at_once(&single_precision(scan), &before);
                 let now_us = now_us.saturating_sub(before_us);
                 last = found.map(|found| particles.step(now_us, found)).or(last);
             }

@@ -52,7 +52,8 @@ pub struct Arguments {
     /// The particle filter's window of integration, milliseconds: 200 in a room, 500 over a floor
     #[arg(long, value_name = "MS", default_value_t = 200, value_parser = clap::value_parser!(u32).range(10..=60_000))]
     window_ms: u32,
-    /// How far the receiver's levels may be off from the surveyor's, all alike, dB (standard deviation); 0: they are not
+    /// How far the receiver's levels may be off from the surveyor's, all alike, before the first capture, dB (standard deviation); it is
+    /// learnt from one capture to the next. 0: they are not off
     #[arg(long, value_name = "DB", allow_negative_numbers = true, default_value_t = 2.0, value_parser = super::solve::decibels)]
     offset_db: f64,
     /// How levels of one point are averaged

@@ -11,6 +11,8 @@ use super::map::Row;
 use super::{Codes, DEVIATIONS_DB, MAX_BEACONS, Map, NoPosition};
 use crate::Real;
 
+/// No offset is learnt better than this, dB.
+const LEAST_OFFSET_DB: f64 = 1.0;
 /// Points less likely than the likeliest by more than this (as a logarithm) are worth nothing: 200 of them would be worth 10⁻⁵.
 const NOTHING: f64 = 17.0;
 
@@ -27,9 +29,20 @@ pub struct Receiver<T> {
 }
 
 impl<T: Real> Default for Receiver<T> {
-    /// An unknown one: as loud as the surveyor's within 2 dB; whole stays.
+    /// An unknown one: as loud as the surveyor's within 4 dB; whole stays.
     fn default() -> Self {
-        Self { offset_db: T::ZERO, offset_deviation_db: T::of(2.0), noise_db2: T::ZERO }
+        Self { offset_db: T::ZERO, offset_deviation_db: T::of(4.0), noise_db2: T::ZERO }
+    }
+}
+
+impl<T: Real> Receiver<T> {
+    /// Takes what a scan has said of the offset, for the next one; an offset that is known stays as it is. Scans at one place are shadowed
+    /// alike, so that the deviation is kept from vanishing: some five scans count.
+    pub fn learn(&mut self, posterior: &Posterior<T>) {
+        if self.offset_deviation_db > T::ZERO && posterior.offset_db.is_finite() {
+            self.offset_db = posterior.offset_db;
+            self.offset_deviation_db = posterior.offset_deviation_db.at_least(T::of(LEAST_OFFSET_DB));
+        }
     }
 }
 
@@ -41,7 +54,7 @@ pub struct Posterior<T> {
     pub position: [T; 2],
     /// Its covariance, m²: xx, xy, yy.
     pub covariance: [T; 3],
-    /// The receiver's offset, dB: it may be the next scan's prior where the beacons' errors are not the same again.
+    /// The receiver's offset, dB, for [`Receiver::learn`].
     pub offset_db: T,
     /// Its deviation, dB.
     pub offset_deviation_db: T,
@@ -259,6 +272,28 @@ pub(super) mod tests {
         // Common to both points: R ⁄ (W + π) = (−13 ⁄ 9) ⁄ (2 ⁄ 9 + 1 ⁄ 16) = −5.0732 dB, 1 ⁄ √0.284722 = 1.8741 dB.
         assert!((found.offset_db + 5.0732).abs() < 1e-3, "{found:?}");
         assert!((found.offset_deviation_db - 1.8741).abs() < 1e-3, "{found:?}");
+    }
+
+    #[test]
+    fn an_offset_is_learnt_from_scan_to_scan() {
+        // One point, one beacon, always 6 dB too weak: the offset's prior is 4 dB, a level's deviation 3 dB. By hand: gain 16 ⁄ 25, offset
+        // −3.84, deviation √(16 · 9 ⁄ 25) = 2.4; then 5.76 ⁄ 14.76 of the rest, −4.683, √(5.76 · 9 ⁄ 14.76) = 1.874; at last −6 ± 1.
+        let bytes = row_of(&[-60.0], 1.0);
+        let (map, _) = Map::decode(&bytes).expect("a map");
+        let mut receiver = Receiver { offset_deviation_db: 4.0, ..Receiver::<f64>::default() };
+        let mut scan = || {
+            receiver.learn(&locate(&map, &[Some(-66.0)], &receiver).expect("found"));
+            (receiver.offset_db, receiver.offset_deviation_db)
+        };
+        for (offset, deviation) in [(-3.84, 2.4), (-4.683, 1.874)] {
+            let found = scan();
+            assert!((found.0 - offset).abs() < 1e-3 && (found.1 - deviation).abs() < 1e-3, "{found:?}");
+        }
+        let last = (0..60).map(|_| scan()).last().expect("some");
+        assert!((last.0 + 6.0).abs() < 0.01 && last.1 == 1.0, "{last:?}");
+        let mut known = Receiver { offset_db: 2.0, offset_deviation_db: 0.0, ..receiver };
+        known.learn(&locate(&map, &[Some(-66.0)], &known).expect("found"));
+        assert_eq!(known.offset_db, 2.0);
     }
 
     #[test]
