@@ -54,7 +54,7 @@ pub struct Arguments {
     window_ms: u32,
     /// How far the receiver's levels may be off from the surveyor's, all alike, before the first capture, dB (standard deviation); it is
     /// learnt from one capture to the next. 0: they are not off
-    #[arg(long, value_name = "DB", allow_negative_numbers = true, default_value_t = 2.0, value_parser = super::solve::decibels)]
+    #[arg(long, value_name = "DB", allow_negative_numbers = true, default_value_t = 4.0, value_parser = super::solve::decibels)]
     offset_db: f64,
     /// How levels of one point are averaged
     #[arg(long, value_name = "HOW", default_value = "power")]
