@@ -68,14 +68,14 @@ pub fn places(record: &node_record::Record) -> Vec<AnchorPlace, { node_record::M
 impl<'a> Locator<'a> {
     /// That of a tag at this height, metres, or anywhere in space; ranges are doubted by their powers.
     ///
-    /// In the plane a track is followed. In space every round is solved by itself: where all anchors hang at about one height, a
-    /// track takes the anchors' common error for height and keeps it (0.97 m on a recording that is solved to 0.21 m).
+    /// A track is followed, so that a round with one answer is still a position.
     pub fn new(height_m: Option<f32>, anchors: &'a [AnchorPlace]) -> Self {
-        let settings = match height_m {
-            Some(height) => Settings::track(Dimensions::Plane { height }),
-            None => Settings::solve(Dimensions::Space { side: Side::Unknown }, Solvers::robust()),
+        let dimensions = match height_m {
+            Some(height) => Dimensions::Plane { height },
+            None => Dimensions::Space { side: Side::Unknown },
         };
-        let settings = Settings { noise: Noise::by_powers(), solvers: Solvers::on_node(), ..settings };
+        let settings =
+            Settings { noise: Noise::by_powers(), solvers: Solvers::on_node(), ..Settings::track(dimensions) };
         Self { settings, anchors, model: None, beacons: KnownBeacons::new(&[], None) }
     }
 

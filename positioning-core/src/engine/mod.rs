@@ -6,6 +6,7 @@
 //! measurement changes the track as it comes. Time without measurements makes the covariance grow; too much of it ends the track.
 
 mod beacons;
+mod level;
 mod measurement;
 mod output;
 mod round;
@@ -18,6 +19,7 @@ pub use settings::{Dimensions, Mode, Settings, Solvers};
 use crate::track::{Blocked, Fate, Filter, Supervisor};
 use crate::{Fix, Real};
 use beacons::ByBeacons;
+use level::Level;
 use measurement::{height_is_sane, known, position_is_sane, probability};
 use round::{Round, length};
 
@@ -38,6 +40,8 @@ pub struct Engine<T> {
     filter: Filter<T>,
     supervisor: Supervisor,
     round: Round<T>,
+    /// Where a track in space has its height from.
+    level: Level<T>,
     /// Whether there is a track, and why not.
     track: Result<(), Missing>,
     /// Why the next track will be started.
@@ -64,6 +68,7 @@ impl<T: Real> Engine<T> {
             filter: Filter::new(),
             supervisor: Supervisor::default(),
             round: Round::new(),
+            level: Level::new(),
             track: Err(Missing::RoundOpen),
             next_start: Start::First,
             now_us: 0,
@@ -220,6 +225,7 @@ impl<T: Real> Engine<T> {
         if self.track.is_err() {
             return Verdict::NoTrack;
         }
+        self.level.is_told();
         let fate = self.filter.height(height, deviation, &self.settings);
         self.judge(fate, None)
     }
@@ -229,6 +235,7 @@ impl<T: Real> Engine<T> {
             return Verdict::NotSane;
         }
         if self.track.is_ok() {
+            self.level.is_told();
             let fate = self.filter.position(*position, covariance, &self.settings);
             return self.judge(fate, None);
         }
@@ -260,6 +267,7 @@ impl<T: Real> Engine<T> {
     /// Starts a track.
     fn start(&mut self, position: [T; 3], covariance: &[[T; 3]; 3]) -> Start {
         self.filter.start(self.now_us, position, covariance, &self.settings);
+        self.level = Level::new();
         self.supervisor = Supervisor::default();
         self.track = Ok(());
         self.used_us = self.now_us;
@@ -312,6 +320,7 @@ impl<T: Real> Engine<T> {
             })
         });
         let start = self.start(fix.position, &covariance);
+        self.take_height(fix);
         (self.round.used, self.round.taken) = (0, 0);
         for place in 0..self.round.ranges.len() {
             if let Some(range) = self.round.ranges.get(place).copied() {
@@ -354,18 +363,29 @@ impl<T: Real> Engine<T> {
     fn go_on(&mut self) -> Output<T> {
         self.keep_enough();
         self.admit_beacons();
-        if self.settings.supervised
-            && self.supervisor.doubts()
+        let doubts = self.settings.supervised && self.supervisor.doubts();
+        if (doubts || self.level.is_asked())
             && let Ok(fix) = self.round.solve(&self.settings)
         {
             let covariance = self.filter.state.position_covariance();
-            if self.supervisor.condemns(self.filter.state.position(), &covariance, &fix) {
+            if doubts && self.supervisor.condemns(self.filter.state.position(), &covariance, &fix) {
                 self.give_up(Start::Contradicted);
                 let start = self.begin_at(&fix);
                 return Output { verdict: Verdict::Started(start), fix: self.fix() };
             }
+            self.take_height(&fix);
         }
         Output { verdict: Verdict::Concluded, fix: self.fix() }
+    }
+
+    /// Lets the track have the height of a solved round, where ranges alone do not tell it.
+    fn take_height(&mut self, fix: &Fix<T, 3>) {
+        if self.settings.dimensions.height().is_none()
+            && !self.round.ranges.is_empty()
+            && let Some((height, deviation)) = self.level.of(fix)
+        {
+            self.filter.height(height, deviation, &self.settings);
+        }
     }
 
     /// The track's position now.
@@ -374,7 +394,7 @@ impl<T: Real> Engine<T> {
         Ok(TrackFix {
             position: self.filter.state.position(),
             velocity: self.filter.state.velocity(),
-            covariance: self.filter.state.position_covariance(),
+            covariance: self.level.admit(self.filter.state.position_covariance()),
             used: crate::AnchorSet(self.round.used),
             quality: self.round.quality(),
             age_us: self.now_us.saturating_sub(self.used_us),

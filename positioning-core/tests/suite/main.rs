@@ -5,5 +5,6 @@ mod engine;
 mod hostile;
 mod properties;
 mod reference;
+mod space;
 mod support;
 mod tdoa;

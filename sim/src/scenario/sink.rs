@@ -94,7 +94,9 @@ impl firmware_tag::Sink for TagSink {
         };
         let instructions = match (scenario.tag.method, scenario.tag.height_m) {
             (None, Some(_)) => tracking_instructions(measured),
-            (Some(_), _) | (None, None) => solving_instructions(scenario.tag.height_m.is_none(), measured),
+            // The height comes from solved rounds.
+            (None, None) => tracking_instructions(measured) + solving_instructions(true, measured),
+            (Some(_), _) => solving_instructions(scenario.tag.height_m.is_none(), measured),
         };
         let seconds = instructions / scenario.board.instructions_per_s;
         world.sleep_until(world.now() + Duration::from_secs_f64(seconds)).await;

@@ -1,0 +1,114 @@
+//! Tracks in space: a height that ranges do not tell, and rounds with holes.
+
+use positioning_core::engine::{Dimensions, Engine, Measurement, Range, Settings, Solvers};
+use positioning_core::{Noise, Side};
+use rand::Rng;
+
+use crate::support::{distance, normal, rng};
+
+const SPACE: Dimensions<f32> = Dimensions::Space { side: Side::Unknown };
+const ROUNDS: u64 = 150;
+
+/// What came of many tags: root mean square errors across and of the height, metres, the share of rounds with a position, and the mean
+/// deviation of the height that was told, metres.
+#[derive(Debug)]
+struct Score {
+    across: f64,
+    height: f64,
+    fixed: f64,
+    told: f64,
+}
+
+/// Tags that stroll under six anchors at these heights, each range lost with this probability, links wrong by 6 cm and all ranges
+/// together by 10 cm.
+fn run(settings: Settings<f32>, heights: [f64; 2], loss: f64) -> Score {
+    let mut rng = rng(21);
+    let anchors: [[f64; 3]; 6] = core::array::from_fn(|i| {
+        let [x, y] = [[0.0, 0.0], [5.0, 0.0], [10.0, 0.0], [10.0, 7.0], [5.0, 7.0], [0.0, 7.0]][i];
+        [x, y, heights[i % 2]]
+    });
+    let (mut across, mut height, mut fixed, mut told, mut rounds) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for _ in 0..40 {
+        let mut engine = Engine::new(Settings { noise: Noise::by_powers(), ..settings });
+        let common = 0.1 * normal(&mut rng);
+        let links: [f64; 6] = core::array::from_fn(|_| 0.06 * normal(&mut rng));
+        let (from, turn) = (rng.random_range(0.0..6.3), rng.random_range(-0.4..0.4));
+        for k in 1..=ROUNDS {
+            let now_us = 100_000 * k;
+            let angle = from + turn * 0.1 * k as f64;
+            let tag = [5.0 + 3.0 * angle.cos(), 3.5 + 2.0 * angle.sin(), 1.2];
+            for (anchor, place) in anchors.iter().enumerate() {
+                let error = common + links[anchor] + 0.03 * normal(&mut rng);
+                if !rng.random_bool(loss) {
+                    let range = Range {
+                        anchor: anchor as u16,
+                        place: place.map(|c| c as f32),
+                        distance: (distance(place, &tag) + error) as f32,
+                        deviation: 0.03,
+                        blocked: Some(0.1),
+                        excess: None,
+                    };
+                    engine.step(now_us, &Measurement::Range(range));
+                }
+            }
+            rounds += 1.0;
+            let Ok(fix) = engine.step(now_us, &Measurement::RoundEnd).fix else { continue };
+            let [x, y, z]: [f64; 3] = core::array::from_fn(|axis| f64::from(fix.position[axis]) - tag[axis]);
+            fixed += 1.0;
+            across += x * x + y * y;
+            height += z * z;
+            told += f64::from(fix.sigma()[2]);
+        }
+    }
+    Score {
+        across: (across / fixed).sqrt(),
+        height: (height / fixed).sqrt(),
+        fixed: fixed / rounds,
+        told: told / fixed,
+    }
+}
+
+#[test]
+fn a_track_under_anchors_at_one_height_errs_no_more_than_rounds_by_themselves_and_has_more_of_them() {
+    for loss in [0.0, 0.4] {
+        let solved = run(Settings::solve(SPACE, Solvers::robust()), [2.6, 2.6], loss);
+        let tracked = run(Settings::track(SPACE), [2.6, 2.6], loss);
+        assert!(tracked.across < solved.across, "{loss}: {tracked:?} {solved:?}");
+        assert!(tracked.height <= solved.height, "{loss}: {tracked:?} {solved:?}");
+        assert!(tracked.told >= tracked.height, "{loss}: {tracked:?}");
+        assert!(tracked.fixed > 0.98, "{loss}: {tracked:?} {solved:?}");
+    }
+}
+
+#[test]
+fn anchors_at_two_heights_tell_the_tags() {
+    let solved = run(Settings::solve(SPACE, Solvers::robust()), [2.6, 0.3], 0.3);
+    let tracked = run(Settings::track(SPACE), [2.6, 0.3], 0.3);
+    assert!(tracked.across < solved.across && tracked.height < solved.height, "{tracked:?} {solved:?}");
+    // The tag is told to decimetres, and about as well as that.
+    assert!(tracked.height < 0.2 && tracked.told < 0.3, "{tracked:?}");
+}
+
+#[test]
+fn a_height_that_is_told_is_kept() {
+    let mut engine = Engine::<f32>::new(Settings::track(SPACE));
+    let tag = [4.0, 3.0, 0.8];
+    let anchors = [[0.0, 0.0, 2.5], [10.0, 0.0, 2.5], [10.0, 8.0, 2.5], [0.0, 8.0, 2.5], [5.0, 0.0, 2.5]];
+    let mut sigma = f32::MAX;
+    for k in 1..=60_u64 {
+        for (anchor, place) in anchors.iter().enumerate() {
+            // All too long by 0.15 m: a tag that looked for its height would be too low.
+            let distance = (distance(place, &tag) + 0.15) as f32;
+            let (anchor, place) = (anchor as u16, place.map(|c: f64| c as f32));
+            let range = Range { anchor, place, distance, deviation: 0.03, blocked: None, excess: None };
+            engine.step(100_000 * k, &Measurement::Range(range));
+        }
+        engine.step(100_000 * k, &Measurement::RoundEnd);
+        let output = engine.step(100_000 * k, &Measurement::Height { height: 0.8, deviation: 0.05 });
+        if let Ok(fix) = output.fix {
+            sigma = fix.sigma()[2];
+            assert!(k < 10 || (f64::from(fix.position[2]) - 0.8).abs() < 0.1, "{fix:?}");
+        }
+    }
+    assert!(sigma < 0.05, "{sigma}");
+}
