@@ -9,7 +9,7 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use ranging::exchange::Link;
-use telemetry::{Condition, Counters, Fix, Hello, Message, Queue, Range, Reset, Sighting, State};
+use telemetry::{Condition, Counters, Difference, Fix, Hello, Message, Queue, Range, Reset, Sighting, State};
 
 use crate::Counts;
 #[cfg(feature = "defmt")]
@@ -65,6 +65,11 @@ impl<M: RawMutex, const BYTES: usize> Journal<M, BYTES> {
     /// A range of a round.
     pub fn range(&self, range: Range) {
         self.tell(&Message::Range(range));
+    }
+
+    /// A difference of arrivals of a round.
+    pub fn difference(&self, difference: Difference) {
+        self.tell(&Message::Difference(difference));
     }
 
     /// An advertisement heard.

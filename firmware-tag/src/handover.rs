@@ -89,6 +89,14 @@ impl<'a> Measured<'a> {
             Self::Differences(_) | Self::Levels(_) => &[],
         }
     }
+
+    /// The differences with their reference, if it is those that were measured.
+    pub const fn differences(&self) -> Option<&exchange::Differences<'a>> {
+        match self {
+            Self::Ranges(_) | Self::Levels(_) => None,
+            Self::Differences(round) => Some(round),
+        }
+    }
 }
 
 /// A round that owns what it measured.

@@ -3,9 +3,9 @@
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use firmware_common::Reporter;
 use ranging::exchange::{Event, Link};
-use telemetry::{Condition, Fix, Outcome, Range, Sighting};
+use telemetry::{Condition, Difference, Fix, Outcome, Range, Sighting};
 
-use crate::{Epoch, Position, Sink, Task};
+use crate::{Epoch, Measured, Position, Sink, Task};
 
 /// A tag's results, told by a reporter.
 pub struct Told<'r, M: RawMutex, const BYTES: usize> {
@@ -37,8 +37,15 @@ impl<M: RawMutex, const BYTES: usize> Sink for Told<'_, M, BYTES> {
         let t_us = self.now_us();
         let (measured, journal) = (epoch.measured, &self.reporter.journal);
         if self.report_ranges {
-            for range in measured.ranges() {
-                journal.range(Range::new(t_us, measured.number(), range));
+            match &measured {
+                Measured::Ranges(round) => {
+                    round.ranges.iter().for_each(|range| journal.range(Range::new(t_us, round.number, range)));
+                }
+                Measured::Differences(round) => {
+                    Difference::of(t_us, round).for_each(|difference| journal.difference(difference));
+                }
+                // Sightings are told as they come.
+                Measured::Levels(_) => {}
             }
         }
         let outcome = match epoch.outcome {

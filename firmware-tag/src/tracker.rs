@@ -117,14 +117,9 @@ impl<'a> Tracker<'a> {
 
     fn take_differences(&mut self, round: &Differences<'_>, poll_us: u64, taken: &mut Taken) {
         let reference = self.configured(round.reference).unwrap_or(round.reference_m);
+        let of_reference = self.overheard(poll_us, round.reference, &round.reference_diagnostics);
         for (place, difference) in (0..MAX_ROUND as u16).zip(round.differences) {
             let at = self.configured(difference.peer).unwrap_or(difference.position_m);
-            let reception = Reception {
-                features: self.features(&difference.diagnostics),
-                range_m: f32::NAN,
-                power_dbm: difference.diagnostics.rx_power_dbm,
-                ends_m: None,
-            };
             let tdoa = Tdoa {
                 anchor: difference.peer,
                 place: at,
@@ -132,7 +127,7 @@ impl<'a> Tracker<'a> {
                 reference_place: reference,
                 difference: between(round, difference, [reference, at]),
                 deviations: [round.reference_deviation_m, difference.deviation_m],
-                blocked: [None, self.judge.blocked(poll_us, difference.peer, &reception)],
+                blocked: [of_reference, self.overheard(poll_us, difference.peer, &difference.diagnostics)],
             };
             taken.count(place, self.engine.step_on_node(poll_us, &Measurement::Tdoa(tdoa)).verdict);
         }
@@ -148,6 +143,17 @@ impl<'a> Tracker<'a> {
             features.set_known(Feature::FirstPathToNoise, to_noise);
         }
         features
+    }
+
+    /// The probability that an anchor that was overheard has no line of sight.
+    fn overheard(&mut self, poll_us: u64, anchor: u16, diagnostics: &Diagnostics) -> Option<f32> {
+        let reception = Reception {
+            features: self.features(diagnostics),
+            range_m: f32::NAN,
+            power_dbm: diagnostics.rx_power_dbm,
+            ends_m: None,
+        };
+        self.judge.blocked(poll_us, anchor, &reception)
     }
 
     fn configured(&self, anchor: u16) -> Option<[f32; 3]> {
@@ -251,6 +257,7 @@ mod tests {
             reference: 1,
             reference_m,
             reference_deviation_m: 0.03,
+            reference_diagnostics: Diagnostics::default(),
             differences,
         })
     }

@@ -2,7 +2,7 @@
 //! themselves, which `decode`, `monitor` and `replay` read.
 //!
 //! In flow bytes and the messages that they are, from wherever; out come `anchors.csv`, `ranges.csv`, `positions.csv`, `rssi.csv`
-//! where beacons were seen, and `telemetry.bin`. Nothing is seen of them before [`Recorder::finish`].
+//! where beacons were seen, `differences.csv` where a tag only listened, and `telemetry.bin`. Nothing is seen of them before [`Recorder::finish`].
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -15,7 +15,7 @@ use crate::output::Growing;
 use crate::{Anchor, Wrong};
 
 /// The files of a recording.
-const FILES: [&str; 5] = ["anchors.csv", "ranges.csv", "positions.csv", "rssi.csv", "telemetry.bin"];
+const FILES: [&str; 6] = ["anchors.csv", "ranges.csv", "positions.csv", "rssi.csv", "differences.csv", "telemetry.bin"];
 
 type Writer = csv::Writer<Growing>;
 
@@ -27,6 +27,8 @@ pub struct Recorder {
     ranges: Writer,
     /// From the first sighting on.
     rssi: Option<Writer>,
+    /// From the first difference on.
+    differences: Option<Writer>,
     /// By short address; what the user gives counts more than what the anchors say of themselves.
     given: BTreeMap<u16, [f64; 3]>,
     told: BTreeMap<u16, [f64; 3]>,
@@ -44,6 +46,8 @@ pub struct Recorded {
     pub ranges: u64,
     /// Rows of `rssi.csv`.
     pub sightings: u64,
+    /// Rows of `differences.csv`.
+    pub differences: u64,
     /// Rows of `anchors.csv`.
     pub anchors: u64,
     /// Ranges that were left out, because nobody said where their anchor stands: how many by its short address.
@@ -71,6 +75,7 @@ impl Recorder {
             ranges: writer(folder, "ranges.csv", Table::Ranges.columns())?,
             folder: folder.to_owned(),
             rssi: None,
+            differences: None,
             given,
             told: BTreeMap::new(),
             waiting: BTreeMap::new(),
@@ -103,6 +108,17 @@ impl Recorder {
             };
             rssi.write_record(row)?;
         }
+        if let (Message::Difference(difference), Some(row)) = (message, Table::Differences.row(stamp, message)) {
+            if let Some(place_m) = difference.place_m() {
+                self.told.insert(difference.peer, place_m);
+            }
+            self.counts.differences += 1;
+            let differences = match &mut self.differences {
+                Some(differences) => differences,
+                None => self.differences.insert(writer(&self.folder, "differences.csv", Table::Differences.columns())?),
+            };
+            differences.write_record(row)?;
+        }
         if let (Message::Range(range), Some(row)) = (message, Table::Ranges.row(stamp, message)) {
             if let Some(place_m) = range.place_m() {
                 self.told.insert(range.peer, place_m);
@@ -132,7 +148,9 @@ impl Recorder {
             self.counts.anchors += 1;
         }
         self.counts.left_out = self.waiting.into_iter().map(|(address, rows)| (address, rows.len() as u64)).collect();
-        for table in [Some(anchors), Some(self.ranges), Some(self.positions), self.rssi].into_iter().flatten() {
+        for table in
+            [Some(anchors), Some(self.ranges), Some(self.positions), self.rssi, self.differences].into_iter().flatten()
+        {
             table.into_inner().map_err(csv::IntoInnerError::into_error)?.finish()?;
         }
         self.bytes.finish()?;

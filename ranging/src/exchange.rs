@@ -137,6 +137,8 @@ pub struct Differences<'m> {
     pub reference_m: [f32; 3],
     /// Standard deviation that all differences of the round have in common, metres: that of the poll's stamp.
     pub reference_deviation_m: f32,
+    /// What the receiver measured on the poll.
+    pub reference_diagnostics: Diagnostics,
     /// The differences had, at most one an anchor asked.
     pub differences: &'m [Difference],
 }

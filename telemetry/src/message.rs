@@ -24,6 +24,8 @@ pub enum Message {
     Counters(Counters),
     /// Why the node started.
     Reset(Reset),
+    /// A difference of arrivals of a round that was overheard.
+    Difference(Difference),
 }
 
 /// Who is speaking.
@@ -146,6 +148,29 @@ pub struct Range {
     /// 0.1 mm.
     pub distance: i32,
     /// Standard deviation expected with line of sight, 0.1 mm.
+    pub deviation: u32,
+    /// Where the anchor says it stands, 0.1 mm.
+    pub place: Option<[i32; 3]>,
+    /// What the receiver measured.
+    pub diagnostics: Diagnostics,
+}
+
+/// How much farther an anchor is than the reference anchor, whose poll began the round. The reference itself comes first, with a
+/// difference of zero: its place, the deviation that all differences of the round share, and what the receiver measured on the poll.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Difference {
+    /// When it was published, since the node started, microseconds.
+    pub t_us: u64,
+    /// The round, as in the fix that it belongs to.
+    pub round: u16,
+    /// Short address of the reference anchor.
+    pub reference: u16,
+    /// Short address of the anchor.
+    pub peer: u16,
+    /// The distance to the anchor less that to the reference, 0.1 mm.
+    pub difference: i32,
+    /// Standard deviation expected with line of sight, beside the reference's, 0.1 mm.
     pub deviation: u32,
     /// Where the anchor says it stands, 0.1 mm.
     pub place: Option<[i32; 3]>,

@@ -7,7 +7,7 @@ use positioning_core::NoFix;
 use crate::{Board, Condition, CrashReason, Malformed, Message, Reason, RecordFault, ResetCause, Role};
 
 impl Message {
-    /// Of which kind it is: `hello`, `fix`, `range`, `sighting`, `state`, `counters`, `reset`.
+    /// Of which kind it is: `hello`, `fix`, `range`, `sighting`, `state`, `counters`, `reset`, `difference`.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Hello(_) => "hello",
@@ -17,6 +17,7 @@ impl Message {
             Self::State(_) => "state",
             Self::Counters(_) => "counters",
             Self::Reset(_) => "reset",
+            Self::Difference(_) => "difference",
         }
     }
 }

@@ -5,7 +5,7 @@
 
 use positioning_core::{NoFix, Real};
 
-use crate::{Diagnostics, Fix, Message, Outcome, Range, Reason};
+use crate::{Diagnostics, Difference, Fix, Message, Outcome, Range, Reason};
 
 /// Of lengths.
 const PER_METRE: f32 = 1e4;
@@ -70,6 +70,7 @@ impl Message {
             Self::State(state) => state.t_us,
             Self::Counters(counters) => counters.t_us,
             Self::Reset(reset) => reset.t_us,
+            Self::Difference(difference) => difference.t_us,
         }
     }
 }
@@ -167,6 +168,49 @@ impl Range {
     }
 
     /// Standard deviation expected with line of sight, metres.
+    pub fn deviation_m(&self) -> f64 {
+        f64::from(self.deviation) / f64::from(PER_METRE)
+    }
+
+    /// Where the anchor says it stands, metres.
+    pub fn place_m(&self) -> Option<[f64; 3]> {
+        Some(self.place?.map(metres))
+    }
+}
+
+impl Difference {
+    /// All of a round that is published at `t_us`, microseconds since the node started; the reference first.
+    pub fn of<'r>(t_us: u64, round: &ranging::exchange::Differences<'r>) -> impl Iterator<Item = Self> + use<'r> {
+        let (number, reference) = (round.number, round.reference);
+        let first = Self {
+            t_us,
+            round: number,
+            reference,
+            peer: reference,
+            difference: 0,
+            deviation: deviation(round.reference_deviation_m),
+            place: place(round.reference_m),
+            diagnostics: round.reference_diagnostics.into(),
+        };
+        let others = round.differences.iter().map(move |heard| Self {
+            t_us,
+            round: number,
+            reference,
+            peer: heard.peer,
+            difference: length(heard.difference_m),
+            deviation: deviation(heard.deviation_m),
+            place: place(heard.position_m),
+            diagnostics: heard.diagnostics.into(),
+        });
+        core::iter::once(first).chain(others)
+    }
+
+    /// Metres.
+    pub fn difference_m(&self) -> f64 {
+        metres(self.difference)
+    }
+
+    /// Standard deviation expected with line of sight, beside the reference's, metres.
     pub fn deviation_m(&self) -> f64 {
         f64::from(self.deviation) / f64::from(PER_METRE)
     }
@@ -371,6 +415,34 @@ mod tests {
         assert_eq!((told.distance_m(), told.deviation_m(), told.place_m()), (5.4321, 0.035, Some([1.0, 2.0, 3.0])));
         range.position_m = Some([1.0, f32::NAN, 3.0]);
         assert_eq!(Range::new(5, 6, &range).place_m(), None);
+    }
+
+    #[test]
+    fn differences_are_told_after_their_reference() {
+        let heard = |peer, difference_m| ranging::exchange::Difference {
+            peer,
+            difference_m,
+            deviation_m: 0.04,
+            position_m: [1.0, 2.0, 3.0],
+            diagnostics: ranging::Diagnostics::default(),
+        };
+        let differences = [heard(8, -1.23456), heard(9, 0.5)];
+        let round = ranging::exchange::Differences {
+            number: 6,
+            poll: ranging::RadioInstant::default(),
+            asked: 3,
+            reference: 7,
+            reference_m: [0.0, 0.5, 2.0],
+            reference_deviation_m: 0.03,
+            reference_diagnostics: ranging::Diagnostics { preamble_count: 99, ..ranging::Diagnostics::default() },
+            differences: &differences,
+        };
+        let told: std::vec::Vec<_> = Difference::of(5, &round).collect();
+        assert!(told.iter().all(|told| (told.t_us, told.round, told.reference) == (5, 6, 7)));
+        let numbers = told.iter().map(|told| (told.peer, told.difference_m(), told.deviation_m()));
+        assert!(numbers.eq([(7, 0.0, 0.03), (8, -1.2346, 0.04), (9, 0.5, 0.04)]));
+        assert_eq!((told[0].place_m(), told[0].diagnostics.preamble_count), (Some([0.0, 0.5, 2.0]), 99));
+        assert_eq!(told[2].place_m(), Some([1.0, 2.0, 3.0]));
     }
 
     #[test]

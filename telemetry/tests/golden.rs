@@ -14,6 +14,33 @@ fn fix(outcome: Outcome) -> Message {
     Message::Fix(Fix { t_us: T_FIX_US, round: 300, age_us: 8500, asked: 6, outcome })
 }
 
+fn diagnostics() -> Diagnostics {
+    Diagnostics {
+        rx_power: -7925,
+        first_path_power: -8150,
+        first_path_index: 47_712,
+        first_path_amplitudes: [9000, 10_500, 8000],
+        cir_power: 12_000,
+        preamble_count: 118,
+        noise_deviation: 52,
+        clock_offset: -235,
+    }
+}
+
+fn difference(peer: u16, difference: i32, deviation: u32, place: [i32; 3]) -> Message {
+    let (place, diagnostics) = (Some(place), diagnostics());
+    Message::Difference(Difference {
+        t_us: 12_345_600,
+        round: 300,
+        reference: 257,
+        peer,
+        difference,
+        deviation,
+        place,
+        diagnostics,
+    })
+}
+
 fn range(distance: i32, place: Option<[i32; 3]>) -> Message {
     Message::Range(Range {
         t_us: 12_345_600,
@@ -22,16 +49,7 @@ fn range(distance: i32, place: Option<[i32; 3]>) -> Message {
         distance,
         deviation: 350,
         place,
-        diagnostics: Diagnostics {
-            rx_power: -7925,
-            first_path_power: -8150,
-            first_path_index: 47_712,
-            first_path_amplitudes: [9000, 10_500, 8000],
-            cir_power: 12_000,
-            preamble_count: 118,
-            noise_deviation: 52,
-            clock_offset: -235,
-        },
+        diagnostics: diagnostics(),
     })
 }
 
@@ -118,6 +136,18 @@ fn golden() -> Vec<(&'static str, Message, &'static str)> {
             "power",
             Message::Reset(Reset { t_us: 900, cause: ResetCause::PowerOn, crash: None }),
             "05 01 06 84 07 01 03 6C 14 00",
+        ),
+        (
+            "difference, the reference",
+            difference(257, 0, 300, [10_000, 20_000, 24_000]),
+            "0D 01 07 80 C2 F1 05 AC 02 81 02 81 02 22 AC 02 01 A0 9C 01 C0 B8 02 80 F7 02 E9 7B AB 7F E0 F4 02 A8 46 84 \
+             52 C0 3E E0 5D 76 34 D5 03 86 B0 00",
+        ),
+        (
+            "difference",
+            difference(258, -12_345, 420, [0, -125_000, 24_000]),
+            "13 01 07 80 C2 F1 05 AC 02 81 02 82 02 F1 C0 01 A4 03 01 1C 8F A1 0F 80 F7 02 E9 7B AB 7F E0 F4 02 A8 46 84 \
+             52 C0 3E E0 5D 76 34 D5 03 5A 36 00",
         ),
     ]
 }
@@ -211,16 +241,17 @@ fn the_longest_message_takes_a_frame_whole() {
         noise_deviation: u16::MAX,
         clock_offset: i16::MIN,
     };
-    let range = Message::Range(Range {
+    let difference = Message::Difference(Difference {
         t_us: u64::MAX,
         round: u16::MAX,
+        reference: u16::MAX,
         peer: u16::MAX,
-        distance: i32::MIN,
+        difference: i32::MIN,
         deviation: u32::MAX,
         place: Some([i32::MIN; 3]),
         diagnostics,
     });
     let mut frame = [0; MAX_FRAME];
-    assert_eq!(encode(&range, &mut frame).len(), MAX_FRAME);
-    assert_eq!(decode(&frame), Ok(range));
+    assert_eq!(encode(&difference, &mut frame).len(), MAX_FRAME);
+    assert_eq!(decode(&frame), Ok(difference));
 }

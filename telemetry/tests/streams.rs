@@ -196,6 +196,20 @@ fn reset() -> impl Strategy<Value = (ResetCause, Option<Crash>)> {
     })
 }
 
+fn diagnostics(([rx_power, first_path_power, clock_offset], chip): ([i16; 3], [u16; 7])) -> Diagnostics {
+    let [first_path_index, a1, a2, a3, cir_power, preamble_count, noise_deviation] = chip;
+    Diagnostics {
+        rx_power,
+        first_path_power,
+        first_path_index,
+        first_path_amplitudes: [a1, a2, a3],
+        cir_power,
+        preamble_count,
+        noise_deviation,
+        clock_offset,
+    }
+}
+
 /// Any message at all.
 fn any_message() -> impl Strategy<Value = Message> {
     let roles = proptest::sample::select(&[Role::Tag, Role::Anchor, Role::Beacon]);
@@ -216,20 +230,24 @@ fn any_message() -> impl Strategy<Value = Message> {
             Message::Fix(Fix { t_us, round, age_us, asked, outcome })
         }),
         (t_us(), any::<(u16, u16, i32, u32, Option<[i32; 3]>)>(), any::<([i16; 3], [u16; 7])>()).prop_map(
-            |(t_us, (round, peer, distance, deviation, place), (powers, chip))| {
-                let [rx_power, first_path_power, clock_offset] = powers;
-                let [first_path_index, a1, a2, a3, cir_power, preamble_count, noise_deviation] = chip;
-                let diagnostics = Diagnostics {
-                    rx_power,
-                    first_path_power,
-                    first_path_index,
-                    first_path_amplitudes: [a1, a2, a3],
-                    cir_power,
-                    preamble_count,
-                    noise_deviation,
-                    clock_offset,
-                };
+            |(t_us, (round, peer, distance, deviation, place), measured)| {
+                let diagnostics = diagnostics(measured);
                 Message::Range(Range { t_us, round, peer, distance, deviation, place, diagnostics })
+            }
+        ),
+        (t_us(), any::<(u16, u16, u16, i32, u32, Option<[i32; 3]>)>(), any::<([i16; 3], [u16; 7])>()).prop_map(
+            |(t_us, (round, reference, peer, difference, deviation, place), measured)| {
+                let diagnostics = diagnostics(measured);
+                Message::Difference(Difference {
+                    t_us,
+                    round,
+                    reference,
+                    peer,
+                    difference,
+                    deviation,
+                    place,
+                    diagnostics,
+                })
             }
         ),
         (t_us(), any::<(u32, u16, u16, i8, i8)>()).prop_map(|(t_us, (network, major, minor, rssi, measured_power))| {

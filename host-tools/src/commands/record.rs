@@ -145,12 +145,15 @@ impl Recording {
 
 fn told(arguments: &Arguments, summary: &Summary, recorded: &Recorded) -> String {
     let mut text = summary.told();
-    let Recorded { positions, ranges, sightings, anchors, left_out } = recorded;
+    let Recorded { positions, ranges, sightings, differences, anchors, left_out } = recorded;
     let _ = writeln!(
         text,
         "recorded: {positions} rounds, {ranges} ranges to {anchors} anchors, {sightings} sightings, in {}",
         arguments.out.display()
     );
+    if *differences > 0 {
+        let _ = writeln!(text, "recorded: {differences} differences of arrivals");
+    }
     if !left_out.is_empty() {
         let count: u64 = left_out.values().sum();
         let who: Vec<_> = left_out.keys().map(u16::to_string).collect();

@@ -145,6 +145,8 @@ pub enum TableName {
     Positions,
     /// Ranges, as solve reads them
     Ranges,
+    /// Differences of arrivals, of tags that only listen
+    Differences,
     /// Advertisements heard
     Rssi,
 }
@@ -172,6 +174,7 @@ impl Lines {
         Self::Csv(match table {
             None | Some(TableName::Positions) => Table::Positions,
             Some(TableName::Ranges) => Table::Ranges,
+            Some(TableName::Differences) => Table::Differences,
             Some(TableName::Rssi) => Table::Rssi,
         })
     }

@@ -1,7 +1,10 @@
 //! A message as one object of JSON: every key of its type is always there, `null` where nothing is known.
 
 use serde::Serialize;
-use telemetry::{Condition, Counters, Fix, Hello, Message, Range, RecordFault, Reset, ResetCause, Sighting, State};
+use telemetry::{
+    Condition, Counters, Diagnostics, Difference, Fix, Hello, Message, Range, RecordFault, Reset, ResetCause, Sighting,
+    State,
+};
 
 use super::beacon_name;
 
@@ -56,20 +59,8 @@ enum Object {
         round: u16,
         peer: u16,
         range_m: f64,
-        sigma_m: f64,
-        peer_x_m: Option<f64>,
-        peer_y_m: Option<f64>,
-        peer_z_m: Option<f64>,
-        rx_power_dbm: Option<f64>,
-        fp_power_dbm: Option<f64>,
-        fp_idx: f64,
-        fp_amp1: u16,
-        fp_amp2: u16,
-        fp_amp3: u16,
-        cir_pwr: u16,
-        rxpacc: u16,
-        std_noise: u16,
-        clock_offset_ppm: Option<f64>,
+        #[serde(flatten)]
+        received: Received,
     },
     Sighting {
         t_s: f64,
@@ -109,6 +100,57 @@ enum Object {
         cause_number: Option<u32>,
         crash: Option<Crash>,
     },
+    Difference {
+        t_s: f64,
+        round: u16,
+        reference: u16,
+        peer: u16,
+        difference_m: f64,
+        #[serde(flatten)]
+        received: Received,
+    },
+}
+
+/// What the receiver measured of a peer.
+#[derive(Serialize)]
+struct Received {
+    sigma_m: f64,
+    peer_x_m: Option<f64>,
+    peer_y_m: Option<f64>,
+    peer_z_m: Option<f64>,
+    rx_power_dbm: Option<f64>,
+    fp_power_dbm: Option<f64>,
+    fp_idx: f64,
+    fp_amp1: u16,
+    fp_amp2: u16,
+    fp_amp3: u16,
+    cir_pwr: u16,
+    rxpacc: u16,
+    std_noise: u16,
+    clock_offset_ppm: Option<f64>,
+}
+
+impl Received {
+    fn of(measured: Diagnostics, sigma_m: f64, place_m: Option<[f64; 3]>) -> Self {
+        let [peer_x_m, peer_y_m, peer_z_m] = apart(place_m);
+        let [fp_amp1, fp_amp2, fp_amp3] = measured.first_path_amplitudes;
+        Self {
+            sigma_m,
+            peer_x_m,
+            peer_y_m,
+            peer_z_m,
+            rx_power_dbm: measured.rx_power_dbm(),
+            fp_power_dbm: measured.first_path_power_dbm(),
+            fp_idx: measured.first_path_index(),
+            fp_amp1,
+            fp_amp2,
+            fp_amp3,
+            cir_pwr: measured.cir_power,
+            rxpacc: measured.preamble_count,
+            std_noise: measured.noise_deviation,
+            clock_offset_ppm: measured.clock_offset_ppm(),
+        }
+    }
 }
 
 #[derive(Serialize)]
@@ -129,6 +171,7 @@ impl Object {
             Message::State(state) => Self::state(state),
             Message::Counters(counters) => Self::counters(counters),
             Message::Reset(reset) => Self::reset(reset),
+            Message::Difference(difference) => Self::difference(difference),
         }
     }
 
@@ -168,28 +211,23 @@ impl Object {
     }
 
     fn range(range: &Range) -> Self {
-        let measured = range.diagnostics;
-        let [peer_x_m, peer_y_m, peer_z_m] = apart(range.place_m());
-        let [fp_amp1, fp_amp2, fp_amp3] = measured.first_path_amplitudes;
         Self::Range {
             t_s: seconds(range.t_us),
             round: range.round,
             peer: range.peer,
             range_m: range.distance_m(),
-            sigma_m: range.deviation_m(),
-            peer_x_m,
-            peer_y_m,
-            peer_z_m,
-            rx_power_dbm: measured.rx_power_dbm(),
-            fp_power_dbm: measured.first_path_power_dbm(),
-            fp_idx: measured.first_path_index(),
-            fp_amp1,
-            fp_amp2,
-            fp_amp3,
-            cir_pwr: measured.cir_power,
-            rxpacc: measured.preamble_count,
-            std_noise: measured.noise_deviation,
-            clock_offset_ppm: measured.clock_offset_ppm(),
+            received: Received::of(range.diagnostics, range.deviation_m(), range.place_m()),
+        }
+    }
+
+    fn difference(difference: &Difference) -> Self {
+        Self::Difference {
+            t_s: seconds(difference.t_us),
+            round: difference.round,
+            reference: difference.reference,
+            peer: difference.peer,
+            difference_m: difference.difference_m(),
+            received: Received::of(difference.diagnostics, difference.deviation_m(), difference.place_m()),
         }
     }
 

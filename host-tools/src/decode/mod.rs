@@ -33,6 +33,7 @@ struct Seen {
     hello: u64,
     fix: u64,
     range: u64,
+    difference: u64,
     sighting: u64,
     state: u64,
     counters: u64,
@@ -80,6 +81,7 @@ impl Seen {
                 &mut self.fix
             }
             Message::Range(_) => &mut self.range,
+            Message::Difference(_) => &mut self.difference,
             Message::Sighting(_) => &mut self.sighting,
             Message::State(_) => &mut self.state,
             Message::Counters(counters) => {

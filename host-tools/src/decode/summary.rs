@@ -59,6 +59,7 @@ pub struct Frames {
     pub state: u64,
     pub counters: u64,
     pub reset: u64,
+    pub difference: u64,
 }
 
 /// Frames that did not come whole, as [`telemetry::Malformed`] calls them.
@@ -106,6 +107,7 @@ impl Summary {
                 state: seen.state,
                 counters: seen.counters,
                 reset: seen.reset,
+                difference: seen.difference,
             },
             positions: seen.positions,
             malformed: Malformed {
@@ -139,7 +141,7 @@ impl Summary {
 
     /// For reading: what came, then a line for each thing that is not as it should be.
     pub fn told(&self) -> String {
-        let Frames { total, hello, fix, range, sighting, state, counters, reset } = self.frames;
+        let Frames { total, hello, fix, range, sighting, state, counters, reset, difference } = self.frames;
         let mut text = format!("{total} frames in {} bytes", self.bytes);
         let kinds = [
             ("hello", hello),
@@ -149,6 +151,7 @@ impl Summary {
             ("state", state),
             ("counters", counters),
             ("reset", reset),
+            ("difference", difference),
         ];
         let mut separator = ": ";
         for (kind, count) in kinds.into_iter().filter(|(_, count)| *count > 0) {

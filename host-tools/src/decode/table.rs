@@ -1,6 +1,6 @@
 //! Messages as rows of CSV tables, with the columns that `solve`, `plot` and the commands for beacons read.
 
-use telemetry::{BeaconId, Fix, Message, Range, Sighting};
+use telemetry::{BeaconId, Diagnostics, Difference, Fix, Message, Range, Sighting};
 
 use super::Stamp;
 use crate::positions::COLUMNS;
@@ -12,6 +12,8 @@ pub enum Table {
     Positions,
     /// Ranges, each with what the receiver measured.
     Ranges,
+    /// Differences of arrivals, each with what the receiver measured; of each round the reference first.
+    Differences,
     /// Sightings of beacons.
     Rssi,
 }
@@ -38,6 +40,24 @@ impl Table {
                 "sigma_m",
                 "clock_offset_ppm",
             ],
+            Self::Differences => &[
+                "epoch",
+                "t_s",
+                "reference",
+                "anchor",
+                "difference_m",
+                "rx_power_dbm",
+                "fp_power_dbm",
+                "fp_idx",
+                "fp_amp1",
+                "fp_amp2",
+                "fp_amp3",
+                "cir_pwr",
+                "rxpacc",
+                "std_noise",
+                "sigma_m",
+                "clock_offset_ppm",
+            ],
             Self::Rssi => &["epoch", "t_s", "beacon", "rssi_dbm", "measured_power_dbm"],
         }
     }
@@ -48,8 +68,9 @@ impl Table {
         let fields = match (self, message) {
             (Self::Positions, Message::Fix(fix)) => position(fix),
             (Self::Ranges, Message::Range(of)) => range(of),
+            (Self::Differences, Message::Difference(of)) => difference(of),
             (Self::Rssi, Message::Sighting(of)) => sighting(of),
-            (Self::Positions | Self::Ranges | Self::Rssi, _) => return None,
+            (Self::Positions | Self::Ranges | Self::Differences | Self::Rssi, _) => return None,
         };
         Some(start.into_iter().chain(fields).collect())
     }
@@ -76,12 +97,20 @@ fn position(fix: &Fix) -> Vec<String> {
 }
 
 fn range(range: &Range) -> Vec<String> {
-    let measured = range.diagnostics;
+    let start = [range.peer.to_string(), metres(range.distance_m())];
+    start.into_iter().chain(received(range.diagnostics, range.deviation_m())).collect()
+}
+
+fn difference(difference: &Difference) -> Vec<String> {
+    let start = [difference.reference.to_string(), difference.peer.to_string(), metres(difference.difference_m())];
+    start.into_iter().chain(received(difference.diagnostics, difference.deviation_m())).collect()
+}
+
+/// What the receiver measured, and the deviation of what came of it.
+fn received(measured: Diagnostics, deviation_m: f64) -> [String; 11] {
     let hundredths = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.2}"));
     let [amp1, amp2, amp3] = measured.first_path_amplitudes.map(|amplitude| amplitude.to_string());
-    vec![
-        range.peer.to_string(),
-        metres(range.distance_m()),
+    [
         hundredths(measured.rx_power_dbm()),
         hundredths(measured.first_path_power_dbm()),
         measured.first_path_index().to_string(),
@@ -91,7 +120,7 @@ fn range(range: &Range) -> Vec<String> {
         measured.cir_power.to_string(),
         measured.preamble_count.to_string(),
         measured.noise_deviation.to_string(),
-        metres(range.deviation_m()),
+        metres(deviation_m),
         hundredths(measured.clock_offset_ppm()),
     ]
 }

@@ -49,6 +49,7 @@ impl Timeline {
         let round = match message {
             Message::Fix(fix) => Some(fix.round),
             Message::Range(range) => Some(range.round),
+            Message::Difference(difference) => Some(difference.round),
             Message::Hello(_) | Message::Sighting(_) | Message::State(_) | Message::Counters(_) | Message::Reset(_) => {
                 None
             }

@@ -121,7 +121,7 @@ fn colour(message: &Message) -> &'static str {
     match message {
         Message::Fix(Fix { outcome: Outcome::Position { .. }, .. }) => GREEN,
         Message::Fix(Fix { outcome: Outcome::Reason(_), .. }) => YELLOW,
-        Message::Range(_) | Message::Sighting(_) | Message::Counters(_) => DIM,
+        Message::Range(_) | Message::Difference(_) | Message::Sighting(_) | Message::Counters(_) => DIM,
         Message::Hello(_) => CYAN,
         Message::Reset(reset) => {
             if reset.crash.is_some() {
@@ -186,8 +186,8 @@ mod tests {
 
     use defmt_parser::Level;
     use telemetry::{
-        BeaconId, Condition, Counters, Crash, CrashReason, Diagnostics, Fix, Message, Outcome, Range, Reason,
-        RecordFault, Reset, ResetCause, Sighting, State,
+        BeaconId, Condition, Counters, Crash, CrashReason, Diagnostics, Difference, Fix, Message, Outcome, Range,
+        Reason, RecordFault, Reset, ResetCause, Sighting, State,
     };
 
     use super::super::image::Place;
@@ -248,6 +248,24 @@ mod tests {
             "     0.000000 range 00a1 5.123 ±0.030 m, received -79.5 dBm, first path -81.2 dBm, at 1.00 2.00 -0.50\n"
         );
         assert!(!shown(range(None)).contains(" at "));
+        let difference = |peer, difference| {
+            let (reference, deviation, place) = (0xA1, 300, None);
+            Message::Difference(Difference {
+                t_us: 0,
+                round: 1,
+                reference,
+                peer,
+                difference,
+                deviation,
+                place,
+                diagnostics,
+            })
+        };
+        assert_eq!(
+            shown(difference(0xB2, -12_345)),
+            "     0.000000 tdoa  00b2 -1.234 ±0.030 m from 00a1, received -79.5 dBm, first path -81.2 dBm\n"
+        );
+        assert!(shown(difference(0xA1, 0)).starts_with("     0.000000 tdoa  00a1 polls, ±0.030 m, received"));
         let beacon = BeaconId { network: 0xFDA5_0693, major: 1, minor: 7 };
         assert_eq!(
             shown(Message::Sighting(Sighting { t_us: 0, beacon, rssi: -71, measured_power: -59 })),

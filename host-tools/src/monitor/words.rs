@@ -4,7 +4,9 @@
 use std::fmt::Display;
 
 use firmware_common::lines::{FixLine, HelloLine, ResetLine, StateLine};
-use telemetry::{Counters, Crash, CrashReason, Fix, Message, Outcome, Range, Reset, Sighting, State};
+use telemetry::{
+    Counters, Crash, CrashReason, Diagnostics, Difference, Fix, Message, Outcome, Range, Reset, Sighting, State,
+};
 
 /// What stands before the words: `fix`, `range`, …, five letters at most.
 pub fn label(message: &Message) -> &'static str {
@@ -12,6 +14,7 @@ pub fn label(message: &Message) -> &'static str {
         Message::Hello(_) => "hello",
         Message::Fix(_) => "fix",
         Message::Range(_) => "range",
+        Message::Difference(_) => "tdoa",
         Message::Sighting(_) => "ble",
         Message::State(_) => "state",
         Message::Counters(_) => "count",
@@ -25,6 +28,7 @@ pub fn words(message: &Message) -> String {
         Message::Hello(hello) => HelloLine(*hello).to_string(),
         Message::Fix(fix) => of_fix(fix),
         Message::Range(range) => of_range(range),
+        Message::Difference(difference) => of_difference(difference),
         Message::Sighting(sighting) => of_sighting(sighting),
         Message::State(State { is, .. }) => StateLine(*is).to_string(),
         Message::Counters(counters) => of_counters(counters),
@@ -40,7 +44,7 @@ pub fn says_the_same(text: &str, message: &Message) -> bool {
         Message::Counters(_) => text.ends_with(" telemetry frames dropped"),
         Message::Reset(_) => text.starts_with("reset: "),
         Message::Hello(_) | Message::State(_) => text == words(message),
-        Message::Range(_) | Message::Sighting(_) => false,
+        Message::Range(_) | Message::Difference(_) | Message::Sighting(_) => false,
     }
 }
 
@@ -59,18 +63,35 @@ fn of_fix(fix: &Fix) -> String {
 }
 
 fn of_range(range: &Range) -> String {
-    let mut text = format!("{:04x} {:.3} ±{:.3} m", range.peer, range.distance_m(), range.deviation_m());
+    let text = format!("{:04x} {:.3} ±{:.3} m", range.peer, range.distance_m(), range.deviation_m());
+    text + &of_reception(&range.diagnostics, range.place_m())
+}
+
+fn of_difference(difference: &Difference) -> String {
+    let Difference { reference, peer, .. } = difference;
+    let deviation_m = difference.deviation_m();
+    let text = if peer == reference {
+        format!("{peer:04x} polls, ±{deviation_m:.3} m")
+    } else {
+        format!("{peer:04x} {:+.3} ±{deviation_m:.3} m from {reference:04x}", difference.difference_m())
+    };
+    text + &of_reception(&difference.diagnostics, difference.place_m())
+}
+
+/// What the receiver measured, and where the sender says it stands.
+fn of_reception(diagnostics: &Diagnostics, place_m: Option<[f64; 3]>) -> String {
+    let mut text = String::new();
     let mut power = |name: &str, dbm: Option<f64>| {
         if let Some(dbm) = dbm {
             text += &format!(", {name} {dbm:.1} dBm");
         }
     };
-    power("received", range.diagnostics.rx_power_dbm());
-    power("first path", range.diagnostics.first_path_power_dbm());
-    if let Some(ppm) = range.diagnostics.clock_offset_ppm() {
+    power("received", diagnostics.rx_power_dbm());
+    power("first path", diagnostics.first_path_power_dbm());
+    if let Some(ppm) = diagnostics.clock_offset_ppm() {
         text += &format!(", clock {ppm:+.2} ppm");
     }
-    if let Some([x, y, z]) = range.place_m() {
+    if let Some([x, y, z]) = place_m {
         text += &format!(", at {x:.2} {y:.2} {z:.2}");
     }
     text

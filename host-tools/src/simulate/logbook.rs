@@ -28,10 +28,33 @@ const RANGE_COLUMNS: [&str; 15] = [
     "tag",
 ];
 
+/// The columns of a difference of arrivals: as `decode` has them, and the truth. The reference comes first, with a difference of 0.
+const DIFFERENCE_COLUMNS: [&str; 17] = [
+    "epoch",
+    "t_s",
+    "reference",
+    "anchor",
+    "difference_m",
+    "rx_power_dbm",
+    "fp_power_dbm",
+    "los",
+    "fp_idx",
+    "fp_amp1",
+    "fp_amp2",
+    "fp_amp3",
+    "cir_pwr",
+    "rxpacc",
+    "std_noise",
+    "truth_m",
+    "tag",
+];
+
 /// The files, as they fill.
 pub struct Logbook {
     anchors: Writer,
     ranges: Writer,
+    /// From the first difference on.
+    differences: Option<Writer>,
     truth: Writer,
     positions: Writer,
     bluetooth: Option<Bluetooth>,
@@ -87,6 +110,7 @@ impl Logbook {
         Ok(Self {
             anchors,
             ranges: with_header(&columns)?,
+            differences: None,
             truth: with_header(&["epoch", "t_s", "x_m", "y_m", "z_m", "tag"])?,
             positions: with_header(&position_header())?,
             bluetooth: (!scenario.beacons.is_empty()).then(|| Bluetooth::new(scenario)).transpose()?,
@@ -139,6 +163,33 @@ impl Logbook {
             ];
             self.ranges.write_record(row.into_iter().chain(told))?;
         }
+        for measured in &epoch.differences {
+            let (difference, d) = (measured.difference, measured.difference.diagnostics);
+            let [amp1, amp2, amp3] = d.first_path_amplitudes.map(|a| a.to_string());
+            let writer = match &mut self.differences {
+                Some(writer) => writer,
+                None => self.differences.insert(with_header(&DIFFERENCE_COLUMNS)?),
+            };
+            writer.write_record([
+                number.clone(),
+                time.clone(),
+                measured.reference.to_string(),
+                difference.peer.to_string(),
+                metres(difference.difference_m.into()),
+                format!("{:.2}", d.rx_power_dbm),
+                format!("{:.2}", d.first_path_power_dbm),
+                if measured.los { "1" } else { "0" }.to_owned(),
+                d.first_path_index.to_string(),
+                amp1,
+                amp2,
+                amp3,
+                d.cir_power.to_string(),
+                d.preamble_count.to_string(),
+                d.noise_deviation.to_string(),
+                metres(measured.truth_m),
+                tag.clone(),
+            ])?;
+        }
         let [x, y, z] = epoch.truth_m.map(metres);
         self.truth.write_record([number, time, x, y, z, tag])?;
         self.positions.write_record(position_row(record.t_s, record.node, self.method, epoch))
@@ -158,6 +209,9 @@ impl Logbook {
         ];
         if let Some(Bluetooth { beacons, rssi }) = self.bluetooth {
             files.extend([("beacons.csv", bytes(beacons)?), ("rssi.csv", bytes(rssi)?)]);
+        }
+        if let Some(differences) = self.differences {
+            files.push(("differences.csv", bytes(differences)?));
         }
         Ok(files)
     }

@@ -108,6 +108,28 @@ fn solve_reads_what_was_simulated_and_finds_what_the_tag_found() {
 }
 
 #[test]
+fn a_tag_that_listens_leaves_its_differences_beside_the_truth() {
+    let folder = folder();
+    folder.run("simulate --mode tdoa --tags 1 --anchors 6 --level air --seconds 3 --out out").ok();
+    let text = String::from_utf8(folder.read("out/differences.csv")).expect("text");
+    let mut rows = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let header = rows.next().expect("a header");
+    let place = |name: &str| header.iter().position(|column| *column == name).expect("a column");
+    let [difference, truth, reference, anchor] = ["difference_m", "truth_m", "reference", "anchor"].map(place);
+    let (mut references, mut close, mut all) = (0, 0, 0);
+    for row in rows {
+        let metres = |place: usize| row[place].parse::<f64>().expect("a number");
+        let off = (metres(difference) - metres(truth)).abs();
+        references += usize::from(row[reference] == row[anchor]);
+        assert!(row[reference] != row[anchor] || off == 0.0, "{row:?}");
+        all += 1;
+        close += usize::from(off < 0.5);
+    }
+    // Every round has its reference; a wall makes some differences longer.
+    assert!(references > 20 && all > 3 * references && close * 10 > all * 8, "{references} {close} {all}");
+}
+
+#[test]
 fn what_is_wrong_is_told_in_one_line_and_nothing_is_written() {
     let folder = folder();
     folder.write("loss.toml", b"seconds = 1\nloss = 3\n");

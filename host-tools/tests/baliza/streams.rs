@@ -11,8 +11,8 @@ use rand_pcg::Pcg64Mcg;
 use serde_json::Value;
 use sim::scenario::{Scenario, Simulation, What};
 use telemetry::{
-    BeaconId, Board, Condition, Counters, Fix, Hello, MAX_FRAME, Message, Outcome, Range, Reset, ResetCause, Role,
-    Sighting, State, encode,
+    BeaconId, Board, Condition, Counters, Diagnostics, Difference, Fix, Hello, MAX_FRAME, Message, Outcome, Range,
+    Reset, ResetCause, Role, Sighting, State, encode,
 };
 
 use crate::support::Folder;
@@ -145,12 +145,53 @@ fn every_message_is_a_line_of_json_with_units_in_its_keys() {
             Message::State(_) => assert_eq!((&line["state"], &line["peer"]), (&"searching".into(), &Value::Null)),
             Message::Counters(_) => assert_eq!((&line["sent"], &line["telemetry_dropped"]), (&20.into(), &2.into())),
             Message::Reset(_) => assert_eq!((&line["cause"], &line["crash"]), (&"power-on".into(), &Value::Null)),
+            Message::Difference(_) => panic!("a tag that asks has ranges"),
         }
     }
     let fixes = count(&messages, "fix");
     assert!(fixes >= 15, "{fixes}");
     let told = format!("{} frames in {} bytes: 2 hello, {fixes} fix", messages.len(), stream(&messages).len());
     assert!(run.stderr.starts_with(&told), "{}", run.stderr);
+}
+
+/// What a tag tells of a round that it overheard: the poll of anchor 257, and that 258 is 1.2345 m nearer.
+fn overheard() -> Vec<Message> {
+    let diagnostics = Diagnostics {
+        rx_power: -7925,
+        first_path_power: -8150,
+        first_path_index: 47_712,
+        first_path_amplitudes: [9000, 10_500, 8000],
+        cir_power: 12_000,
+        preamble_count: 118,
+        noise_deviation: 52,
+        clock_offset: -235,
+    };
+    let told = |peer, difference, deviation, place| {
+        let (t_us, round, reference, place) = (12_345_600, 300, 257, Some(place));
+        Message::Difference(Difference { t_us, round, reference, peer, difference, deviation, place, diagnostics })
+    };
+    vec![told(257, 0, 300, [10_000, 20_000, 24_000]), told(258, -12_345, 420, [0, -125_000, 24_000])]
+}
+
+#[test]
+fn what_a_listening_tag_measured_is_shown_tabled_and_recorded() {
+    let folder = Folder::with(&[]);
+    folder.write("tdoa.bin", &stream(&overheard()));
+    let run = folder.run("decode --file tdoa.bin").ok();
+    let lines: Vec<Value> = run.stdout.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    assert_eq!(
+        (&lines[1]["type"], &lines[1]["reference"], &lines[1]["peer"]),
+        (&"difference".into(), &257.into(), &258.into())
+    );
+    assert_eq!((&lines[1]["difference_m"], &lines[1]["peer_y_m"]), (&(-1.2345).into(), &(-12.5).into()));
+    assert!(run.stderr.contains("2 difference"), "{}", run.stderr);
+    let run = folder.run("decode --file tdoa.bin --format csv --table differences").ok();
+    assert_eq!((run.column("anchor"), run.column("difference_m")), (vec!["257", "258"], vec!["0.0000", "-1.2345"]));
+    assert_eq!((run.column("reference"), run.column("rx_power_dbm")), (vec!["257"; 2], vec!["-79.25"; 2]));
+    folder.run("record --file tdoa.bin --out walk").ok();
+    let text = |name: &str| String::from_utf8(folder.read(name)).expect("text");
+    assert!(text("walk/anchors.csv").contains("258,0.0000,-12.5000,2.4000"));
+    assert_eq!(text("walk/differences.csv").lines().count(), 3);
 }
 
 #[test]

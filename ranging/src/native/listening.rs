@@ -253,6 +253,7 @@ impl Machine for ListeningTag {
                 reference: round.reference,
                 reference_m: round.reference_m,
                 reference_deviation_m: STAMP_DEVIATION_M,
+                reference_diagnostics: round.diagnostics,
                 differences: &self.differences,
             }));
         }

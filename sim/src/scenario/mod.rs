@@ -23,7 +23,7 @@ use crate::board::BoardProfile;
 pub use beacon::{Beacon, BluetoothSettings, Format};
 pub use file::ScenarioError;
 pub use motion::{Walk, distance};
-pub use record::{BluetoothSummary, Cover, Epoch, RangeRecord, Record, Source, Summary, What};
+pub use record::{BluetoothSummary, Cover, DifferenceRecord, Epoch, RangeRecord, Record, Source, Summary, What};
 pub use run::Simulation;
 
 /// What is simulated.

@@ -3,7 +3,7 @@
 use firmware_tag::Position;
 use positioning_core::NoFix;
 use positioning_core::nlos::Shape;
-use ranging::exchange::{Link, Range};
+use ranging::exchange::{Difference, Link, Range};
 use serde::Serialize;
 use telemetry::Sighting;
 
@@ -60,6 +60,8 @@ pub struct Epoch {
     pub asked: u8,
     /// The ranges had.
     pub ranges: Vec<RangeRecord>,
+    /// The differences had, where the tag only listens; the reference first.
+    pub differences: Vec<DifferenceRecord>,
 }
 
 /// A range beside the truth.
@@ -73,6 +75,19 @@ pub struct RangeRecord {
     pub los: bool,
     /// The shape of its impulse response, where that was read.
     pub shape: Option<Shape>,
+}
+
+/// A difference of arrivals beside the truth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DifferenceRecord {
+    /// Short address of the reference.
+    pub reference: u16,
+    /// As the exchange reported it.
+    pub difference: Difference,
+    /// The straight distance less that of the reference, metres.
+    pub truth_m: f64,
+    /// Whether nothing stands between the tag and the anchor.
+    pub los: bool,
 }
 
 impl Epoch {

@@ -7,11 +7,11 @@ use std::time::Duration;
 
 use firmware_tag::Measured;
 use ranging::RadioInstant;
-use ranging::exchange::{Guidance, Link, Report};
+use ranging::exchange::{Difference, Guidance, Link, Report};
 use ranging::node::Listener;
 use telemetry::Sighting;
 
-use super::record::{Epoch, RangeRecord, Record, Source, What};
+use super::record::{DifferenceRecord, Epoch, RangeRecord, Record, Source, What};
 use super::{FaultKind, Scenario, Walk, distance};
 use crate::World;
 
@@ -87,6 +87,25 @@ impl firmware_tag::Sink for TagSink {
             Some(RangeRecord { range: *range, truth_m, los, shape })
         });
         let ranges: Vec<_> = ranges.collect();
+        let place =
+            |address: u16| scenario.anchors.iter().find(|anchor| anchor.address == address).map(|found| found.at);
+        let heard = epoch.measured.differences().into_iter().flat_map(|round| {
+            let reference = Difference {
+                peer: round.reference,
+                difference_m: 0.0,
+                deviation_m: round.reference_deviation_m,
+                position_m: round.reference_m,
+                diagnostics: round.reference_diagnostics,
+            };
+            std::iter::once(reference).chain(round.differences.iter().copied()).map(|heard| (round.reference, heard))
+        });
+        let differences = heard.filter_map(|(reference, difference)| {
+            let (from, at) = (place(reference)?, place(difference.peer)?);
+            let los = !scenario.walls.iter().any(|wall| wall.crosses(at, truth_m));
+            let truth_m = distance(at, truth_m) - distance(from, truth_m);
+            Some(DifferenceRecord { reference, difference, truth_m, los })
+        });
+        let differences: Vec<_> = differences.collect();
         let measured = epoch.measured.count();
         let source = match epoch.measured {
             Measured::Ranges(_) | Measured::Differences(_) => Source::Anchors,
@@ -101,7 +120,15 @@ impl firmware_tag::Sink for TagSink {
         let seconds = instructions / scenario.board.instructions_per_s;
         world.sleep_until(world.now() + Duration::from_secs_f64(seconds)).await;
         let number = log.borrow().epochs;
-        let record = Epoch { number, source, truth_m, outcome: epoch.outcome, asked: epoch.measured.asked(), ranges };
+        let record = Epoch {
+            number,
+            source,
+            truth_m,
+            outcome: epoch.outcome,
+            asked: epoch.measured.asked(),
+            ranges,
+            differences,
+        };
         let error_m = record.error_m();
         {
             let mut log = log.borrow_mut();

@@ -223,6 +223,7 @@ pub fn each_advert(stream: &mut Stream, bytes: &[u8], take: &mut Take<'_>) {
                 Message::Hello(_)
                 | Message::Fix(_)
                 | Message::Range(_)
+                | Message::Difference(_)
                 | Message::State(_)
                 | Message::Counters(_)
                 | Message::Reset(_) => None,
