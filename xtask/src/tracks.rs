@@ -20,12 +20,18 @@ struct Score {
     nees: Option<f64>,
 }
 
-/// What is compared: a title, and the arguments behind the recording's.
-const ROWS: [(&str, &[&str]); 4] = [
-    ("`baliza solve`", &["solve"]),
-    ("`baliza track`", &["track", "--consistency"]),
-    ("`baliza track --nlos alike`", &["track", "--consistency", "--nlos", "alike"]),
-    ("`baliza track --nlos ignore`", &["track", "--consistency", "--nlos", "ignore"]),
+/// In the plane, at the height of the truth.
+const PLANE: [&str; 3] = ["--dims", "2", "--height-from-truth"];
+/// In space.
+const SPACE: [&str; 2] = ["--dims", "3"];
+/// What is compared: a title, the arguments before the recording's, and those behind.
+const ROWS: [(&str, &[&str], &[&str]); 6] = [
+    ("`baliza solve`", &["solve"], &PLANE),
+    ("`baliza track`", &["track", "--consistency"], &PLANE),
+    ("`baliza track --nlos alike`", &["track", "--consistency", "--nlos", "alike"], &PLANE),
+    ("`baliza track --nlos ignore`", &["track", "--consistency", "--nlos", "ignore"], &PLANE),
+    ("`baliza solve --dims 3`", &["solve"], &SPACE),
+    ("`baliza track --dims 3`", &["track", "--consistency"], &SPACE),
 ];
 
 /// Remakes the tables; the one of recordings only where there are recordings.
@@ -43,20 +49,20 @@ pub fn bench() -> Result<()> {
     let mut table = String::from("| RMSE (P90), m; inside 1σ; NEES |");
     let columns = folders.iter().map(|folder| format!(" {} |", name(folder))).collect::<String>();
     table += &format!("{columns}\n|---|{}\n", "---:|".repeat(folders.len()));
-    for (title, arguments) in ROWS {
-        let cells = folders.iter().map(|folder| Ok(format!(" {} |", cell(&score(folder, arguments)?))));
+    for (title, arguments, space) in ROWS {
+        let cells = folders.iter().map(|folder| Ok(format!(" {} |", cell(&score(folder, arguments, space)?))));
         table += &format!("| {title} |{}\n", cells.collect::<Result<String>>()?);
     }
     println!("{table}");
     document::remake(&file, "tracks", &table)
 }
 
-/// One command on one recording, in the plane.
-fn score(folder: &Path, arguments: &[&str]) -> Result<Score> {
+/// One command on one recording.
+fn score(folder: &Path, arguments: &[&str], space: &[&str]) -> Result<Score> {
     let [anchors, ranges, truth] = ["anchors.csv", "ranges.csv", "truth.csv"].map(|name| folder.join(name));
     let files = [("--anchors", &anchors), ("--ranges", &ranges), ("--truth", &truth)];
     let files = files.iter().flat_map(|(option, file)| [OsStr::new(option), file.as_os_str()]);
-    let rest = ["--dims", "2", "--height-from-truth", "--json"].map(OsStr::new);
+    let rest = space.iter().chain(&["--json"]).map(OsStr::new);
     let printed = baliza(arguments.iter().map(OsStr::new).chain(files).chain(rest))?;
     let scores: Vec<Score> = serde_json::from_str(&printed).context("baliza prints something else")?;
     scores.into_iter().next().context("baliza prints no score")
