@@ -1,6 +1,6 @@
 //! From sightings of beacons to epochs: once a window, what was heard goes into the track of the tag's rounds.
 
-use positioning_core::engine::{BleRange, Measurement, Mode};
+use positioning_core::engine::{BleRange, Dimensions, Measurement, Mode, Settings};
 use telemetry::Sighting;
 
 use crate::handover::{Heard, Level, Levels};
@@ -29,7 +29,9 @@ impl Tracker<'_> {
     pub fn hear(&mut self, heard: &Heard) -> Option<Sighting> {
         let known = self.beacons.identify(&heard.beacon)?;
         let (rssi, measured_power) = (heard.rssi_dbm, heard.beacon.rssi_1m_dbm());
-        if let (Some(place), Mode::Track) = (known.place, self.engine.settings().mode) {
+        if let (Some(place), Settings { mode: Mode::Track, dimensions: Dimensions::Plane { .. }, .. }) =
+            (known.place, self.engine.settings())
+        {
             self.signals.hear(heard.t_us, place, rssi, measured_power);
             self.window.heard_us = self.window.heard_us.max(heard.t_us);
             self.window.end_us.get_or_insert(heard.t_us.saturating_add(WINDOW_US));
