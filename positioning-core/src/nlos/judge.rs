@@ -164,7 +164,7 @@ mod tests {
 
     fn reception(skewness: Option<f32>) -> Reception {
         let mut features = Features::default();
-        features.set(Feature::PowerDifference, 11.0);
+        features.set(Feature::PowerDifference, 10.0);
         features.set_known(Feature::SkewnessNear, skewness);
         Reception { features, range_m: 5.0, power_dbm: -80.0, ends_m: None }
     }
@@ -175,7 +175,7 @@ mod tests {
 
     #[test]
     fn without_a_model_powers_tell() {
-        // 11 dB are even odds.
+        // 10 dB are even odds.
         close(Judge::new(None).blocked(0, 1, &reception(Some(0.2))), 0.5);
         let unknown = Reception { features: Features::default(), ..reception(None) };
         assert_eq!(Judge::new(None).blocked(0, 1, &unknown), None);
