@@ -10,6 +10,7 @@ pub mod ble;
 mod cholesky;
 pub mod decode;
 pub mod example;
+pub mod fusion;
 pub mod garcia;
 pub mod monitor;
 pub mod nlos;

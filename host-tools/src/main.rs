@@ -58,6 +58,7 @@ enum Bench {
     Thesis(commands::thesis::Arguments),
     Garcia(commands::garcia::Arguments),
     Barral(commands::barral::Arguments),
+    Fusion(commands::fusion::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -71,6 +72,7 @@ fn main() -> ExitCode {
         Command::Bench(Bench::Thesis(arguments)) => commands::thesis::run(&arguments),
         Command::Bench(Bench::Garcia(arguments)) => commands::garcia::run(&arguments),
         Command::Bench(Bench::Barral(arguments)) => commands::barral::run(&arguments),
+        Command::Bench(Bench::Fusion(arguments)) => commands::fusion::run(&arguments),
         Command::Nlos(command) => commands::nlos::run(&command),
         Command::Survey(command) => commands::survey::run(&command),
         Command::Coverage(arguments) => commands::coverage::run(&arguments),

@@ -1,4 +1,4 @@
-//! How good tracks are: runs `baliza track`, `bench garcia` and `bench barral`, and takes their tables and figures into
+//! How good tracks are: runs `baliza track`, `bench garcia`, `bench barral` and `bench fusion`, and takes their tables and figures into
 //! `docs/performance.md`.
 
 use std::ffi::OsStr;
@@ -34,11 +34,22 @@ const ROWS: [(&str, &[&str], &[&str]); 6] = [
     ("`baliza track --dims 3`", &["track", "--consistency"], &SPACE),
 ];
 
+/// The tables of the fusion, and the commands that make them.
+const FUSION: [(&str, &[&str]); 2] = [
+    ("fusion", &["bench", "fusion", "--seed", "1"]),
+    ("fusion sweep", &["bench", "fusion", "--seed", "1", "--sweep", "--walks", "8"]),
+];
+
 /// Remakes the tables; the one of recordings only where there are recordings.
 pub fn bench() -> Result<()> {
     let file = root().join("docs/performance.md");
     for (name, figure) in [("garcia", "docs/garcia.svg"), ("barral", "docs/barral.svg")] {
         let table = baliza(["bench", name, "--seed", "1", "--plot", figure])?;
+        println!("{table}");
+        document::remake(&file, name, &table)?;
+    }
+    for (name, arguments) in FUSION {
+        let table = baliza(arguments.iter().copied())?;
         println!("{table}");
         document::remake(&file, name, &table)?;
     }

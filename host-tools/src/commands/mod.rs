@@ -7,6 +7,7 @@ pub mod calibrate;
 pub mod coverage;
 pub mod decode;
 pub mod example;
+pub mod fusion;
 pub mod garcia;
 pub mod monitor;
 pub mod nlos;

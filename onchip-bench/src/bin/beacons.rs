@@ -6,7 +6,7 @@
 
 use core::hint::black_box;
 
-use onchip_bench::beacons::{Measure, for_each};
+use onchip_bench::beacons::{Measure, for_each, fused};
 use onchip_bench::instrument::Instrument;
 use semihosting::println;
 
@@ -27,7 +27,9 @@ impl Measure for Costs {
 fn main() -> ! {
     let mut instrument = Instrument::start();
     println!("calibration beacons {}", instrument.calibration());
-    for_each(&mut Costs(instrument));
+    let mut costs = Costs(instrument);
+    fused(&mut costs);
+    for_each(&mut costs);
     println!("done");
     semihosting::process::exit(0)
 }

@@ -36,6 +36,8 @@ pub(super) struct Balance<T> {
 }
 
 impl<T: Real, const D: usize, const P: usize, const N: usize> Cloud<T, D, P, N> {
+    /// Inlined, so that it is made where it stays.
+    #[inline(always)]
     pub(super) fn new() -> Self {
         Self {
             position: [[T::ZERO; D]; P],

@@ -80,6 +80,7 @@ pub struct Fusion<T, const D: usize, const P: usize, const N: usize> {
 
 impl<T: Real, const D: usize, const P: usize, const N: usize> Fusion<T, D, P, N> {
     /// A fusion that has heard nothing.
+    #[inline(always)]
     pub fn new(settings: Settings<T>) -> Self {
         const { assert!(D == 2 || D == 3, "positions are in the plane or in space") };
         const { assert!(P > 0 && P <= 32_768, "there are particles, and 16 bits count them") };

@@ -289,3 +289,10 @@ fn space_has_four_anchors_and_three_coordinates() {
     let error = mean.iter().zip(at).map(|(m, a)| (m - a).powi(2)).sum::<f32>().sqrt();
     assert!(error < 0.2, "{mean:?}");
 }
+
+#[test]
+fn a_node_has_room_for_it() {
+    // Positions, velocities and weights: 256 · 5 numbers; beliefs: 9 · 256 · 2; windows of eight values with their times.
+    let size = size_of::<Fusion<f32, 2, ON_NODE, 9>>();
+    assert!(size < 26_000, "{size}");
+}

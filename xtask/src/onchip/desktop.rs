@@ -61,6 +61,7 @@ pub fn compare_beacons(chip: &Printed) -> Result<()> {
         }
     }
     let mut here = Here(Vec::new());
+    beacons::fused(&mut here);
     beacons::for_each(&mut here);
     let same = |(there, (what, value)): (&Call, &(String, f32))| {
         there.what == *what && (value - there.value).abs() <= TOLERANCE_M

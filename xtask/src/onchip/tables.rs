@@ -161,6 +161,7 @@ pub fn beacons(measured: &[Measured]) -> Result<String> {
                 ("map", "checking a map of 200 points × 12 beacons, once"),
                 ("lattice", "the posterior over 200 points × 12 beacons"),
                 ("walk", "a step of the walk over them"),
+                ("fusion", "a step of the fusion: 256 particles, 4 ranges and 10 adverts of 5 beacons"),
             ];
             known
                 .iter()

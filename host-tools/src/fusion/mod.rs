@@ -1,0 +1,257 @@
+//! The benchmark of fusion: a walking tag with ranges to anchors and powers of beacons, each alone and both together, by the fusion of
+//! patent ES 2 397 388 (`positioning_core::fusion`) and by the engine's extended Kalman filter with ranges from powers.
+//!
+//! [`world`] states what is drawn. Everybody knows the hall, the tag's height, places and the noise of ranges; nobody is told which
+//! anchors are blocked. Errors are horizontal, from the fifth second of each walk on, of the mean of what the filter believes.
+
+mod table;
+pub mod world;
+
+use positioning_core::Area;
+use positioning_core::engine::{self, BleRange, Dimensions, Engine, Measurement, Range};
+use positioning_core::fusion::{Channel, Fusion, ON_NODE, Observation, Settings, Sources};
+
+use crate::Statistics;
+use world::{BELIEVED, Conditions, HALL_M, HEIGHT_M, Round};
+
+pub use table::{sweep_to_markdown, to_markdown};
+
+/// Three anchors, one of them blocked, and five beacons.
+pub const BASE: Conditions = Conditions { anchors: 3, blocked: 1, range_sigma_m: 0.1, excess_m: 1.0, beacons: 5 };
+/// Particles on a desktop.
+pub const ON_HOST: usize = 2048;
+/// Seconds of a walk.
+const SECONDS: u32 = 120;
+/// From here on errors count, microseconds.
+const BEGIN_US: u64 = 5_000_000;
+/// Nodes that are heard, anchors and beacons.
+const NODES: usize = 12;
+/// Deviations of a power for the Kalman filter, dB: of fading, and of what lasts (shadowing and the beacon's own).
+const FADING_DB: f64 = 2.5;
+const LASTING_DB: f64 = 4.0;
+
+/// What is listened to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Heard {
+    /// Anchors alone.
+    Uwb,
+    /// Beacons alone.
+    Ble,
+    /// Both.
+    Both,
+}
+
+impl Heard {
+    /// All, in the order of the tables.
+    pub const ALL: [Self; 3] = [Self::Uwb, Self::Ble, Self::Both];
+
+    fn sources(self) -> Sources {
+        match self {
+            Self::Uwb => Sources::Delay,
+            Self::Ble => Sources::Power,
+            Self::Both => Sources::Both,
+        }
+    }
+}
+
+/// Who makes positions of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Algorithm {
+    /// The fusion with the particles of a desktop.
+    Fusion,
+    /// The fusion with those of a node.
+    FusionOnNode,
+    /// The engine's track.
+    Engine,
+}
+
+impl Algorithm {
+    /// All, in the order of the table.
+    pub const ALL: [Self; 3] = [Self::Fusion, Self::FusionOnNode, Self::Engine];
+}
+
+/// The errors of one algorithm in one state of things.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Score {
+    /// Who.
+    pub algorithm: Algorithm,
+    /// With what heard.
+    pub heard: Heard,
+    /// Root mean square error, metres; none without positions.
+    pub rmse_m: Option<f64>,
+    /// Mean error, metres.
+    pub mae_m: Option<f64>,
+    /// Nine of ten positions err less, metres.
+    pub p90_m: Option<f64>,
+    /// The share of rounds with a position.
+    pub answered: f64,
+}
+
+/// A score with the errors behind it, metres.
+pub type Scored = (Score, Vec<f64>);
+
+/// The fusion's errors under one set of conditions.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Swept {
+    /// Anchors.
+    pub anchors: usize,
+    /// How many of them are blocked.
+    pub blocked: usize,
+    /// Noise of a range, metres.
+    pub range_sigma_m: f64,
+    /// Mean excess of a blocked range, metres.
+    pub excess_m: f64,
+    /// Beacons.
+    pub beacons: usize,
+    /// Root mean square errors with anchors alone, beacons alone and both, metres; none without positions.
+    pub rmse_m: [Option<f64>; 3],
+    /// That of both over the lesser of the other two.
+    pub ratio: Option<f64>,
+}
+
+/// Runs all algorithms on so many walks under [`BASE`].
+pub fn run(walks: u32, seed: u64, progress: impl Fn()) -> Vec<Scored> {
+    let drawn = draw(&BASE, walks, seed);
+    let mut scores = Vec::new();
+    for algorithm in Algorithm::ALL {
+        for heard in Heard::ALL {
+            scores.push(score(algorithm, heard, &BASE, &drawn));
+            progress();
+        }
+    }
+    scores
+}
+
+/// The conditions of the sweep: two to four anchors, with all in sight, with one blocked, with one badly blocked and much noise;
+/// few beacons and many.
+pub fn conditions() -> impl Iterator<Item = Conditions> {
+    [2, 3, 4].into_iter().flat_map(|anchors| {
+        [(0, 0.1, 1.0), (1, 0.1, 1.0), (1, 0.3, 3.0)].into_iter().flat_map(move |(blocked, range_sigma_m, excess_m)| {
+            [3, 8].map(|beacons| Conditions { anchors, blocked, range_sigma_m, excess_m, beacons })
+        })
+    })
+}
+
+/// Runs the fusion under all conditions of the sweep.
+pub fn sweep(walks: u32, seed: u64, progress: impl Fn()) -> Vec<Swept> {
+    conditions()
+        .map(|conditions| {
+            let drawn = draw(&conditions, walks, seed);
+            let rmse_m = Heard::ALL.map(|heard| score(Algorithm::Fusion, heard, &conditions, &drawn).0.rmse_m);
+            progress();
+            let [uwb, ble, both] = rmse_m;
+            let better = uwb.unwrap_or(f64::INFINITY).min(ble.unwrap_or(f64::INFINITY));
+            let Conditions { anchors, blocked, range_sigma_m, excess_m, beacons } = conditions;
+            let ratio = both.map(|both| both / better);
+            Swept { anchors, blocked, range_sigma_m, excess_m, beacons, rmse_m, ratio }
+        })
+        .collect()
+}
+
+fn draw(conditions: &Conditions, walks: u32, seed: u64) -> Vec<Vec<Round>> {
+    (0..walks)
+        .map(|walk| world::draw(conditions, SECONDS, seed.wrapping_mul(10_007).wrapping_add(walk.into())))
+        .collect()
+}
+
+fn score(algorithm: Algorithm, heard: Heard, conditions: &Conditions, walks: &[Vec<Round>]) -> Scored {
+    let positions: Vec<(f64, Option<[f64; 2]>)> = walks
+        .iter()
+        .enumerate()
+        .flat_map(|(walk, rounds)| {
+            let found = match algorithm {
+                Algorithm::Fusion => fused::<ON_HOST>(rounds, heard, conditions, walk as u64),
+                Algorithm::FusionOnNode => fused::<ON_NODE>(rounds, heard, conditions, walk as u64),
+                Algorithm::Engine => filtered(rounds, heard, conditions),
+            };
+            let counted = rounds.iter().zip(found).filter(|(round, _)| round.t_us >= BEGIN_US);
+            counted.map(|(round, found)| {
+                let error = found.map(|[x, y]| (x - round.at_m[0]).hypot(y - round.at_m[1]));
+                (error.unwrap_or(f64::NAN), found)
+            })
+        })
+        .collect();
+    let errors: Vec<f64> = positions.iter().filter(|(_, found)| found.is_some()).map(|(error, _)| *error).collect();
+    let figures = Statistics::of(&errors);
+    let score = Score {
+        algorithm,
+        heard,
+        rmse_m: figures.map(|figures| figures.rmse),
+        mae_m: figures.map(|figures| figures.mae),
+        p90_m: figures.map(|figures| figures.p90),
+        answered: errors.len() as f64 / positions.len().max(1) as f64,
+    };
+    (score, errors)
+}
+
+fn area() -> Area<f32, 3> {
+    Area { min: [0.0; 3], max: [HALL_M[0] as f32, HALL_M[1] as f32, 3.0] }
+}
+
+fn single(place: [f64; 3]) -> [f32; 3] {
+    place.map(|component| component as f32)
+}
+
+/// A position a round by the fusion.
+fn fused<const P: usize>(rounds: &[Round], heard: Heard, conditions: &Conditions, seed: u64) -> Vec<Option<[f64; 2]>> {
+    let mut settings = Settings::indoors(HEIGHT_M as f32);
+    settings.sources = heard.sources();
+    settings.area = Some(area());
+    settings.delay.noise = conditions.range_sigma_m as f32;
+    settings.seed = seed;
+    let mut fusion: Box<Fusion<f32, 2, P, NODES>> = Box::new(Fusion::new(settings));
+    let power = Channel::Power { at_1m: BELIEVED[0] as f32, exponent: BELIEVED[1] as f32 };
+    rounds
+        .iter()
+        .map(|round| {
+            for &(t_us, beacon, dbm) in &round.powers {
+                let place = single(world::beacon_m(beacon));
+                fusion.observe(t_us, &Observation { node: beacon as u16, place, channel: power, value: dbm as f32 });
+            }
+            for &(anchor, metres) in &round.ranges {
+                let (node, place, channel) = (anchor as u16, single(world::anchor_m(anchor)), Channel::range());
+                fusion.observe(round.t_us, &Observation { node, place, channel, value: metres as f32 });
+            }
+            fusion.step(round.t_us).ok().map(|estimate| estimate.mean.map(f64::from))
+        })
+        .collect()
+}
+
+/// A position a round by the engine.
+fn filtered(rounds: &[Round], heard: Heard, conditions: &Conditions) -> Vec<Option<[f64; 2]>> {
+    let dimensions = Dimensions::Plane { height: HEIGHT_M as f32 };
+    let settings = engine::Settings { area: Some(area()), ..engine::Settings::track(dimensions) };
+    let mut engine: Engine<f32> = Engine::new(settings);
+    let relative = |decibels: f64| (decibels * std::f64::consts::LN_10 / (10.0 * BELIEVED[1])) as f32;
+    rounds
+        .iter()
+        .map(|round| {
+            for &(t_us, beacon, dbm) in round.powers.iter().filter(|_| heard != Heard::Uwb) {
+                let distance = 10.0_f64.powf((BELIEVED[0] - dbm) / (10.0 * BELIEVED[1]));
+                let range = BleRange {
+                    beacon: beacon as u16,
+                    place: single(world::beacon_m(beacon)),
+                    distance: distance as f32,
+                    relative_deviation: relative(FADING_DB),
+                    lasting_deviation: relative(LASTING_DB),
+                };
+                engine.step(t_us, &Measurement::BleRange(range));
+            }
+            for &(anchor, metres) in round.ranges.iter().filter(|_| heard != Heard::Ble) {
+                let range = Range {
+                    anchor: anchor as u16,
+                    place: single(world::anchor_m(anchor)),
+                    distance: metres as f32,
+                    deviation: conditions.range_sigma_m as f32,
+                    blocked: None,
+                    excess: None,
+                };
+                engine.step(round.t_us, &Measurement::Range(range));
+            }
+            let fix = engine.step(round.t_us, &Measurement::RoundEnd).fix;
+            fix.ok().map(|fix| [fix.position[0], fix.position[1]].map(f64::from))
+        })
+        .collect()
+}

@@ -1,0 +1,115 @@
+//! The figures in Markdown.
+
+use std::fmt::Write as _;
+
+use super::{Algorithm, Heard, Scored, Swept};
+
+impl Algorithm {
+    /// As the table has it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Fusion => "fusion, 2048 particles",
+            Self::FusionOnNode => "fusion, 256 particles",
+            Self::Engine => "engine",
+        }
+    }
+}
+
+impl Heard {
+    /// As the table has it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Uwb => "UWB",
+            Self::Ble => "BLE",
+            Self::Both => "both",
+        }
+    }
+}
+
+fn metres(figure: Option<f64>) -> String {
+    figure.map_or_else(|| "–".to_owned(), |metres| format!("{metres:.3}"))
+}
+
+/// A row an algorithm and what it hears.
+pub fn to_markdown(scores: &[Scored]) -> String {
+    let mut text = String::from(
+        "| algorithm | heard | RMSE, m | MAE, m | P90, m | rounds with a position | both against the better one |\n\
+         |---|---|---:|---:|---:|---:|---:|\n",
+    );
+    for (score, _) in scores {
+        let of = |heard| {
+            let one = scores.iter().find(|(other, _)| other.algorithm == score.algorithm && other.heard == heard);
+            one.and_then(|(other, _)| other.rmse_m).unwrap_or(f64::INFINITY)
+        };
+        let against = match (score.heard, score.rmse_m) {
+            (Heard::Both, Some(both)) => format!("{:+.0} %", 100.0 * (both / of(Heard::Uwb).min(of(Heard::Ble)) - 1.0)),
+            (Heard::Both, None) | (Heard::Uwb | Heard::Ble, _) => String::new(),
+        };
+        let _ = writeln!(
+            text,
+            "| {} | {} | {} | {} | {} | {:.0} % | {against} |",
+            score.algorithm.as_str(),
+            score.heard.as_str(),
+            metres(score.rmse_m),
+            metres(score.mae_m),
+            metres(score.p90_m),
+            100.0 * score.answered,
+        );
+    }
+    text
+}
+
+/// A row a set of conditions.
+pub fn sweep_to_markdown(rows: &[Swept]) -> String {
+    let mut text = String::from(
+        "| anchors | blocked, mean excess | σ of a range, m | beacons | UWB, m | BLE, m | both, m | both against the better one |\n\
+         |---:|---|---:|---:|---:|---:|---:|---:|\n",
+    );
+    for row in rows {
+        let blocked = if row.blocked == 0 { "none".to_owned() } else { format!("{}, {} m", row.blocked, row.excess_m) };
+        let [uwb, ble, both] = row.rmse_m.map(metres);
+        let against = row.ratio.map_or_else(String::new, |ratio| format!("{:+.0} %", 100.0 * (ratio - 1.0)));
+        let _ = writeln!(
+            text,
+            "| {} | {blocked} | {} | {} | {uwb} | {ble} | {both} | {against} |",
+            row.anchors, row.range_sigma_m, row.beacons
+        );
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Score;
+    use super::*;
+
+    #[test]
+    fn both_are_compared_with_the_better_one() {
+        let score = |heard, rmse_m| {
+            let score =
+                Score { algorithm: Algorithm::Fusion, heard, rmse_m, mae_m: rmse_m, p90_m: rmse_m, answered: 1.0 };
+            (score, Vec::new())
+        };
+        let text =
+            to_markdown(&[score(Heard::Uwb, Some(0.4)), score(Heard::Ble, Some(1.6)), score(Heard::Both, Some(0.3))]);
+        assert!(
+            text.ends_with("| fusion, 2048 particles | both | 0.300 | 0.300 | 0.300 | 100 % | -25 % |\n"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn conditions_without_positions_are_told() {
+        let row = Swept {
+            anchors: 2,
+            blocked: 1,
+            range_sigma_m: 0.3,
+            excess_m: 3.0,
+            beacons: 8,
+            rmse_m: [None, Some(1.25), Some(1.0)],
+            ratio: Some(0.8),
+        };
+        let text = sweep_to_markdown(&[row]);
+        assert!(text.ends_with("| 2 | 1, 3 m | 0.3 | 8 | – | 1.250 | 1.000 | -20 % |\n"), "{text}");
+    }
+}
