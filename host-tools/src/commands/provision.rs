@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
+use host_tools::nlos::Chosen;
 use host_tools::probe::ProbeArguments;
 use host_tools::provision::image::{self, Held, Image};
 use host_tools::provision::show::{self, Keys};
@@ -119,7 +120,7 @@ fn make(arguments: &Arguments, file: &Path) -> Result<()> {
     };
     output::check("--out", out)?;
     let board = board_of(arguments, node)?;
-    super::write(out, &encoded(arguments.format, board, record)?)?;
+    super::write(out, &encoded(arguments.format, board, record, model_of(node))?)?;
     report(arguments, &[made(node, board, out)])
 }
 
@@ -135,7 +136,7 @@ fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
     let mut files = Vec::new();
     for node in &site.nodes {
         let board = board_of(arguments, node)?;
-        let bytes = encoded(arguments.format, board, node.record_for(Some(board))?)?;
+        let bytes = encoded(arguments.format, board, node.record_for(Some(board))?, model_of(node))?;
         files.push((node, board, folder.join(format!("{}.{extension}", node.name)), bytes));
     }
     if folder.exists() && !folder.is_dir() {
@@ -185,10 +186,15 @@ fn report(arguments: &Arguments, files: &[Made]) -> Result<()> {
     if arguments.json { super::print_json(&files) } else { Ok(()) }
 }
 
-fn encoded(format: Format, board: Board, record: &Record) -> Result<Vec<u8>> {
+/// The classifier that a node gets beside its record.
+fn model_of(node: &Node) -> Option<&[u8]> {
+    node.model.as_ref().map(Chosen::bytes)
+}
+
+fn encoded(format: Format, board: Board, record: &Record, model: Option<&[u8]>) -> Result<Vec<u8>> {
     match format {
-        Format::Bin => Ok(image::binary(board, record)),
-        Format::Hex => Ok(image::intel_hex(board, record).context("cannot write Intel HEX")?.into_bytes()),
+        Format::Bin => Ok(image::binary(board, record, model)),
+        Format::Hex => Ok(image::intel_hex(board, record, model).context("cannot write Intel HEX")?.into_bytes()),
     }
 }
 
@@ -202,7 +208,7 @@ fn board_of(arguments: &Arguments, node: &Node) -> Result<Board> {
 
 fn write(arguments: &Arguments, node: &Node, board: Board, record: &Record) -> Result<()> {
     let mut session = arguments.probe.attach(Some(transfer::chip(board)))?;
-    let (addresses, sequence) = transfer::write(&mut session, board, record)?;
+    let (addresses, sequence) = transfer::write(&mut session, board, record, model_of(node))?;
     let places = addresses.iter().map(|address| format!("0x{address:08X}")).collect::<Vec<_>>().join(" and ");
     super::tell(&format!(
         "{}: written at {places} with sequence {sequence}, compared, and the node started anew\n",

@@ -4,8 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::ValueEnum;
-use host_tools::nlos::Chosen;
+use host_tools::nlos::{Chosen, features_of};
 use host_tools::track::{Tracker, Weighting, settings};
+use positioning_core::nlos::{Classifier, Features, Model};
 
 use super::recorded::Recorded;
 use crate::progress::Progress;
@@ -52,6 +53,13 @@ enum Nlos {
     Alike,
 }
 
+/// Whether a reception tells what the classifier asks for; what only time tells, the track knows.
+fn could_tell(model: &Model<'_>, features: &Features) -> bool {
+    let mut could = true;
+    model.for_each_feature(&mut |feature| could &= features.get(feature).is_some() || feature.is_of_time());
+    could
+}
+
 pub fn run(arguments: &Arguments) -> Result<()> {
     let weighting = match arguments.nlos {
         Nlos::Weigh => Weighting::Weigh,
@@ -62,6 +70,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         arguments.model.as_ref().map(|file| Chosen::read(file, arguments.classifier.as_deref())).transpose()?;
     let model = chosen.as_ref().map(Chosen::model).transpose()?;
     arguments.recorded.run(arguments.consistency, |recording, setup| {
+        if let Some(model) = &model
+            && recording
+                .epochs
+                .iter()
+                .flat_map(|epoch| &epoch.ranges)
+                .all(|range| !could_tell(model, &range.told.features))
+        {
+            let asked = features_of(model);
+            super::tell(&format!("no range of the recording tells what the classifier asks for: {asked}\n"));
+        }
         let mut tracker =
             Tracker::new(&recording.anchors, setup, settings(&setup, weighting, model.is_some()), model.as_ref());
         let progress = Progress::new(recording.epochs.len());

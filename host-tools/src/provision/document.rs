@@ -1,7 +1,7 @@
 //! A TOML file with its lines: tables whose keys are all known, fields of the right kind, or what is wrong in which
 //! line.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -153,6 +153,12 @@ impl<'d> Field<'d> {
             DeValue::String(text) => Ok(text),
             _ => Err(self.refuse(must)),
         }
+    }
+
+    /// A file; its path counts from the folder of the document.
+    pub(super) fn path(&self, must: &str) -> Result<PathBuf, Wrong> {
+        let text = self.text(must)?;
+        Ok(self.document.file.parent().map_or_else(|| PathBuf::from(text), |folder| folder.join(text)))
     }
 
     /// So many bytes as hexadecimal digits; `-` and `:` may stand between them.

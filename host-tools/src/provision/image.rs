@@ -1,10 +1,13 @@
-//! Files with a record: both pages of a board, as they are to be in flash.
+//! Files with a record, and the classifier beside it: both pages of a board, as they are to be in flash.
 //!
 //! The record is in both pages. So whatever was in flash before does not count any more, and a file that was half
 //! written leaves a whole page.
 
 use ihex::Record as Hex;
-use node_record::{Board, Fault, HEADER_BYTES, MAX_BYTES, Record, decode, encode, newest};
+use node_record::{Board, Fault, HEADER_BYTES, MAX_BYTES, MODEL_AT, Record, decode, encode, model_of, newest};
+use positioning_core::nlos::{Classifier, Model};
+
+use crate::nlos::features_of;
 
 /// Bytes in a line of Intel HEX.
 const HEX_LINE: usize = 16;
@@ -12,25 +15,34 @@ const HEX_LINE: usize = 16;
 const FIRST: u32 = 1;
 
 /// A page as a board's flash has it, 0xFF where nothing is written.
-pub fn page(board: Board, record: &Record, sequence: u32) -> Vec<u8> {
-    let mut buffer = [0; MAX_BYTES];
-    let mut page = encode(record, sequence, &mut buffer).to_vec();
+pub fn page(board: Board, record: &Record, model: Option<&[u8]>, sequence: u32) -> Vec<u8> {
+    let mut page = written(record, model, sequence);
     page.resize(board.pages().size as usize, 0xFF);
     page
 }
 
+/// What of a page is not erased, from its beginning.
+fn written(record: &Record, model: Option<&[u8]>, sequence: u32) -> Vec<u8> {
+    let mut buffer = [0; MAX_BYTES];
+    let mut page = encode(record, sequence, &mut buffer).to_vec();
+    if let Some(model) = model {
+        page.resize(MODEL_AT, 0xFF);
+        page.extend_from_slice(model);
+    }
+    page
+}
+
 /// Both pages, one after the other, for the first page's place.
-pub fn binary(board: Board, record: &Record) -> Vec<u8> {
-    page(board, record, FIRST).repeat(2)
+pub fn binary(board: Board, record: &Record, model: Option<&[u8]>) -> Vec<u8> {
+    page(board, record, model, FIRST).repeat(2)
 }
 
 /// The same as Intel HEX, which says itself where it belongs.
 ///
 /// # Errors
 /// None that a record can cause.
-pub fn intel_hex(board: Board, record: &Record) -> Result<String, ihex::WriterError> {
-    let mut buffer = [0; MAX_BYTES];
-    let bytes = encode(record, FIRST, &mut buffer);
+pub fn intel_hex(board: Board, record: &Record, model: Option<&[u8]>) -> Result<String, ihex::WriterError> {
+    let bytes = written(record, model, FIRST);
     let mut lines = Vec::new();
     for address in board.pages().addresses() {
         // A page ends before the 64 KiB that the upper half of an address is for.
@@ -57,6 +69,28 @@ pub struct Held {
     pub record: Record,
     /// Its sequence number.
     pub sequence: u32,
+    /// What stands beside it, where that is not erased: a classifier, if it is whole.
+    pub model: Option<Vec<u8>>,
+}
+
+impl Held {
+    /// The classifier beside the record in words: its name and its features, or why it is none.
+    pub fn classifier(&self) -> Option<String> {
+        let model = self.model.as_ref()?;
+        Some(match Model::decode(model) {
+            Ok((model, _)) => format!("{} ({})", model.name(), features_of(&model)),
+            Err(fault) => format!("none: {fault}"),
+        })
+    }
+}
+
+/// The record that counts of two pages.
+///
+/// # Errors
+/// There is none.
+pub fn held(pages: [&[u8]; 2]) -> Result<Held, Fault> {
+    let model = |which: usize| pages.get(which).and_then(|page| model_of(page)).map(<[u8]>::to_vec);
+    newest(pages).map(|(which, record, sequence)| Held { record, sequence, model: model(which) })
 }
 
 impl Image {
@@ -83,7 +117,7 @@ impl Image {
     /// # Errors
     /// There is none.
     pub fn read(&self) -> Result<Held, Fault> {
-        newest(self.pages()).map(|(_, record, sequence)| Held { record, sequence })
+        held(self.pages())
     }
 
     /// The record that counts, where all of the file is as it should be.
@@ -105,6 +139,9 @@ impl Image {
             match decode(page) {
                 Ok(_) | Err(Fault::Missing) => (),
                 Err(fault) => return Err(format!("page {number} of 2: {fault}; the other page is whole")),
+            }
+            if let Some(Err(fault)) = model_of(page).map(Model::decode) {
+                return Err(format!("page {number} of 2: the record is whole, but beside it is {fault}"));
             }
         }
         Ok(held)
@@ -154,17 +191,17 @@ mod tests {
     #[test]
     fn a_file_has_the_record_in_both_pages() {
         for (board, size) in [(Board::Dwm1001, 4096), (Board::Evk1000, 2048), (Board::Esp32C6, 4096)] {
-            let bytes = binary(board, &record());
+            let bytes = binary(board, &record(), None);
             assert_eq!(bytes.len(), 2 * size, "{board:?}");
             assert_eq!(decode(&bytes[..size]), Ok((record(), 1)));
             assert_eq!(decode(&bytes[size..]), Ok((record(), 1)));
-            assert_eq!(Image::new(&bytes).unwrap().check(), Ok(Held { record: record(), sequence: 1 }));
+            assert_eq!(Image::new(&bytes).unwrap().check(), Ok(Held { record: record(), sequence: 1, model: None }));
         }
     }
 
     #[test]
     fn intel_hex_says_where_it_belongs() {
-        let text = intel_hex(Board::Evk1000, &record()).unwrap();
+        let text = intel_hex(Board::Evk1000, &record(), None).unwrap();
         let lines: Vec<_> = text.lines().collect();
         // Upper half of the address 0x0803: 02 bytes, offset 0000, type 04; sum 2 + 4 + 8 + 3 = 0x11, checksum 0xEF.
         assert_eq!(lines[0], ":020000040803EF");
@@ -173,14 +210,14 @@ mod tests {
         assert_eq!(lines.last(), Some(&":00000001FF"));
         assert!(text.lines().any(|line| line.starts_with(":10F80000424C5A52")));
         for board in Board::ALL {
-            let image = Image::new(intel_hex(board, &record()).unwrap().as_bytes()).unwrap();
+            let image = Image::new(intel_hex(board, &record(), None).unwrap().as_bytes()).unwrap();
             assert_eq!(image.check().map(|held| held.record), Ok(record()), "{board:?}");
         }
     }
 
     #[test]
     fn hex_files_that_are_none_are_refused_without_panic() {
-        let text = intel_hex(Board::Dwm1001, &record()).unwrap();
+        let text = intel_hex(Board::Dwm1001, &record(), None).unwrap();
         let flipped = text.replacen("424C", "424D", 1);
         assert_eq!(Image::new(flipped.as_bytes()).map_err(|(line, _)| line), Err(2), "its checksum is wrong");
         let wide = ":020000040000FA\n:0100000000FF\n:020000040800F2\n:0100000000FF\n:00000001FF\n";
@@ -189,9 +226,31 @@ mod tests {
     }
 
     #[test]
+    fn a_classifier_goes_with_its_record() {
+        use positioning_core::nlos::{Kind, Platt, Skewness};
+        let mut buffer = [0; 64];
+        let model = Model { kind: Kind::Skewness(Skewness::default()), calibration: Platt::NONE };
+        let model = model.encode(&mut buffer).expect("it fits");
+        for board in Board::ALL {
+            let bytes = binary(board, &record(), Some(model));
+            let hex = intel_hex(board, &record(), Some(model)).unwrap();
+            for bytes in [bytes.as_slice(), hex.as_bytes()] {
+                let held = Image::new(bytes).unwrap().check().unwrap();
+                assert_eq!(held.record, record(), "{board:?}");
+                assert_eq!(held.classifier().as_deref(), Some("skewness (skewness_near)"), "{board:?}");
+            }
+            let size = board.pages().size as usize;
+            let mut damaged = bytes.clone();
+            damaged[size + MODEL_AT + 9] ^= 1;
+            let said = Image::new(&damaged).unwrap().check().unwrap_err();
+            assert_eq!(said, "page 2 of 2: the record is whole, but beside it is a damaged model", "{board:?}");
+        }
+    }
+
+    #[test]
     fn a_single_page_is_enough() {
         for size in [2048, 4096] {
-            let bytes = &binary(Board::Dwm1001, &record())[..size];
+            let bytes = &binary(Board::Dwm1001, &record(), None)[..size];
             assert_eq!(Image::new(bytes).unwrap().check().map(|held| held.sequence), Ok(1), "{size} bytes");
         }
     }
@@ -199,7 +258,7 @@ mod tests {
     #[test]
     fn what_is_wrong_with_a_file_is_said() {
         let said = |bytes: &[u8]| Image::new(bytes).unwrap().check().expect_err("it is wrong");
-        let good = binary(Board::Dwm1001, &record());
+        let good = binary(Board::Dwm1001, &record(), None);
         assert_eq!(said(&good[..5000]), "the file is cut short: 5000 bytes are no whole pages");
         assert_eq!(said(&good[..40]), "the record is damaged or cut short: its checksum is wrong");
         assert_eq!(said(&good[..8]), "the record is cut short");

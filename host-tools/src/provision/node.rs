@@ -7,11 +7,12 @@ use node_record::{Advertiser, Board, Calibration, Identity, Invalid, Pins, Recor
 use super::document::{Field, Section, nearest};
 use super::network::{Lines, centihertz};
 use crate::Wrong;
+use crate::nlos::Chosen;
 
 const COMMON_KEYS: [&str; 9] =
     ["name", "board", "role", "eui", "address", "antenna_delay_ticks", "crystal_trim", "uwb_tx_power", "pins"];
 const ANCHOR_KEYS: [&str; 1] = ["position_m"];
-const TAG_KEYS: [&str; 9] = [
+const TAG_KEYS: [&str; 11] = [
     "height_m",
     "rate_hz",
     "still_rate_hz",
@@ -21,6 +22,8 @@ const TAG_KEYS: [&str; 9] = [
     "report_ranges",
     "scan_interval_ms",
     "scan_window_ms",
+    "nlos_model",
+    "nlos_classifier",
 ];
 const BEACON_KEYS: [&str; 9] = [
     "position_m",
@@ -49,6 +52,8 @@ pub struct Node {
     pub board: Option<Board>,
     /// What it is told.
     pub record: Record,
+    /// What it tells blocked links by, where that is not their powers.
+    pub model: Option<Chosen>,
     pub(super) file: PathBuf,
     pub(super) line: u64,
     pub(super) lines: Lines,
@@ -63,6 +68,7 @@ pub(super) struct Own {
     pub(super) role: Role,
     pub(super) calibration: Calibration,
     pub(super) pins: Option<Pins>,
+    pub(super) model: Option<Chosen>,
     /// Where it stands, for those that list it.
     pub(super) position_m: Option<[f32; 3]>,
     pub(super) line: u64,
@@ -124,6 +130,7 @@ impl Own {
         let calibration = reader.calibration()?;
         let pins = reader.pins()?;
         let position_m = reader.field("position_m", "anchor.position_m").map(|field| field.place()).transpose()?;
+        let model = reader.model()?;
         let role = match role {
             "anchor" => Role::Anchor { position_m },
             "tag" => Role::Tag(reader.tag()?),
@@ -131,7 +138,7 @@ impl Own {
         };
         let name = section.optional("name").map(name).transpose()?;
         let board = section.optional("board").map(board).transpose()?;
-        Ok(Self { name, board, identity, role, calibration, pins, position_m, line: section.line, lines })
+        Ok(Self { name, board, identity, role, calibration, pins, model, position_m, line: section.line, lines })
     }
 }
 
@@ -244,6 +251,24 @@ impl<'d> Reader<'_, 'd> {
             channels: self.channels()?,
             rotate_s: self.integer("rotate_s", "beacon.rotate_s", WHOLE)?.unwrap_or(0),
         })
+    }
+
+    /// The classifier of a file, whose path counts from the site's.
+    fn model(&mut self) -> Result<Option<Chosen>, Wrong> {
+        let classifier = self.section.optional("nlos_classifier");
+        let Some(field) = self.section.optional("nlos_model") else {
+            let alone =
+                classifier.map(|field| field.wrong("nlos_classifier without nlos_model: it names one of the file's"));
+            return alone.map_or(Ok(None), Err);
+        };
+        let name = classifier.map(|field| field.text("the name of a classifier")).transpose()?;
+        let chosen = Chosen::read(&field.path("the name of a file of `baliza nlos train`")?, name)
+            .map_err(|wrong| field.wrong(format!("nlos_model: {wrong}")))?;
+        let (bytes, room) = (chosen.bytes().len(), node_record::MODEL_BYTES);
+        if bytes > room {
+            return Err(field.wrong(format!("nlos_model has {bytes} bytes: a node has room for {room}")));
+        }
+        Ok(Some(chosen))
     }
 
     fn channels(&mut self) -> Result<u8, Wrong> {

@@ -16,13 +16,17 @@ pub enum Keys {
     Shown,
 }
 
-/// The record as TOML that [`Site::parse`](super::Site::parse) reads; with its board, where that is known.
+/// The record as TOML that [`Site::parse`](super::Site::parse) reads; with its board, where that is known. A classifier is named in
+/// a comment.
 pub fn toml(held: &Held, board: Option<Board>, keys: Keys) -> String {
     let record = &held.record;
     let mut text =
         Text(format!("# The record of a node: version {VERSION}, sequence {}\n\n[network]\n", held.sequence));
     text.network(record, keys);
     text.node(record, board);
+    if let Some(classifier) = held.classifier() {
+        let _ = writeln!(text.0, "# nlos_model: {classifier}");
+    }
     for anchor in &record.anchors {
         text.anchor(anchor);
     }
@@ -32,12 +36,16 @@ pub fn toml(held: &Held, board: Option<Board>, keys: Keys) -> String {
     text.0
 }
 
-/// The same as one JSON document.
+/// The same as one JSON document, with the classifier's name and features as `nlos_model`.
 ///
 /// # Errors
 /// None that a record can cause.
 pub fn json(held: &Held, board: Option<Board>, keys: Keys) -> Result<serde_json::Value, toml::de::Error> {
-    toml::from_str(&toml(held, board, keys))
+    let mut document: serde_json::Value = toml::from_str(&toml(held, board, keys))?;
+    if let (Some(classifier), Some(fields)) = (held.classifier(), document.as_object_mut()) {
+        fields.insert("nlos_model".to_owned(), classifier.into());
+    }
+    Ok(document)
 }
 
 /// Who the node is, in a few words.
@@ -58,7 +66,8 @@ pub fn summary(held: &Held) -> String {
         }
         Role::Advertiser(beacon) => format!("beacon, major {}, minor {}", beacon.major, beacon.minor),
     };
-    format!("{what}; version {VERSION}, sequence {}", held.sequence)
+    let classifier = held.classifier().map_or_else(String::new, |classifier| format!(", with {classifier}"));
+    format!("{what}{classifier}; version {VERSION}, sequence {}", held.sequence)
 }
 
 /// TOML that grows.

@@ -137,7 +137,8 @@ fn node(document: Document<'_>, own: &Own, shared: &Shared, told: &Lists, count:
         beacons: lists.beacons,
         beacon_key,
     };
-    Ok(Node { name, board: own.board, record, file: document.file.to_owned(), line: own.line, lines })
+    let (file, model) = (document.file.to_owned(), own.model.clone());
+    Ok(Node { name, board: own.board, record, model, file, line: own.line, lines })
 }
 
 /// No two nodes are called, or are, the same.

@@ -7,11 +7,11 @@
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
-use node_record::{Board, Fault, Next, Record, newest, next};
+use node_record::{Board, Fault, Next, Record, next};
 use probe_rs::flashing::DownloadOptions;
 use probe_rs::{MemoryInterface, Session};
 
-use super::image::{Held, page};
+use super::image::{self, Held, page};
 
 /// A chip's flash, by whole pages.
 pub trait Flash {
@@ -77,17 +77,17 @@ pub const fn is_readable(board: Board) -> bool {
     }
 }
 
-/// Writes a record and restarts the node; answers with the addresses of the pages that were written, and the record's
+/// Writes a record, and the classifier beside it, and restarts the node; answers with the addresses of the pages that were written, and the record's
 /// sequence number.
 ///
 /// # Errors
 /// The probe's; or the flash does not keep what was written.
-pub fn write(flash: &mut impl Flash, board: Board, record: &Record) -> Result<(Vec<u32>, u32)> {
+pub fn write(flash: &mut impl Flash, board: Board, record: &Record, model: Option<&[u8]>) -> Result<(Vec<u32>, u32)> {
     let addresses = board.pages().addresses();
     let (written, sequence) = if is_readable(board) {
         let pages = read_pages(flash, board)?;
         let Next { page: which, sequence } = next([&pages[0], &pages[1]]);
-        let image = page(board, record, sequence);
+        let image = page(board, record, model, sequence);
         flash
             .write_page(addresses[which], &image)
             .context("cannot write the flash; the record before is still there")?;
@@ -102,7 +102,7 @@ pub fn write(flash: &mut impl Flash, board: Board, record: &Record) -> Result<(V
     } else {
         let sequence = 1;
         for address in addresses {
-            let image = page(board, record, sequence);
+            let image = page(board, record, model, sequence);
             flash.write_page(address, &image).with_context(|| format!("cannot write the flash at 0x{address:X}"))?;
         }
         (addresses.to_vec(), sequence)
@@ -117,7 +117,7 @@ pub fn write(flash: &mut impl Flash, board: Board, record: &Record) -> Result<(V
 /// The probe's.
 pub fn read(flash: &mut impl Flash, board: Board) -> Result<Result<Held, Fault>> {
     let pages = read_pages(flash, board)?;
-    Ok(newest([&pages[0], &pages[1]]).map(|(_, record, sequence)| Held { record, sequence }))
+    Ok(image::held([&pages[0], &pages[1]]))
 }
 
 fn read_pages(flash: &mut impl Flash, board: Board) -> Result<[Vec<u8>; 2]> {
@@ -179,10 +179,10 @@ mod tests {
         let missing = read(&mut memory, Board::Dwm1001).unwrap();
         assert_eq!(missing, Err(Fault::Missing));
         for (sequence, record) in (1..).zip(&records[..3]) {
-            let written = write(&mut memory, Board::Dwm1001, record).unwrap();
+            let written = write(&mut memory, Board::Dwm1001, record, None).unwrap();
             assert_eq!(written, (vec![[0x7F000, 0x7E000][sequence as usize % 2]], sequence));
             let held = read(&mut memory, Board::Dwm1001).unwrap();
-            assert_eq!(held, Ok(Held { record: record.clone(), sequence }));
+            assert_eq!(held, Ok(Held { record: record.clone(), sequence, model: None }));
         }
         assert_eq!((memory.writes, memory.restarts), (vec![0x7E000, 0x7F000, 0x7E000], 3));
     }
@@ -190,17 +190,18 @@ mod tests {
     #[test]
     fn an_esp_gets_the_record_into_both_pages() {
         let (mut memory, records) = (Memory::default(), records());
-        assert_eq!(write(&mut memory, Board::Esp32C3, &records[0]).unwrap(), (vec![0x9000, 0xA000], 1));
+        assert_eq!(write(&mut memory, Board::Esp32C3, &records[0], Some(&[1, 2])).unwrap(), (vec![0x9000, 0xA000], 1));
         assert_eq!(memory.pages[&0x9000], memory.pages[&0xA000]);
+        assert_eq!(memory.pages[&0x9000][node_record::MODEL_AT..][..3], [1, 2, 0xFF]);
         assert_eq!(memory.restarts, 1);
     }
 
     #[test]
     fn flash_that_does_not_hold_is_said_and_the_old_record_stays() {
         let (mut memory, records) = (Memory::default(), records());
-        write(&mut memory, Board::Evk1000, &records[0]).unwrap();
+        write(&mut memory, Board::Evk1000, &records[0], None).unwrap();
         memory.worn = true;
-        let error = write(&mut memory, Board::Evk1000, &records[1]).expect_err("a bit is wrong");
+        let error = write(&mut memory, Board::Evk1000, &records[1], None).expect_err("a bit is wrong");
         assert!(error.to_string().starts_with("the flash does not keep what was written at 0x0803F800"), "{error}");
         assert_eq!(read(&mut memory, Board::Evk1000).unwrap().unwrap().record, records[0]);
         assert_eq!(memory.restarts, 1);

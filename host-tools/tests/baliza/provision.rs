@@ -510,3 +510,74 @@ fn calibrated_beacons_go_into_the_tags_record() {
         "calibrated.csv: beacon \"B\" is not named by its numbers: major-minor, or network-major-minor as decode has it",
     );
 }
+
+/// A file of two classifiers that fit a node and one that does not.
+fn classifiers() -> Vec<u8> {
+    use positioning_core::nlos::{Feature, Input, Inputs, Kind, Model, Nearest, Platt, PowerDifference, Skewness};
+    let inputs = Inputs([Input { feature: Feature::Kurtosis, mean: 3.0, deviation: 1.0 }].into_iter().collect());
+    let kinds = [
+        Kind::PowerDifference(PowerDifference::default()),
+        Kind::Skewness(Skewness::default()),
+        Kind::Nearest(Nearest { inputs, neighbours: 3, los: &[0; 300], nlos: &[1; 300] }),
+    ];
+    let encoded = kinds.map(|kind| {
+        let mut buffer = [0; 1024];
+        Model { kind, calibration: Platt::NONE }.encode(&mut buffer).expect("it fits").to_vec()
+    });
+    encoded.concat()
+}
+
+#[test]
+fn a_classifier_goes_beside_the_record_of_a_tag() {
+    let site = |lines: &str| {
+        format!("[network]\npan = 0xBA11\n\n[[node]]\nname = \"t\"\nboard = \"dwm1001\"\nrole = \"tag\"\n{lines}")
+    };
+    let folder = Folder::with(&[("site.toml", &site(""))]);
+    folder.write("nlos.model", &classifiers());
+    folder.run("provision --config site.toml --out plain.bin").ok();
+    folder.write("site.toml", site("nlos_model = \"nlos.model\"\nnlos_classifier = \"skewness\"\n").as_bytes());
+    for (format, file) in [("bin", "t.bin"), ("hex", "t.hex")] {
+        folder.run(&format!("provision --config site.toml --format {format} --out {file}")).ok();
+        let run = folder.run(&format!("provision --show {file}")).ok();
+        assert!(run.stdout.contains("\n# nlos_model: skewness (skewness_near)\n"), "{}", run.stdout);
+        let run = folder.run(&format!("provision --show {file} --json")).ok();
+        assert_eq!(run.json()["nlos_model"], "skewness (skewness_near)");
+        let run = folder.run(&format!("provision --check {file}")).ok();
+        assert!(run.stdout.contains(", with skewness (skewness_near); version 1"), "{}", run.stdout);
+    }
+    // The record itself is the same as without, and stands beside the 30 bytes of the classifier.
+    let (plain, with) = (folder.read("plain.bin"), folder.read("t.bin"));
+    let model = folder.read("nlos.model");
+    assert_eq!(plain[..1280], with[..1280]);
+    assert_eq!(with[1280..1310], model[25..55]);
+    assert!(with[1310..4096].iter().chain(&plain[1280..4096]).all(|byte| *byte == 0xFF));
+    let mut damaged = with.clone();
+    damaged[1290] ^= 1;
+    folder.write("damaged.bin", &damaged);
+    refused(
+        &folder.run("provision --check damaged.bin"),
+        "damaged.bin: page 1 of 2: the record is whole, but beside it is ",
+    );
+
+    for (lines, said) in [
+        (
+            "nlos_model = \"nlos.model\"\n",
+            "site.toml:8: nlos_model: ./nlos.model: it has several classifiers, name one of ",
+        ),
+        ("nlos_model = \"no.model\"\n", "site.toml:8: nlos_model: ./no.model: cannot open it: "),
+        ("nlos_model = \"plain.bin\"\n", "site.toml:8: nlos_model: ./plain.bin: not a model"),
+        ("nlos_classifier = \"skewness\"\n", "site.toml:8: nlos_classifier without nlos_model: "),
+        (
+            "nlos_model = \"nlos.model\"\nnlos_classifier = \"nearest-reduced\"\n",
+            "site.toml:8: nlos_model has 632 bytes: a node has room for 400",
+        ),
+    ] {
+        folder.write("site.toml", site(lines).as_bytes());
+        refused(&folder.run("provision --config site.toml --out x.bin"), &said.replace("./", ""));
+    }
+    folder.write("site.toml", ANCHOR.replace("position_m", "nlos_model = \"nlos.model\"\nposition_m").as_bytes());
+    refused(
+        &folder.run("provision --config site.toml --out x.bin"),
+        "site.toml:12: nlos_model is a key of a node whose role is tag",
+    );
+}

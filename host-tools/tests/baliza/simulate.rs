@@ -153,3 +153,62 @@ fn what_is_wrong_is_told_in_one_line_and_nothing_is_written() {
     }
     assert_eq!(folder.names(), before);
 }
+
+/// A room with a wall before one of the anchors, and a classifier that asks for impulse responses.
+fn walled() -> Folder {
+    use positioning_core::nlos::{Kind, Model, Platt, Skewness};
+    let wall = "[[wall]]\nfrom = [4.5, 3]\nto = [4.5, 5]\nmaterial = \"concrete\"\n";
+    let folder = Folder::with(&[("hall.toml", &format!("{SCENARIO}{wall}"))]);
+    let mut buffer = [0; 64];
+    let model = Model { kind: Kind::Skewness(Skewness::default()), calibration: Platt::NONE };
+    folder.write("nlos.model", model.encode(&mut buffer).expect("it fits"));
+    folder
+}
+
+#[test]
+fn tags_with_a_classifier_read_impulse_responses_and_the_recording_trains_others() {
+    let folder = walled();
+    let plain = folder.run("simulate --scenario hall.toml --json").ok().json();
+    let with = folder.run("simulate --scenario hall.toml --model nlos.model --out spi --json").ok().json();
+    // At most four anchors in 150 ms, of which each takes 0.8 ms.
+    let share = with["fixes"].as_f64().unwrap() / plain["fixes"].as_f64().unwrap();
+    assert!((0.95..=1.0).contains(&share), "{share} of the positions");
+    let ranges = String::from_utf8(folder.read("spi/ranges.csv")).unwrap();
+    let mut rows = ranges.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let header = rows.next().unwrap();
+    let at = |name| header.iter().position(|column| *column == name).unwrap();
+    let (anchor, skewness) = (at("anchor"), at("skewness_near"));
+    let mut sounded = std::collections::BTreeMap::<String, usize>::new();
+    for row in rows.filter(|row| !row[skewness].is_empty()) {
+        *sounded.entry(row[anchor].to_owned()).or_default() += 1;
+    }
+    // 1.6 s and more are left of two seconds once the tag has joined: ten of 150 ms.
+    assert_eq!(sounded.len(), 4, "{sounded:?}");
+    assert!(sounded.values().all(|count| (8..=14).contains(count)), "{sounded:?}");
+    // Radios straight on the air have accumulators, too.
+    folder.run("simulate --scenario hall.toml --level air --model nlos.model --out air --json").ok();
+    folder.run("nlos train --ranges spi/ranges.csv --classifiers logistic --out own.model").ok();
+    folder.run("nlos eval --ranges air/ranges.csv --model own.model").ok();
+    let track =
+        "track --anchors spi/anchors.csv --ranges spi/ranges.csv --truth spi/truth.csv --dims 2 --height-m 1.2 --json";
+    let run = folder.run(&format!("{track} --model nlos.model")).ok();
+    // As the tag itself made of it, the same engine on the same ranges.
+    let (found, simulated) = (
+        run.json()[0]["rmse_m"].as_f64().unwrap(),
+        folder.run("simulate --scenario hall.toml --model nlos.model --json").ok().json(),
+    );
+    assert!((found / simulated["rmse_m"].as_f64().unwrap() - 1.0).abs() < 0.1, "{found} against {simulated}");
+    let run = folder.run(&format!("{track} --model own.model"));
+    assert_eq!(run.code, Some(2));
+    assert!(run.stderr.starts_with("own.model: it has several classifiers, name one of logistic ("), "{}", run.stderr);
+}
+
+#[test]
+fn files_that_are_no_classifiers_are_refused() {
+    let folder = walled();
+    let run = folder.run("simulate --model hall.toml");
+    assert_eq!((run.code, run.stderr.as_str()), (Some(2), "hall.toml: not a model\n"));
+    let run = folder.run("simulate --model nlos.model --classifier logistic");
+    assert_eq!(run.stderr, "nlos.model: it has no classifier logistic; it has skewness (skewness_near)\n");
+    assert_eq!(folder.run("simulate --classifier skewness").code, Some(2));
+}

@@ -77,6 +77,11 @@ impl Feature {
         }
     }
 
+    /// Whether one reception alone does not tell it, but those before.
+    pub const fn is_of_time(self) -> bool {
+        matches!(self, Self::RangeMean | Self::PowerMean | Self::TrackResidual)
+    }
+
     /// Its name in tables and commands, with its unit where it has one.
     pub const fn as_str(self) -> &'static str {
         match self {

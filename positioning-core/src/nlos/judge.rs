@@ -19,7 +19,8 @@ const HOLD_US: u64 = 1_000_000;
 /// How likely a link is to be blocked before anything is known of it. Models are calibrated for one as likely as the other, which a
 /// tag's links are not: with one half, direct links are doubted so much that a track in a room of few walls errs twice as far.
 const PRIOR: f32 = 0.1;
-/// And of a link whose impulse response is yet to be read: a track is started from its first ranges, and believes them for long.
+/// And of a link heard for less than a second whose impulse response is yet to be read: a track is started from its first ranges, and
+/// believes them for long.
 const UNSEEN: f32 = 0.5;
 
 /// The moving means of one link.
@@ -70,6 +71,8 @@ pub struct Judge<'a> {
 #[derive(Clone, Debug)]
 struct Link {
     anchor: u16,
+    /// When it was first heard, and last.
+    since_us: u64,
     heard_us: u64,
     means: Means,
     /// When the model last said something, and what.
@@ -109,8 +112,8 @@ impl<'a> Judge<'a> {
         let [doubt, blocked] =
             [Noise::by_powers(), Noise::by_model()].map(|noise: Noise<f32>| noise.blocked_link_sigma);
         let by_powers = by_powers.map(|p| p * (doubt / blocked) * (doubt / blocked));
-        let unseen = if self.wants_response() { Some(UNSEEN) } else { by_powers };
-        let Some(link) = self.link(now_us, anchor) else { return unseen };
+        let wants_response = self.wants_response();
+        let Some(link) = self.link(now_us, anchor) else { return by_powers };
         let mut features = reception.features;
         link.means.complete(&mut features, reception.range_m, reception.power_dbm);
         features.set_known(Feature::TrackResidual, reception.residual_m());
@@ -120,12 +123,14 @@ impl<'a> Judge<'a> {
             return Some(blocked);
         }
         let recent = |(then_us, _): &(u64, f32)| now_us.abs_diff(*then_us) <= HOLD_US;
-        link.judged.filter(recent).map(|(_, blocked)| blocked).or(unseen)
+        let judged = link.judged.filter(recent).map(|(_, blocked)| blocked);
+        let to_come = wants_response && now_us.abs_diff(link.since_us) <= HOLD_US;
+        judged.or(if to_come { Some(UNSEEN) } else { by_powers })
     }
 
     /// The link, which takes the place of the one not heard for longest where there is none left.
     fn link(&mut self, now_us: u64, anchor: u16) -> Option<&mut Link> {
-        let new = Link { anchor, heard_us: now_us, means: Means::default(), judged: None };
+        let new = Link { anchor, since_us: now_us, heard_us: now_us, means: Means::default(), judged: None };
         let place = match self.links.iter().position(|link| link.anchor == anchor) {
             Some(place) => place,
             None if !self.links.is_full() => {
@@ -164,9 +169,16 @@ mod tests {
 
     fn reception(skewness: Option<f32>) -> Reception {
         let mut features = Features::default();
-        features.set(Feature::PowerDifference, 10.0);
+        // Even odds, by powers.
+        features.set(Feature::PowerDifference, POWER_DOUBT.middle_db);
         features.set_known(Feature::SkewnessNear, skewness);
         Reception { features, range_m: 5.0, power_dbm: -80.0, ends_m: None }
+    }
+
+    /// Even odds of what powers doubt, as a part of what a blocked link adds: with 0.1 m and 0.2 m 0.5/4.
+    fn part() -> f32 {
+        let [doubt, blocked] = [Noise::<f32>::by_powers(), Noise::by_model()].map(|noise| noise.blocked_link_sigma);
+        0.5 * (doubt / blocked).powi(2)
     }
 
     fn close(found: Option<f32>, expected: f32) {
@@ -175,7 +187,6 @@ mod tests {
 
     #[test]
     fn without_a_model_powers_tell() {
-        // 10 dB are even odds.
         close(Judge::new(None).blocked(0, 1, &reception(Some(0.2))), 0.5);
         let unknown = Reception { features: Features::default(), ..reception(None) };
         assert_eq!(Judge::new(None).blocked(0, 1, &unknown), None);
@@ -192,7 +203,7 @@ mod tests {
         close(judge.blocked(10, 1, &reception(Some(1.35))), 0.039_271);
         close(judge.blocked(1_000_010, 1, &reception(None)), 0.039_271);
         close(judge.blocked(1_000_010, 2, &reception(None)), 0.5);
-        close(judge.blocked(1_000_011, 1, &reception(None)), 0.5);
+        close(judge.blocked(1_000_011, 1, &reception(None)), part());
         // Time that goes back by more than a second has begun anew.
         judge.blocked(9_000_000, 1, &reception(Some(1.35)));
         close(judge.blocked(0, 1, &reception(None)), 0.5);
@@ -208,8 +219,7 @@ mod tests {
         let model = by(Feature::TrackResidual);
         let mut judge = Judge::new(Some(&model));
         assert!(!judge.wants_response());
-        // Even odds of (0.1 m)², as a part of (0.4 m)²: 0.5/16.
-        close(judge.blocked(0, 1, &reception(None)), 0.031_25);
+        close(judge.blocked(0, 1, &reception(None)), part());
         // 5 m where √(4/9 + 16/9 + 16/9) = 2 m are expected: odds of 1/e, times one to nine.
         let ends_m = Some([[2.0 / 3.0, 0.0, 0.0], [0.0, 4.0 / 3.0, 4.0 / 3.0]]);
         close(judge.blocked(0, 1, &Reception { ends_m, ..reception(None) }), 0.039_271);

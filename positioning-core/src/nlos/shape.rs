@@ -66,6 +66,7 @@ impl Shape {
     /// The shape of the magnitudes in `window`, of which the first path is number `first_path` (from 0, with fraction).
     /// `None` where there is no shape: fewer than eight samples or more than [`WINDOW`], all of them equal (silent, or
     /// all saturated), or a first path outside the window.
+    #[inline(never)] // With the optimisation of this crate, also where the image is small.
     pub fn of(window: &[u16], first_path: f32) -> Option<Self> {
         let inside = (0.0..window.len() as f32).contains(&first_path);
         if !inside || !(8..=WINDOW).contains(&window.len()) {
@@ -107,6 +108,7 @@ impl Shape {
 
 /// Third and fourth standardised moments of the samples, of which the lowest `shift` bits are left out; `None` where
 /// all are equal.
+#[inline(never)] // Twice the code would gain nothing.
 fn skewness_and_kurtosis(samples: &[u16], shift: u32) -> Option<[f32; 2]> {
     let count = samples.len() as i32;
     let sum: i32 = samples.iter().map(|&sample| i32::from(sample >> shift)).sum();

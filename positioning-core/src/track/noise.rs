@@ -108,9 +108,10 @@ impl<T: Real> Noise<T> {
         }
     }
 
-    /// The same with a trained classifier's probability that the link is blocked (`nlos::Judge`): what a wall or two add to a range.
+    /// The same with the probability of a trained classifier that the link is blocked (`nlos::Judge`). A wall adds half a metre now and
+    /// then; so much is not believed of it, because classifiers err, and a track with few links left errs more.
     pub fn by_model() -> Self {
-        Self { blocked_link_sigma: T::of(0.4), blocked_noise_sigma: T::of(0.2), ..Self::indoors() }
+        Self { blocked_link_sigma: T::of(0.2), ..Self::by_powers() }
     }
 
     /// White noise alone, as the textbook has it.
