@@ -11,6 +11,7 @@ use positioning_core::Real;
 use positioning_core::ble::path_loss::PathLoss;
 use positioning_core::ble::signal::{Kalman, Smoothing, Step, level};
 
+use crate::HEARS_BEACONS;
 use crate::handover::Level;
 
 /// From one position by beacons to the next, microseconds: the thesis' time of integration for a floor (A. Linde 2024, section 5.3).
@@ -34,6 +35,9 @@ const EXPONENT: f32 = 2.0;
 /// After so long in silence a beacon starts anew, microseconds: it may stand elsewhere by then.
 const FORGOTTEN_US: u64 = 10 * WINDOW_US;
 
+/// Listed beacons.
+const LISTED: usize = if HEARS_BEACONS { MAX_BEACONS } else { 0 };
+
 /// What was heard of one beacon.
 #[derive(Clone, Copy, Debug, Default)]
 struct Signal {
@@ -50,7 +54,7 @@ struct Signal {
 #[derive(Clone, Debug)]
 pub(crate) struct Signals {
     smoothing: Smoothing<f32>,
-    signals: [Signal; MAX_BEACONS],
+    signals: [Signal; LISTED],
 }
 
 impl Signals {
@@ -58,7 +62,7 @@ impl Signals {
     pub(crate) fn new() -> Self {
         let measurement = NOISE_DB * NOISE_DB;
         let smoothing = Smoothing { measurement, process: PROCESS * measurement, interval_us: INTERVAL_US };
-        Self { smoothing, signals: [Signal::default(); MAX_BEACONS] }
+        Self { smoothing, signals: [Signal::default(); LISTED] }
     }
 
     /// A beacon was heard with this RSSI, and says what it should be at 1 m, dBm. An RSSI that is none changes nothing.

@@ -49,6 +49,9 @@ pub use sounding::Sounding;
 pub use told::Told;
 pub use tracker::Tracker;
 
+/// Whether a tag heeds beacons: what it needs for them, 13 kB of code, is only in images with Bluetooth.
+pub(crate) const HEARS_BEACONS: bool = cfg!(any(feature = "ble", test));
+
 /// The engine's sign of life while no rounds come, milliseconds.
 const IDLE_MS: u32 = 1000;
 
@@ -172,13 +175,13 @@ pub async fn engine<M: RawMutex>(
                 sink.publish(epoch).await;
             }
             Either3::Second(heard) => {
-                if let Some(sighting) = tracker.hear(&heard) {
+                if HEARS_BEACONS && let Some(sighting) = tracker.hear(&heard) {
                     sink.sighting(sighting);
                 }
             }
             Either3::Third(()) => {}
         }
-        if let Some(epoch) = tracker.window(sink.now_us()) {
+        if HEARS_BEACONS && let Some(epoch) = tracker.window(sink.now_us()) {
             if let Ok(position) = &epoch.outcome {
                 handover.guide(Guidance { position_m: Some(position.position_m), rate: None, turns });
             }

@@ -1,11 +1,11 @@
 //! What a tag makes of its rounds, and by what: the engine's settings, the places of the anchors; positions with their covariance.
 
 use heapless::Vec;
-use positioning_core::engine::{Dimensions, Settings, Solvers};
+use positioning_core::engine::{Beacons, Dimensions, Settings, Solvers};
 use positioning_core::nlos::Model;
 use positioning_core::{NoFix, Noise, Real, Side};
 
-use crate::{KnownBeacons, Measured, Sounding};
+use crate::{HEARS_BEACONS, KnownBeacons, Measured, Sounding};
 
 /// A track by beacons that has become more uncertain than this is given up, metres, all axes together.
 const LOST_AMONG_BEACONS_M: f32 = 10.0;
@@ -86,7 +86,8 @@ impl<'a> Locator<'a> {
         anchors: &'a [AnchorPlace],
         model: Option<&'a Model<'a>>,
     ) -> Self {
-        Self::new(tag.height_m, anchors).with_model(model).with_beacons(KnownBeacons::of(record))
+        let locator = Self::new(tag.height_m, anchors).with_model(model);
+        if HEARS_BEACONS { locator.with_beacons(KnownBeacons::of(record)) } else { locator }
     }
 
     /// Has this classifier, where there is one, tell blocked links.
@@ -101,7 +102,8 @@ impl<'a> Locator<'a> {
     /// The same, that listens for these beacons. By them alone a track is uncertain by metres, and no less a track.
     pub fn with_beacons(self, beacons: KnownBeacons<'a>) -> Self {
         let lost = if beacons.listed().is_empty() { self.settings.lost } else { LOST_AMONG_BEACONS_M };
-        Self { settings: Settings { lost, ..self.settings }, beacons, ..self }
+        let solvers = Solvers { beacons: Some(Beacons::on_node()), ..self.settings.solvers };
+        Self { settings: Settings { lost, solvers, ..self.settings }, beacons, ..self }
     }
 }
 

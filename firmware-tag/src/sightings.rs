@@ -8,7 +8,8 @@ use telemetry::BeaconId;
 #[derive(Clone)]
 pub struct KnownBeacons<'r> {
     beacons: &'r [Beacon],
-    disguise: Option<Disguise>,
+    /// Of their disguise. It is expanded for each advertisement: that is time, of which there is more than of RAM.
+    key: Option<&'r [u8; 16]>,
 }
 
 /// A beacon that is one of ours.
@@ -26,8 +27,8 @@ impl<'r> KnownBeacons<'r> {
     }
 
     /// These, and whoever wears a disguise of this key. With an empty list every beacon is known, and the place of none.
-    pub fn new(beacons: &'r [Beacon], key: Option<&[u8; 16]>) -> Self {
-        Self { beacons, disguise: key.map(Disguise::new) }
+    pub fn new(beacons: &'r [Beacon], key: Option<&'r [u8; 16]>) -> Self {
+        Self { beacons, key }
     }
 
     /// Those whose places are known.
@@ -37,8 +38,8 @@ impl<'r> KnownBeacons<'r> {
 
     /// Who it is, if it is one of ours.
     pub(crate) fn identify(&self, heard: &Advertised) -> Option<Known> {
-        let revealed = match (heard, &self.disguise) {
-            (Advertised::IBeacon(beacon), Some(disguise)) => disguise.see_through(beacon),
+        let revealed = match (heard, self.key) {
+            (Advertised::IBeacon(beacon), Some(key)) => Disguise::new(key).see_through(beacon),
             (Advertised::IBeacon(_), None) | (Advertised::EddystoneUid(_), _) => None,
         };
         let told = heard.identity();

@@ -5,6 +5,7 @@
 //! gets the position, which is straight, with an error that lasts as shadows do: a state of its own for each axis. That is in the
 //! plane; in space, where beacons at about one height tell little, they are taken one by one.
 
+use super::Engine;
 use super::measurement::BleRange;
 use super::round::Round;
 use super::settings::{Dimensions, Settings};
@@ -26,6 +27,31 @@ const COMMON_DB: f64 = 3.0;
 const TO_SPARE: usize = 5;
 /// Where levels agree by less than this, 0 to 1, one of them is looked for that spoils it.
 const DOUBTFUL: f64 = 0.75;
+
+/// How levels of beacons are heeded. Functions, as in [`Solvers`](super::Solvers): an image without Bluetooth holds none of them.
+#[derive(Clone, Copy, Debug)]
+pub struct Beacons<T> {
+    pub(super) solve: fn(&Round<T>, &Settings<T>) -> Result<Fix<T, 3>, NoFix>,
+    pub(super) admit: fn(&mut Engine<T>),
+}
+
+impl Beacons<f32> {
+    /// [`heeded`](Self::heeded), compiled in this crate, as [`Engine::step_on_node`] is.
+    #[inline(never)]
+    pub fn on_node() -> Self {
+        Self::heeded()
+    }
+}
+
+impl<T: Real> Beacons<T> {
+    /// They make positions where nothing else does, and go into the track.
+    pub fn heeded() -> Self {
+        Self {
+            solve: |round, settings| round.solve_beacons(settings).map(|by_beacons| by_beacons.fix),
+            admit: Engine::admit_beacons,
+        }
+    }
+}
 
 /// A round's position by beacons.
 #[derive(Clone, Copy, Debug)]

@@ -12,6 +12,7 @@ mod output;
 mod round;
 mod settings;
 
+pub use beacons::Beacons;
 pub use measurement::{BleRange, Measurement, Range, Tdoa};
 pub use output::{Missing, Output, Start, TrackFix, Verdict};
 pub use settings::{Dimensions, Mode, Settings, Solvers};
@@ -190,16 +191,23 @@ impl<T: Real> Engine<T> {
         if !range.is_sane() {
             return Verdict::NotSane;
         }
+        if self.settings.solvers.beacons.is_none() {
+            return Verdict::Ignored;
+        }
         self.round.given = self.round.given.saturating_add(1);
         if self.round.beacons.push(*range).is_ok() { Verdict::Held } else { Verdict::NoTrack }
+    }
+
+    /// Lets what a round heard of beacons into the track, where that is wanted.
+    fn heed_beacons(&mut self) {
+        if let (Some(beacons), false) = (self.settings.solvers.beacons, self.round.beacons.is_empty()) {
+            (beacons.admit)(self);
+        }
     }
 
     /// Lets what a round heard of beacons into the track.
     #[inline(never)]
     fn admit_beacons(&mut self) {
-        if self.round.beacons.is_empty() {
-            return;
-        }
         let solved = match self.settings.dimensions {
             Dimensions::Plane { .. } => self.round.solve_beacons(&self.settings).ok(),
             Dimensions::Space { .. } => None,
@@ -332,7 +340,7 @@ impl<T: Real> Engine<T> {
                 self.admit_tdoa(&tdoa);
             }
         }
-        self.admit_beacons();
+        self.heed_beacons();
         self.keep_enough();
         self.supervisor = Supervisor::default();
         self.used_us = self.now_us;
@@ -362,7 +370,7 @@ impl<T: Real> Engine<T> {
     #[inline(never)]
     fn go_on(&mut self) -> Output<T> {
         self.keep_enough();
-        self.admit_beacons();
+        self.heed_beacons();
         let doubts = self.settings.supervised && self.supervisor.doubts();
         if (doubts || self.level.is_asked())
             && let Ok(fix) = self.round.solve(&self.settings)

@@ -63,7 +63,10 @@ impl<T: Real> Round<T> {
         if !self.tdoas.is_empty() {
             return self.solve_differences(settings);
         }
-        self.solve_beacons(settings).map(|by_beacons| by_beacons.fix)
+        match settings.solvers.beacons {
+            Some(beacons) => (beacons.solve)(self, settings),
+            None => Err(NoFix::TooFewAnchors),
+        }
     }
 
     /// Which ranges a solver gets: all, or those in line of sight and so many of the least blocked that there are enough.
