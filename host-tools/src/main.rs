@@ -59,6 +59,7 @@ enum Bench {
     Garcia(commands::garcia::Arguments),
     Barral(commands::barral::Arguments),
     Fusion(commands::fusion::Arguments),
+    Linde(commands::linde::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -73,6 +74,7 @@ fn main() -> ExitCode {
         Command::Bench(Bench::Garcia(arguments)) => commands::garcia::run(&arguments),
         Command::Bench(Bench::Barral(arguments)) => commands::barral::run(&arguments),
         Command::Bench(Bench::Fusion(arguments)) => commands::fusion::run(&arguments),
+        Command::Bench(Bench::Linde(arguments)) => commands::linde::run(&arguments),
         Command::Nlos(command) => commands::nlos::run(&command),
         Command::Survey(command) => commands::survey::run(&command),
         Command::Coverage(arguments) => commands::coverage::run(&arguments),

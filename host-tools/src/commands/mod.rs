@@ -9,6 +9,7 @@ pub mod decode;
 pub mod example;
 pub mod fusion;
 pub mod garcia;
+pub mod linde;
 pub mod monitor;
 pub mod nlos;
 pub mod place;

@@ -15,6 +15,15 @@ pub const AXIS: RGBColor = RGBColor(130, 130, 130);
 /// The lines behind a chart.
 pub const GRID: RGBColor = RGBColor(232, 232, 232);
 
+// The colours of Okabe and Ito, which the colour-blind can tell apart.
+const GREY: RGBColor = RGBColor(120, 120, 120);
+const ORANGE: RGBColor = RGBColor(230, 159, 0);
+const VERMILION: RGBColor = RGBColor(213, 94, 0);
+const GREEN: RGBColor = RGBColor(0, 158, 115);
+const PURPLE: RGBColor = RGBColor(204, 121, 167);
+const BLUE: RGBColor = RGBColor(0, 114, 178);
+const SKY: RGBColor = RGBColor(86, 180, 233);
+
 /// Size of text, pixels.
 const TEXT: u32 = 13;
 /// Size of a panel's title, pixels.
@@ -77,15 +86,8 @@ pub struct Pen {
     pub width: f64,
 }
 
-/// The pen of a method: a colour a family (Okabe and Ito's palette, which the colour-blind can tell apart), a dash a variant.
+/// The pen of a method: a colour a family, a dash a variant.
 pub fn pen(method: &str) -> Pen {
-    const GREY: RGBColor = RGBColor(120, 120, 120);
-    const ORANGE: RGBColor = RGBColor(230, 159, 0);
-    const VERMILION: RGBColor = RGBColor(213, 94, 0);
-    const GREEN: RGBColor = RGBColor(0, 158, 115);
-    const PURPLE: RGBColor = RGBColor(204, 121, 167);
-    const BLUE: RGBColor = RGBColor(0, 114, 178);
-    const SKY: RGBColor = RGBColor(86, 180, 233);
     let (color, dash) = match method {
         "bounding-box" => (GREY, Dash::Solid),
         "lls" => (ORANGE, Dash::Solid),
@@ -109,9 +111,27 @@ pub fn pen(method: &str) -> Pen {
         "NLS, ignore NLOS, min. 4" => (GREEN, Dash::Dashed),
         "engine, no ignore" => (BLUE, Dash::Dashed),
         "calibrated" | "engine, weigh" => (BLUE, Dash::Solid),
-        _ => (SKY, Dash::Solid),
+        _ => pair(method).unwrap_or((SKY, Dash::Solid)),
     };
     Pen { color, dash, width: if method == "robust" { 2.5 } else { 1.6 } }
+}
+
+/// Benchmarks with names of two parts: who, and with what.
+fn pair(method: &str) -> Option<(RGBColor, Dash)> {
+    let (who, what) = method.rsplit_once(", ")?;
+    let color = match who {
+        "fusion, 2048 particles" | "RSSI 5 dB" => BLUE,
+        "fusion, 256 particles" | "RSSI 10 dB" => GREEN,
+        "engine" | "ToF 100 µs" => VERMILION,
+        _ => return None,
+    };
+    let dash = match what {
+        "both" | "fingerprinting" => Dash::Solid,
+        "UWB" | "multilateration" => Dash::Dashed,
+        "BLE" | "nonlinear in the room" => Dash::Dotted,
+        _ => return None,
+    };
+    Some((color, dash))
 }
 
 impl Pen {
@@ -135,4 +155,24 @@ pub fn number(value: f64) -> String {
     let text = format!("{value:.3}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" { "0".to_owned() } else { text.to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{fusion, linde};
+
+    #[test]
+    fn the_curves_of_a_benchmark_are_told_apart() {
+        let fused = fusion::Algorithm::ALL.into_iter().flat_map(|algorithm| {
+            fusion::Heard::ALL.map(|heard| format!("{}, {}", algorithm.as_str(), heard.as_str()))
+        });
+        let found = linde::ROWS.into_iter().map(|(parameter, algorithm, _)| linde::name(parameter, algorithm));
+        for names in [fused.collect::<Vec<_>>(), found.collect()] {
+            let pens: Vec<Pen> = names.iter().map(|name| pen(name)).collect();
+            for (index, pen) in pens.iter().enumerate() {
+                assert!(!pens[..index].contains(pen), "{}", names[index]);
+            }
+        }
+    }
 }

@@ -278,3 +278,29 @@ fn channels_are_calibrated_like_beacons() {
     let deviation = |at: usize| rows[at]["deviation_db"].as_f64().expect("a number");
     assert!((0..3).all(|at| deviation(3) < deviation(at)), "{rows}");
 }
+
+#[test]
+fn the_study_of_feasibility_comes_out_as_printed_in_kind() {
+    let folder = Folder::with(&[]);
+    let json = folder.run("bench linde --trials 10 --seed 2 --json").ok().json();
+    let row = |parameter: &str, noise: f64, algorithm: &str| {
+        let rows = json.as_array().expect("a list");
+        let row = rows
+            .iter()
+            .find(|row| row["parameter"] == parameter && row["noise"] == noise && row["algorithm"] == algorithm);
+        row.cloned().unwrap_or_else(|| panic!("no {parameter} {noise} {algorithm}"))
+    };
+    let mae = |row: &serde_json::Value| row["mae_m"].as_f64().expect("a number");
+    // Much of the simulation is not printed: within a factor of 1.8 of the printed mean errors.
+    for (parameter, noise) in [("rssi", 5.0), ("rssi", 10.0), ("tof", 100.0)] {
+        let [prints, circles] = ["fingerprinting", "multilateration"].map(|name| row(parameter, noise, name));
+        let printed = prints["printed_mae_m"].as_f64().expect("a number");
+        assert!((1.0 / 1.8..1.8).contains(&(mae(&prints) / printed)), "{prints}");
+        // As printed: fingerprints are better, and times of flight by multilateration are more than 5 m off.
+        assert!(mae(&prints) < mae(&circles), "{prints} {circles}");
+        assert!(noise < 100.0 || mae(&circles) > 5.0, "{circles}");
+    }
+    assert!(mae(&row("rssi", 5.0, "nonlinear")) < mae(&row("rssi", 10.0, "nonlinear")), "{json}");
+    let again = folder.run("bench linde --trials 10 --seed 2 --json").ok().json();
+    assert_eq!(json, again);
+}
