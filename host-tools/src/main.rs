@@ -14,7 +14,7 @@ use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 use host_tools::Wrong;
 
-/// Positions from UWB ranges, with honest uncertainty.
+/// Positions from UWB ranges and the levels of Bluetooth beacons, with honest uncertainty.
 #[derive(Parser)]
 #[command(name = "baliza", version, max_term_width = 120, after_help = EXIT_CODES)]
 struct Arguments {

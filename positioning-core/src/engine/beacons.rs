@@ -28,10 +28,13 @@ const TO_SPARE: usize = 5;
 /// Where levels agree by less than this, 0 to 1, one of them is looked for that spoils it.
 const DOUBTFUL: f64 = 0.75;
 
+/// A round's position by beacons, or why there is none.
+type Solve<T> = fn(&Round<T>, &Settings<T>) -> Result<Fix<T, 3>, NoFix>;
+
 /// How levels of beacons are heeded. Functions, as in [`Solvers`](super::Solvers): an image without Bluetooth holds none of them.
 #[derive(Clone, Copy, Debug)]
 pub struct Beacons<T> {
-    pub(super) solve: fn(&Round<T>, &Settings<T>) -> Result<Fix<T, 3>, NoFix>,
+    pub(super) solve: Solve<T>,
     pub(super) admit: fn(&mut Engine<T>),
 }
 
