@@ -44,7 +44,7 @@ bind_interrupts!(struct Interrupts {
 });
 
 /// The chip's flash.
-pub type Flash = flash::Flash<'static, Blocking>;
+pub type Flash = flash::Flash<'static, flash::Blocking>;
 
 /// The display, on SPI2.
 pub type Lcd = crate::lcd::Lcd<Spi<'static, Blocking, Master>, Output<'static>>;
@@ -147,6 +147,7 @@ impl Board {
                 telemetry,
             },
             lcd,
+            flash,
             start: Start { record, eui, reset, crash },
             ranging: start_ranging(),
         }

@@ -80,9 +80,10 @@ async fn tag_ranging(
 async fn engine(
     handover: &'static Handover,
     tag: Tag,
-    (anchors, model): (&'static [AnchorPlace], Option<&'static Model<'static>>),
+    known: (&'static [AnchorPlace], Option<&'static Model<'static>>),
     sink: TagShown,
 ) {
+    let (anchors, model) = known;
     let locator = Locator::new(tag.height_m, anchors).with_model(model);
     let pace = Pace::of(&tag);
     firmware_tag::engine(handover, Delay, locator, pace, &sink).await;
