@@ -19,6 +19,15 @@ pub(crate) struct Content {
     pub(crate) version: u8,
 }
 
+/// What can be framed.
+pub(crate) trait Stored: Serialize {
+    /// Its frame's letters and version.
+    const CONTENT: Content;
+
+    /// Whether its numbers make a classifier.
+    fn is_sane(&self) -> bool;
+}
+
 /// Why bytes are no model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -55,22 +64,26 @@ impl fmt::Display for Fault {
 impl core::error::Error for Fault {}
 
 /// Writes a value to the beginning of `buffer` and returns those bytes.
-pub(crate) fn encode<'b>(content: Content, value: &impl Serialize, buffer: &'b mut [u8]) -> Result<&'b [u8], Fault> {
+pub(crate) fn encode<'b, T: Stored>(value: &T, buffer: &'b mut [u8]) -> Result<&'b [u8], Fault> {
+    if !value.is_sane() {
+        return Err(Fault::Invalid);
+    }
     let room = buffer.get_mut(HEADER..).ok_or(Fault::TooLong)?;
     let length = postcard::to_slice(value, room).map_err(|_| Fault::TooLong)?.len();
     let [l0, l1, l2, 0] = u32::try_from(length).unwrap_or(u32::MAX).to_le_bytes() else {
         return Err(Fault::TooLong);
     };
-    let [m0, m1] = content.magic;
-    buffer.get_mut(..HEADER).ok_or(Fault::TooLong)?.copy_from_slice(&[m0, m1, content.version, l0, l1, l2]);
+    let Content { magic: [m0, m1], version } = T::CONTENT;
+    buffer.get_mut(..HEADER).ok_or(Fault::TooLong)?.copy_from_slice(&[m0, m1, version, l0, l1, l2]);
     let end = HEADER + length;
     let checksum = CHECKSUM.checksum(buffer.get(..end).ok_or(Fault::TooLong)?);
     buffer.get_mut(end..end + 2).ok_or(Fault::TooLong)?.copy_from_slice(&checksum.to_le_bytes());
     buffer.get(..end + 2).ok_or(Fault::TooLong)
 }
 
-/// Reads a value from the beginning of `bytes`; returns it and what follows. Whether its numbers make sense is the caller's to say.
-pub(crate) fn decode<'a, T: Deserialize<'a>>(content: Content, bytes: &'a [u8]) -> Result<(T, &'a [u8]), Fault> {
+/// Reads a value from the beginning of `bytes`; returns it and what follows.
+pub(crate) fn decode<'a, T: Stored + Deserialize<'a>>(bytes: &'a [u8]) -> Result<(T, &'a [u8]), Fault> {
+    let content = T::CONTENT;
     let Some((&[m0, m1, version, l0, l1, l2], _)) = bytes.split_first_chunk::<HEADER>() else {
         return Err(Fault::Missing);
     };
@@ -88,7 +101,7 @@ pub(crate) fn decode<'a, T: Deserialize<'a>>(content: Content, bytes: &'a [u8]) 
     }
     let payload = covered.get(HEADER..).ok_or(Fault::Corrupt)?;
     match postcard::take_from_bytes::<T>(payload) {
-        Ok((value, [])) => Ok((value, rest)),
+        Ok((value, [])) if value.is_sane() => Ok((value, rest)),
         Ok(_) | Err(_) => Err(Fault::Invalid),
     }
 }

@@ -9,12 +9,10 @@ use super::{
     Classifier, Feature, Features, Logistic, Nearest, Perceptron, Platt, PowerDifference, Quantised, Skewness,
 };
 pub use crate::stored::Fault;
-use crate::stored::{self, Content};
+use crate::stored::{self, Content, Stored};
 
 /// The version of the layout; a reader takes no other.
 pub const VERSION: u8 = 1;
-
-const CONTENT: Content = Content { magic: *b"NL", version: VERSION };
 
 /// A classifier. The order is that of stored models: new ones go to the end.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -54,10 +52,7 @@ impl<'a> Model<'a> {
     /// # Errors
     /// The model is invalid, or the buffer too small.
     pub fn encode<'b>(&self, buffer: &'b mut [u8]) -> Result<&'b [u8], Fault> {
-        if !self.is_sane() {
-            return Err(Fault::Invalid);
-        }
-        stored::encode(CONTENT, self, buffer)
+        stored::encode(self, buffer)
     }
 
     /// Reads a model from the beginning of `bytes`; returns it and what follows.
@@ -65,20 +60,7 @@ impl<'a> Model<'a> {
     /// # Errors
     /// The bytes are no model, or not one that can be trusted.
     pub fn decode(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), Fault> {
-        let (model, rest) = stored::decode::<Self>(CONTENT, bytes)?;
-        if model.is_sane() { Ok((model, rest)) } else { Err(Fault::Invalid) }
-    }
-
-    fn is_sane(&self) -> bool {
-        let kind = match &self.kind {
-            Kind::Skewness(kind) => kind.is_sane(),
-            Kind::PowerDifference(kind) => kind.is_sane(),
-            Kind::Logistic(kind) => kind.is_sane(),
-            Kind::Nearest(kind) => kind.is_sane(),
-            Kind::Perceptron(kind) => kind.is_sane(),
-            Kind::Quantised(kind) => kind.is_sane(),
-        };
-        kind && self.calibration.is_sane()
+        stored::decode(bytes)
     }
 
     fn classifier(&self) -> &dyn Classifier {
@@ -90,6 +72,22 @@ impl<'a> Model<'a> {
             Kind::Perceptron(kind) => kind,
             Kind::Quantised(kind) => kind,
         }
+    }
+}
+
+impl Stored for Model<'_> {
+    const CONTENT: Content = Content { magic: *b"NL", version: VERSION };
+
+    fn is_sane(&self) -> bool {
+        let kind = match &self.kind {
+            Kind::Skewness(kind) => kind.is_sane(),
+            Kind::PowerDifference(kind) => kind.is_sane(),
+            Kind::Logistic(kind) => kind.is_sane(),
+            Kind::Nearest(kind) => kind.is_sane(),
+            Kind::Perceptron(kind) => kind.is_sane(),
+            Kind::Quantised(kind) => kind.is_sane(),
+        };
+        kind && self.calibration.is_sane()
     }
 }
 

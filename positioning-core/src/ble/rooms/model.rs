@@ -7,12 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use super::{Classifier, Nearest, Probabilities, Svm};
 pub use crate::stored::Fault;
-use crate::stored::{self, Content};
+use crate::stored::{self, Content, Stored};
 
 /// The version of the layout; a reader takes no other.
 pub const MODEL_VERSION: u8 = 1;
-
-const CONTENT: Content = Content { magic: *b"RM", version: MODEL_VERSION };
 
 /// A classifier. The order is that of stored models: new ones go to the end.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -38,10 +36,7 @@ impl<'a> Model<'a> {
     /// # Errors
     /// The model is invalid, or the buffer too small.
     pub fn encode<'b>(&self, buffer: &'b mut [u8]) -> Result<&'b [u8], Fault> {
-        if !self.is_sane() {
-            return Err(Fault::Invalid);
-        }
-        stored::encode(CONTENT, self, buffer)
+        stored::encode(self, buffer)
     }
 
     /// Reads a model from the beginning of `bytes`; returns it and what follows.
@@ -49,9 +44,12 @@ impl<'a> Model<'a> {
     /// # Errors
     /// The bytes are no model, or not one that can be trusted.
     pub fn decode(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), Fault> {
-        let (model, rest) = stored::decode::<Self>(CONTENT, bytes)?;
-        if model.is_sane() { Ok((model, rest)) } else { Err(Fault::Invalid) }
+        stored::decode(bytes)
     }
+}
+
+impl Stored for Model<'_> {
+    const CONTENT: Content = Content { magic: *b"RM", version: MODEL_VERSION };
 
     fn is_sane(&self) -> bool {
         match &self.kind {
