@@ -71,8 +71,8 @@ impl Recorder {
         std::fs::create_dir_all(folder)?;
         Ok(Self {
             bytes: Growing::create(&folder.join("telemetry.bin"))?,
-            positions: writer(folder, "positions.csv", Table::Positions.columns())?,
-            ranges: writer(folder, "ranges.csv", Table::Ranges.columns())?,
+            positions: writer(folder, "positions.csv", &Table::Positions.columns())?,
+            ranges: writer(folder, "ranges.csv", &Table::Ranges.columns())?,
             folder: folder.to_owned(),
             rssi: None,
             differences: None,
@@ -104,7 +104,7 @@ impl Recorder {
             self.counts.sightings += 1;
             let rssi = match &mut self.rssi {
                 Some(rssi) => rssi,
-                None => self.rssi.insert(writer(&self.folder, "rssi.csv", Table::Rssi.columns())?),
+                None => self.rssi.insert(writer(&self.folder, "rssi.csv", &Table::Rssi.columns())?),
             };
             rssi.write_record(row)?;
         }
@@ -115,7 +115,9 @@ impl Recorder {
             self.counts.differences += 1;
             let differences = match &mut self.differences {
                 Some(differences) => differences,
-                None => self.differences.insert(writer(&self.folder, "differences.csv", Table::Differences.columns())?),
+                None => {
+                    self.differences.insert(writer(&self.folder, "differences.csv", &Table::Differences.columns())?)
+                }
             };
             differences.write_record(row)?;
         }

@@ -183,7 +183,7 @@ impl Lines {
     pub fn header(&self) -> Result<Vec<u8>> {
         match self {
             Self::Json => Ok(Vec::new()),
-            Self::Csv(table) => row(table.columns()),
+            Self::Csv(table) => row(&table.columns()),
         }
     }
 

@@ -3,7 +3,7 @@
 use telemetry::{BeaconId, Diagnostics, Difference, Fix, Message, Range, Sighting};
 
 use super::Stamp;
-use crate::positions::COLUMNS;
+use crate::positions::{CHIP_COLUMNS, COLUMNS, POWER_COLUMNS};
 
 /// A table, and which messages are its rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,45 +20,15 @@ pub enum Table {
 
 impl Table {
     /// The columns.
-    pub fn columns(self) -> &'static [&'static str] {
+    pub fn columns(self) -> Vec<&'static str> {
+        let received = || POWER_COLUMNS.into_iter().chain(CHIP_COLUMNS).chain(["sigma_m", "clock_offset_ppm"]);
         match self {
-            Self::Positions => &COLUMNS,
-            Self::Ranges => &[
-                "epoch",
-                "t_s",
-                "anchor",
-                "range_m",
-                "rx_power_dbm",
-                "fp_power_dbm",
-                "fp_idx",
-                "fp_amp1",
-                "fp_amp2",
-                "fp_amp3",
-                "cir_pwr",
-                "rxpacc",
-                "std_noise",
-                "sigma_m",
-                "clock_offset_ppm",
-            ],
-            Self::Differences => &[
-                "epoch",
-                "t_s",
-                "reference",
-                "anchor",
-                "difference_m",
-                "rx_power_dbm",
-                "fp_power_dbm",
-                "fp_idx",
-                "fp_amp1",
-                "fp_amp2",
-                "fp_amp3",
-                "cir_pwr",
-                "rxpacc",
-                "std_noise",
-                "sigma_m",
-                "clock_offset_ppm",
-            ],
-            Self::Rssi => &["epoch", "t_s", "beacon", "rssi_dbm", "measured_power_dbm"],
+            Self::Positions => COLUMNS.to_vec(),
+            Self::Ranges => ["epoch", "t_s", "anchor", "range_m"].into_iter().chain(received()).collect(),
+            Self::Differences => {
+                ["epoch", "t_s", "reference", "anchor", "difference_m"].into_iter().chain(received()).collect()
+            }
+            Self::Rssi => vec!["epoch", "t_s", "beacon", "rssi_dbm", "measured_power_dbm"],
         }
     }
 

@@ -2,52 +2,13 @@
 //! column, the tag. Epochs count through all tags, so that one number is one fix.
 
 use positioning_core::nlos::{Feature, Features};
+use ranging::Diagnostics;
 use sim::scenario::{Epoch, Scenario, What};
 use telemetry::Sighting;
 
-use crate::positions::COLUMNS;
+use crate::positions::{CHIP_COLUMNS, COLUMNS, POWER_COLUMNS};
 
 type Writer = csv::Writer<Vec<u8>>;
-
-/// The columns of a range, as the contract of the files names them.
-const RANGE_COLUMNS: [&str; 15] = [
-    "epoch",
-    "t_s",
-    "anchor",
-    "range_m",
-    "rx_power_dbm",
-    "fp_power_dbm",
-    "los",
-    "fp_idx",
-    "fp_amp1",
-    "fp_amp2",
-    "fp_amp3",
-    "cir_pwr",
-    "rxpacc",
-    "std_noise",
-    "tag",
-];
-
-/// The columns of a difference of arrivals: as `decode` has them, and the truth. The reference comes first, with a difference of 0.
-const DIFFERENCE_COLUMNS: [&str; 17] = [
-    "epoch",
-    "t_s",
-    "reference",
-    "anchor",
-    "difference_m",
-    "rx_power_dbm",
-    "fp_power_dbm",
-    "los",
-    "fp_idx",
-    "fp_amp1",
-    "fp_amp2",
-    "fp_amp3",
-    "cir_pwr",
-    "rxpacc",
-    "std_noise",
-    "truth_m",
-    "tag",
-];
 
 /// The files, as they fill.
 pub struct Logbook {
@@ -105,8 +66,8 @@ impl Logbook {
         }
         let reads = scenario.tag.model.is_some();
         let features: Vec<_> = Feature::ALL.into_iter().filter(|feature| reads && feature.is_of_response()).collect();
-        let columns: Vec<_> =
-            RANGE_COLUMNS.into_iter().chain(features.iter().map(|feature| feature.as_str())).collect();
+        let range = ["epoch", "t_s", "anchor", "range_m"].into_iter().chain(received_columns()).chain(["tag"]);
+        let columns: Vec<_> = range.chain(features.iter().map(|feature| feature.as_str())).collect();
         Ok(Self {
             anchors,
             ranges: with_header(&columns)?,
@@ -136,59 +97,27 @@ impl Logbook {
         self.epoch = epoch.number + 1;
         let (number, time, tag) = (epoch.number.to_string(), seconds(record.t_s), record.node.to_string());
         for measured in &epoch.ranges {
-            let (range, d) = (measured.range, measured.range.diagnostics);
-            let [amp1, amp2, amp3] = d.first_path_amplitudes.map(|a| a.to_string());
+            let range = measured.range;
             let mut told = Features::default();
             if let Some(shape) = &measured.shape {
                 told.set_shape(shape);
             }
             let told =
                 self.features.iter().map(|&feature| told.get(feature).map_or_else(String::new, |x| x.to_string()));
-            let row = [
-                number.clone(),
-                time.clone(),
-                range.peer.to_string(),
-                metres(range.distance_m.into()),
-                format!("{:.2}", d.rx_power_dbm),
-                format!("{:.2}", d.first_path_power_dbm),
-                if measured.los { "1" } else { "0" }.to_owned(),
-                d.first_path_index.to_string(),
-                amp1,
-                amp2,
-                amp3,
-                d.cir_power.to_string(),
-                d.preamble_count.to_string(),
-                d.noise_deviation.to_string(),
-                tag.clone(),
-            ];
-            self.ranges.write_record(row.into_iter().chain(told))?;
+            let start = [number.clone(), time.clone(), range.peer.to_string(), metres(range.distance_m.into())];
+            let row = start.into_iter().chain(received(&range.diagnostics, measured.los)).chain([tag.clone()]);
+            self.ranges.write_record(row.chain(told))?;
         }
         for measured in &epoch.differences {
-            let (difference, d) = (measured.difference, measured.difference.diagnostics);
-            let [amp1, amp2, amp3] = d.first_path_amplitudes.map(|a| a.to_string());
+            let difference = measured.difference;
             let writer = match &mut self.differences {
                 Some(writer) => writer,
-                None => self.differences.insert(with_header(&DIFFERENCE_COLUMNS)?),
+                None => self.differences.insert(with_header(&difference_columns())?),
             };
-            writer.write_record([
-                number.clone(),
-                time.clone(),
-                measured.reference.to_string(),
-                difference.peer.to_string(),
-                metres(difference.difference_m.into()),
-                format!("{:.2}", d.rx_power_dbm),
-                format!("{:.2}", d.first_path_power_dbm),
-                if measured.los { "1" } else { "0" }.to_owned(),
-                d.first_path_index.to_string(),
-                amp1,
-                amp2,
-                amp3,
-                d.cir_power.to_string(),
-                d.preamble_count.to_string(),
-                d.noise_deviation.to_string(),
-                metres(measured.truth_m),
-                tag.clone(),
-            ])?;
+            let (reference, anchor) = (measured.reference.to_string(), difference.peer.to_string());
+            let start = [number.clone(), time.clone(), reference, anchor, metres(difference.difference_m.into())];
+            let row = start.into_iter().chain(received(&difference.diagnostics, measured.los));
+            writer.write_record(row.chain([metres(measured.truth_m), tag.clone()]))?;
         }
         let [x, y, z] = epoch.truth_m.map(metres);
         self.truth.write_record([number, time, x, y, z, tag])?;
@@ -215,6 +144,34 @@ impl Logbook {
         }
         Ok(files)
     }
+}
+
+/// The columns of a difference of arrivals: as `decode` has them, and the truth. The reference comes first, with a difference of 0.
+fn difference_columns() -> Vec<&'static str> {
+    let start = ["epoch", "t_s", "reference", "anchor", "difference_m"].into_iter();
+    start.chain(received_columns()).chain(["truth_m", "tag"]).collect()
+}
+
+/// The columns of what a receiver measured, as the contract of the files names them.
+fn received_columns() -> impl Iterator<Item = &'static str> {
+    POWER_COLUMNS.into_iter().chain(["los"]).chain(CHIP_COLUMNS)
+}
+
+/// Their fields.
+fn received(measured: &Diagnostics, los: bool) -> [String; 10] {
+    let [amp1, amp2, amp3] = measured.first_path_amplitudes.map(|amplitude| amplitude.to_string());
+    [
+        format!("{:.2}", measured.rx_power_dbm),
+        format!("{:.2}", measured.first_path_power_dbm),
+        if los { "1" } else { "0" }.to_owned(),
+        measured.first_path_index.to_string(),
+        amp1,
+        amp2,
+        amp3,
+        measured.cir_power.to_string(),
+        measured.preamble_count.to_string(),
+        measured.noise_deviation.to_string(),
+    ]
 }
 
 /// The columns of a position.
