@@ -6,12 +6,12 @@
 //! plane; in space, where beacons at about one height tell little, they are taken one by one.
 
 use super::Engine;
-use super::measurement::BleRange;
+use super::measurement::{BeaconPosition, BleRange};
 use super::round::Round;
 use super::settings::{Dimensions, Settings};
 use crate::ble::multilateration::{self, Heard};
 use crate::ble::path_loss::PathLoss;
-use crate::{Area, Constraints, Fix, MAX_ANCHORS, NoFix, Real, Side};
+use crate::{AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, NoFix, Real, Side};
 use heapless::Vec;
 
 /// dB of a natural logarithm of power.
@@ -79,10 +79,28 @@ impl<T: Real> BleRange<T> {
     }
 }
 
+impl<T: Real> BeaconPosition<T> {
+    /// Of a tag at this height. Whoever located it has judged the levels.
+    fn at(&self, height: T) -> ByBeacons<T> {
+        let ([x, y], [xx, xy, yy], zero) = (self.position, self.covariance, T::ZERO);
+        let fix = Fix {
+            position: [x, y, height],
+            covariance: [[xx, xy, zero], [xy, yy, zero], [zero; 3]],
+            dilution_of_precision: [zero; 3],
+            used: AnchorSet(0),
+            quality: T::ONE,
+        };
+        ByBeacons { fix, lasting: self.lasting }
+    }
+}
+
 impl<T: Real> Round<T> {
     /// The position by beacons alone.
     #[inline(never)]
     pub(super) fn solve_beacons(&self, settings: &Settings<T>) -> Result<ByBeacons<T>, NoFix> {
+        if let (Some(located), Dimensions::Plane { height }) = (&self.by_beacons, settings.dimensions) {
+            return Ok(located.at(height));
+        }
         let (mut lasting, mut all) = (T::ZERO, T::ZERO);
         for beacon in &self.beacons {
             lasting += beacon.lasting_deviation.squared();

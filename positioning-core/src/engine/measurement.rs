@@ -17,6 +17,8 @@ pub enum Measurement<T> {
     Tdoa(Tdoa<T>),
     /// A range from the strength of a beacon's signal.
     BleRange(BleRange<T>),
+    /// A position that levels of beacons have together, as a map of them knows; it stands for those of the round.
+    BeaconPosition(BeaconPosition<T>),
     /// A height.
     Height {
         /// Metres.
@@ -87,6 +89,18 @@ pub struct BleRange<T> {
     pub lasting_deviation: T,
 }
 
+/// A position in the plane by levels of beacons.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct BeaconPosition<T> {
+    /// Metres.
+    pub position: [T; 2],
+    /// Covariance, m²: xx, xy, yy.
+    pub covariance: [T; 3],
+    /// The share of it that stays with the place, 0 to 1.
+    pub lasting: T,
+}
+
 /// A probability as it may be used; what is no number says nothing.
 pub(super) fn known<T: Real>(blocked: Option<T>) -> Option<T> {
     blocked.filter(|p| p.is_finite()).map(|p| p.at_least(T::ZERO).at_most(T::ONE))
@@ -126,6 +140,17 @@ impl<T: Real> BleRange<T> {
     pub(super) fn is_sane(&self) -> bool {
         let lasting = self.lasting_deviation;
         sane(magnitude(&self.place) + self.distance.abs() + lasting, self.relative_deviation) && lasting >= T::ZERO
+    }
+}
+
+impl<T: Real> BeaconPosition<T> {
+    pub(super) fn is_sane(&self) -> bool {
+        let ([x, y], [xx, xy, yy]) = (self.position, self.covariance);
+        let zero = T::ZERO;
+        xx > zero
+            && yy > zero
+            && position_is_sane(&[x, y, zero], &[[xx, xy, zero], [xy, yy, zero], [zero; 3]])
+            && (T::ZERO..=T::ONE).contains(&self.lasting)
     }
 }
 

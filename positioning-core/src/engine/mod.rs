@@ -13,7 +13,7 @@ mod round;
 mod settings;
 
 pub use beacons::Beacons;
-pub use measurement::{BleRange, Measurement, Range, Tdoa};
+pub use measurement::{BeaconPosition, BleRange, Measurement, Range, Tdoa};
 pub use output::{Missing, Output, Start, TrackFix, Verdict};
 pub use settings::{Dimensions, Mode, Settings, Solvers};
 
@@ -100,6 +100,7 @@ impl<T: Real> Engine<T> {
             Measurement::RoundEnd => return self.end_round(),
             Measurement::Tdoa(tdoa) => self.tdoa(tdoa),
             Measurement::BleRange(range) => self.ble_range(range),
+            Measurement::BeaconPosition(position) => self.beacon_position(position),
             Measurement::Height { height, deviation } => self.height(*height, *deviation),
             Measurement::Position { position, covariance } => self.position(position, covariance),
         };
@@ -198,9 +199,23 @@ impl<T: Real> Engine<T> {
         if self.round.beacons.push(*range).is_ok() { Verdict::Held } else { Verdict::NoTrack }
     }
 
+    /// Keeps a position by beacons for the round's end; of several the last. In space it tells no height, and too little.
+    fn beacon_position(&mut self, position: &BeaconPosition<T>) -> Verdict {
+        if !position.is_sane() {
+            return Verdict::NotSane;
+        }
+        if self.settings.solvers.beacons.is_none() || self.settings.dimensions.height().is_none() {
+            return Verdict::Ignored;
+        }
+        self.round.given = self.round.given.saturating_add(1);
+        self.round.by_beacons = Some(*position);
+        Verdict::Held
+    }
+
     /// Lets what a round heard of beacons into the track, where that is wanted.
     fn heed_beacons(&mut self) {
-        if let (Some(beacons), false) = (self.settings.solvers.beacons, self.round.beacons.is_empty()) {
+        let nothing = self.round.beacons.is_empty() && self.round.by_beacons.is_none();
+        if let (Some(beacons), false) = (self.settings.solvers.beacons, nothing) {
             (beacons.admit)(self);
         }
     }

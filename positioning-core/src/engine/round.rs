@@ -2,7 +2,7 @@
 
 use heapless::Vec;
 
-use super::measurement::{BleRange, Range, Tdoa, probability};
+use super::measurement::{BeaconPosition, BleRange, Range, Tdoa, probability};
 use super::settings::{Dimensions, Settings};
 use crate::track::{Blocked, TdoaSample, hyperbolic};
 use crate::{AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, NoFix, RangeSample, Real, Side, Solver, flatten};
@@ -13,6 +13,8 @@ pub(super) struct Round<T> {
     pub(super) ranges: Vec<Range<T>, MAX_ANCHORS>,
     pub(super) tdoas: Vec<Tdoa<T>, MAX_ANCHORS>,
     pub(super) beacons: Vec<BleRange<T>, MAX_ANCHORS>,
+    /// Where a map of levels has the tag.
+    pub(super) by_beacons: Option<BeaconPosition<T>>,
     /// The ranges that have changed the track.
     pub(super) used: u16,
     /// The measurements that were given.
@@ -23,13 +25,22 @@ pub(super) struct Round<T> {
 
 impl<T: Real> Round<T> {
     pub(super) fn new() -> Self {
-        Self { ranges: Vec::new(), tdoas: Vec::new(), beacons: Vec::new(), used: 0, given: 0, taken: 0 }
+        Self {
+            ranges: Vec::new(),
+            tdoas: Vec::new(),
+            beacons: Vec::new(),
+            by_beacons: None,
+            used: 0,
+            given: 0,
+            taken: 0,
+        }
     }
 
     pub(super) fn clear(&mut self) {
         self.ranges.clear();
         self.tdoas.clear();
         self.beacons.clear();
+        self.by_beacons = None;
         (self.used, self.given, self.taken) = (0, 0, 0);
     }
 

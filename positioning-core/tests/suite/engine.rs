@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix3;
 use positioning_core::engine::{
-    BleRange, Dimensions, Engine, Measurement, Missing, Range, Settings, Solvers, Start, Tdoa, Verdict,
+    BeaconPosition, BleRange, Dimensions, Engine, Measurement, Missing, Range, Settings, Solvers, Start, Tdoa, Verdict,
 };
 use positioning_core::{Blocked, Constraints, Method, Motion, Noise, RangeSample, Side, flatten, robust};
 use rand::Rng;
@@ -290,6 +290,49 @@ fn what_lasts_of_a_beacons_error_is_not_averaged_away() {
     assert!((sigma - 0.044).abs() < 0.004, "{sigma} m");
 }
 
+/// What a map of levels has a tag at.
+fn located(covariance: [f32; 3], lasting: f32) -> Measurement<f32> {
+    Measurement::BeaconPosition(BeaconPosition { position: [4.0, 4.0], covariance, lasting })
+}
+
+#[test]
+fn a_position_of_a_map_starts_a_track_and_its_error_lasts() {
+    let settings = || Settings::<f32> {
+        motion: Motion::Static { wander: 0.0 },
+        ..Settings::track(Dimensions::Plane { height: 1.0 })
+    };
+    let mut engine = Engine::new(settings());
+    assert_eq!(engine.step(1, &located([4.0, 0.0, 4.0], 1.0)).verdict, Verdict::Held);
+    let start = engine.step(1, &Measurement::RoundEnd);
+    assert_eq!(start.verdict, Verdict::Started(Start::First));
+    assert_eq!(start.fix.expect("a track").position, [4.0, 4.0, 1.0]);
+
+    // Known within 3 m before; a thousand times 2 m that last are worth one, 2 · 3 ⁄ √13 = 1.664 m; of noise 2 ⁄ √1000 = 0.063 m.
+    for (lasting, expected) in [(1.0, 1.664), (0.0, 0.063)] {
+        let mut engine = Engine::new(settings());
+        let covariance = [[9.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0; 3]];
+        engine.step(1, &Measurement::Position { position: [4.0, 4.0, 1.0], covariance });
+        for k in 1..=1000_u64 {
+            engine.step(1 + 100 * k, &located([4.0, 0.0, 4.0], lasting));
+            engine.step(1 + 100 * k, &Measurement::RoundEnd);
+        }
+        let sigma = engine.step(100_002, &Measurement::RoundEnd).fix.expect("a track").sigma()[0];
+        assert!((sigma - expected).abs() < 0.03 * expected + 0.005, "{lasting}: {sigma} m");
+    }
+}
+
+#[test]
+fn a_position_of_a_map_that_is_none_is_refused_and_in_space_ignored() {
+    let mut engine = Engine::new(Settings::<f32>::track(Dimensions::Plane { height: 1.0 }));
+    for (covariance, lasting) in
+        [([0.0, 0.0, 1.0], 0.5), ([1.0, 2.0, 1.0], 0.5), ([1.0, f32::NAN, 1.0], 0.5), ([1.0, 0.0, 1.0], 1.5)]
+    {
+        assert_eq!(engine.step(1, &located(covariance, lasting)).verdict, Verdict::NotSane, "{covariance:?}");
+    }
+    let mut engine = Engine::new(Settings::<f32>::track(Dimensions::Space { side: Side::Unknown }));
+    assert_eq!(engine.step(1, &located([1.0, 0.0, 1.0], 0.5)).verdict, Verdict::Ignored);
+}
+
 fn nasty(rng: &mut Pcg64) -> f32 {
     match rng.random_range(0..14) {
         0 => f32::NAN,
@@ -312,7 +355,12 @@ fn hostile(rng: &mut Pcg64, tag: [f64; 2]) -> Measurement<f32> {
         if rng.random_bool(0.05) { [nasty(rng), nasty(rng), nasty(rng)] } else { ANCHORS[known].map(|c| c as f32) };
     let bad = rng.random_bool(0.2);
     let blocked = rng.random_bool(0.5).then(|| nasty(rng));
-    match rng.random_range(0..12) {
+    match rng.random_range(0..13) {
+        12 => Measurement::BeaconPosition(BeaconPosition {
+            position: [nasty(rng), nasty(rng)],
+            covariance: core::array::from_fn(|_| nasty(rng)),
+            lasting: nasty(rng),
+        }),
         0 => Measurement::Height { height: nasty(rng), deviation: nasty(rng) },
         1 => Measurement::Position {
             position: [nasty(rng), nasty(rng), nasty(rng)],
