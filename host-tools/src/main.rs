@@ -29,9 +29,8 @@ const EXIT_CODES: &str = "Exit code: 0 done; 2 the input or the arguments are wr
 enum Command {
     Solve(commands::solve::Arguments),
     Track(commands::track::Arguments),
-    /// Benchmarks on simulated ranges
     #[command(subcommand)]
-    Bench(Bench),
+    Bench(commands::bench::Command),
     Plot(commands::plot::Arguments),
     #[command(subcommand)]
     Nlos(commands::nlos::Command),
@@ -53,15 +52,6 @@ enum Command {
     Replay(commands::replay::Arguments),
 }
 
-#[derive(Subcommand)]
-enum Bench {
-    Thesis(commands::thesis::Arguments),
-    Garcia(commands::garcia::Arguments),
-    Barral(commands::barral::Arguments),
-    Fusion(commands::fusion::Arguments),
-    Linde(commands::linde::Arguments),
-}
-
 fn main() -> ExitCode {
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,
@@ -70,11 +60,7 @@ fn main() -> ExitCode {
     let done = match arguments.command {
         Command::Solve(arguments) => commands::solve::run(&arguments),
         Command::Track(arguments) => commands::track::run(&arguments),
-        Command::Bench(Bench::Thesis(arguments)) => commands::thesis::run(&arguments),
-        Command::Bench(Bench::Garcia(arguments)) => commands::garcia::run(&arguments),
-        Command::Bench(Bench::Barral(arguments)) => commands::barral::run(&arguments),
-        Command::Bench(Bench::Fusion(arguments)) => commands::fusion::run(&arguments),
-        Command::Bench(Bench::Linde(arguments)) => commands::linde::run(&arguments),
+        Command::Bench(command) => commands::bench::run(&command),
         Command::Nlos(command) => commands::nlos::run(&command),
         Command::Survey(command) => commands::survey::run(&command),
         Command::Coverage(arguments) => commands::coverage::run(&arguments),

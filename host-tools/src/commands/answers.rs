@@ -182,16 +182,16 @@ impl Summary {
     fn of(method: &str, solved: &[Solved], epochs: Option<&[Epoch]>) -> Self {
         let errors: Vec<f64> = solved.iter().filter_map(|solved| solved.error_m).collect();
         let figures = Statistics::of(&errors);
-        let rounded = |figure: fn(&Statistics) -> f64| figures.as_ref().map(figure).map(super::rounded);
+        let of = |figure: fn(&Statistics) -> f64| figures.as_ref().map(figure);
         Self {
             method: method.to_owned(),
             fingerprints: None,
             epochs: solved.len(),
             fixed: solved.iter().filter(|solved| solved.outcome.is_ok()).count(),
-            rmse_m: rounded(|figures| figures.rmse),
-            mae_m: rounded(|figures| figures.mae),
-            p50_m: rounded(|figures| figures.p50),
-            p90_m: rounded(|figures| figures.p90),
+            rmse_m: of(|figures| figures.rmse),
+            mae_m: of(|figures| figures.mae),
+            p50_m: of(|figures| figures.p50),
+            p90_m: of(|figures| figures.p90),
             consistency: epochs.and_then(|epochs| Consistency::of(solved, epochs)),
         }
     }

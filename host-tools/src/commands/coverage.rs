@@ -12,7 +12,7 @@ use host_tools::plot::{Heat, heat};
 use host_tools::{Wrong, output};
 
 use super::recorded::{CornersM, finite};
-use super::{PictureFile, print, print_json, rounded, tell, write};
+use super::{PictureFile, print, print_json, tell, write};
 
 /// Map what is heard where: measured from fingerprints, simulated from beacons and walls, or both side by side
 ///
@@ -186,8 +186,7 @@ fn summary(source: &Source, fits: &[Fitted]) -> Summary {
     let count = heard.len().max(1) as f64;
     let mut errors: Vec<f64> = source.errors_m.clone().unwrap_or_default();
     errors.sort_by(f64::total_cmp);
-    let percentile =
-        |share: f64| errors.get(((errors.len().max(1) - 1) as f64 * share).round() as usize).copied().map(rounded);
+    let percentile = |share: f64| errors.get(((errors.len().max(1) - 1) as f64 * share).round() as usize).copied();
     let beacons = source.map.beacons.iter().enumerate().map(|(index, beacon)| {
         let levels: Vec<f64> =
             source.map.values(|levels| levels.get(index).copied().flatten()).into_iter().flatten().collect();
@@ -195,18 +194,18 @@ fn summary(source: &Source, fits: &[Fitted]) -> Summary {
         let fit = fits.iter().find(|fit| fit.beacon == *beacon && source.name == "simulated");
         Row {
             beacon: beacon.clone(),
-            heard: rounded(levels.len() as f64 / count),
-            mean_dbm: (!levels.is_empty()).then(|| rounded(mean)),
-            bias_db: fit.map(|fit| rounded(fit.bias_db)),
-            rms_db: fit.map(|fit| rounded(fit.rms_db)),
+            heard: levels.len() as f64 / count,
+            mean_dbm: (!levels.is_empty()).then_some(mean),
+            bias_db: fit.map(|fit| fit.bias_db),
+            rms_db: fit.map(|fit| fit.rms_db),
         }
     });
     Summary {
         source: source.name,
         cells: heard.len(),
-        heard_mean: rounded(heard.iter().sum::<f64>() / count),
+        heard_mean: heard.iter().sum::<f64>() / count,
         heard_least: heard.iter().copied().reduce(f64::min).unwrap_or(0.0),
-        three_heard: rounded(heard.iter().filter(|heard| **heard >= 3.0).count() as f64 / count),
+        three_heard: heard.iter().filter(|heard| **heard >= 3.0).count() as f64 / count,
         error_p50_m: percentile(0.5),
         error_p90_m: percentile(0.9),
         beacons: beacons.collect(),

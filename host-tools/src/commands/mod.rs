@@ -1,15 +1,12 @@
 //! The subcommands, one module each: arguments, and what is printed.
 
 mod answers;
-pub mod barral;
+pub mod bench;
 pub mod ble;
 pub mod calibrate;
 pub mod coverage;
 pub mod decode;
 pub mod example;
-pub mod fusion;
-pub mod garcia;
-pub mod linde;
 pub mod monitor;
 pub mod nlos;
 pub mod place;
@@ -23,7 +20,6 @@ pub mod simulate;
 pub mod solve;
 mod stream;
 pub mod survey;
-pub mod thesis;
 pub mod track;
 
 use std::path::Path;
@@ -31,6 +27,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use host_tools::plot::Format;
 use host_tools::{Wrong, output};
+use serde_json::Value;
 
 /// The file of a picture: its name is looked at before any work, it is written after all of it.
 #[derive(Clone, Copy)]
@@ -74,9 +71,11 @@ fn print(bytes: &[u8]) -> Result<()> {
     output::write_stdout(bytes).context("cannot write to standard output")
 }
 
-/// Prints one JSON document.
+/// Prints one JSON document, its numbers to the sixth decimal: a micrometre is finer than any error.
 fn print_json(document: &impl serde::Serialize) -> Result<()> {
-    let mut text = serde_json::to_vec_pretty(document).context("cannot write JSON")?;
+    let mut document = serde_json::to_value(document).context("cannot write JSON")?;
+    round(&mut document);
+    let mut text = serde_json::to_vec_pretty(&document).context("cannot write JSON")?;
     text.push(b'\n');
     print(&text)
 }
@@ -88,7 +87,14 @@ fn tell(text: &str) {
     let _ = std::io::stderr().write_all(text.as_bytes());
 }
 
-/// A micrometre is finer than any error.
-fn rounded(metres: f64) -> f64 {
-    (metres * 1e6).round() / 1e6
+fn round(value: &mut Value) {
+    match value {
+        Value::Number(number) if number.is_f64() => {
+            let rounded = number.as_f64().map(|exact| (exact * 1e6).round() / 1e6);
+            *value = rounded.into();
+        }
+        Value::Array(values) => values.iter_mut().for_each(round),
+        Value::Object(fields) => fields.values_mut().for_each(round),
+        Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) => {}
+    }
 }

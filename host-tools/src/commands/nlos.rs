@@ -127,14 +127,13 @@ struct Row {
 
 impl Row {
     fn new(features: String, classifier: &'static str, score: Option<Score>) -> Self {
-        let rounded = |figure: Option<f64>| figure.map(super::rounded);
         Self {
             features,
             classifier,
-            accuracy: rounded(score.map(|score| score.accuracy)),
-            auc: rounded(score.and_then(|score| score.auc)),
+            accuracy: score.map(|score| score.accuracy),
+            auc: score.and_then(|score| score.auc),
             n: score.map_or(0, |score| score.count),
-            brier: rounded(score.map(|score| score.brier)),
+            brier: score.map(|score| score.brier),
             held_out: None,
             bytes: None,
         }
@@ -266,8 +265,8 @@ fn mitigate(arguments: &Mitigation) -> Result<()> {
                     "regressor": outcome.regressor.as_str(),
                     "ranges": ranges_of(outcome),
                     "whence": outcome.whence.as_str(),
-                    "before_mae_m": super::rounded(outcome.before_m),
-                    "after_mae_m": super::rounded(outcome.after_m),
+                    "before_mae_m": outcome.before_m,
+                    "after_mae_m": outcome.after_m,
                     "n": outcome.count,
                 })
             })

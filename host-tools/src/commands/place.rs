@@ -14,7 +14,7 @@ use host_tools::plot::{Heat, heat};
 
 use super::coverage::{barriers, positive};
 use super::recorded::{CornersM, finite};
-use super::{PictureFile, print, print_json, rounded};
+use super::{PictureFile, print, print_json};
 use crate::progress::Progress;
 
 /// Find places for beacons or anchors that leave the least error over an area
@@ -207,7 +207,7 @@ fn document(kind: Kind, errors: &[f64], found: &Found, chosen: &[&Beacon], candi
     sorted.sort_by(f64::total_cmp);
     let percentile = |share: f64| {
         let at = ((sorted.len().max(1) - 1) as f64 * share).round() as usize;
-        sorted.get(at).copied().map_or(f64::NAN, rounded)
+        sorted.get(at).copied().unwrap_or(f64::NAN)
     };
     Document {
         kind: match kind {
@@ -216,19 +216,15 @@ fn document(kind: Kind, errors: &[f64], found: &Found, chosen: &[&Beacon], candi
         },
         cells: errors.len(),
         candidates,
-        before_m: found.added_m.first().copied().map_or(f64::NAN, rounded),
-        error_mean_m: rounded(found.error_m),
+        before_m: found.added_m.first().copied().unwrap_or(f64::NAN),
+        error_mean_m: found.error_m,
         error_p50_m: percentile(0.5),
         error_p90_m: percentile(0.9),
         error_worst_m: percentile(1.0),
         exchanged: found.exchanged,
         places: chosen
             .iter()
-            .map(|beacon| Place {
-                name: beacon.name.clone(),
-                x_m: rounded(beacon.position_m[0]),
-                y_m: rounded(beacon.position_m[1]),
-            })
+            .map(|beacon| Place { name: beacon.name.clone(), x_m: beacon.position_m[0], y_m: beacon.position_m[1] })
             .collect(),
     }
 }

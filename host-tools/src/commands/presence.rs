@@ -10,7 +10,7 @@ use host_tools::presence::{Found, Room, follow, read_outlines, room_of};
 use host_tools::{Place, output, read_truth};
 use positioning_core::ble::rooms::Whereabouts;
 
-use super::{print, print_json, rounded, tell, write};
+use super::{print, print_json, tell, write};
 
 /// Tell in which room each position is, by the rooms' outlines
 ///
@@ -131,7 +131,7 @@ fn summary(method: String, found: &[Found], truths: Option<Vec<Option<usize>>>) 
             .iter()
             .filter(|(found, truth)| matches!(found.answer, Whereabouts::Room(room) if usize::from(room) != *truth));
         summary.wrong = Some(wrong.count());
-        summary.accuracy = (!judged.is_empty()).then(|| rounded(right as f64 / judged.len() as f64));
+        summary.accuracy = (!judged.is_empty()).then(|| right as f64 / judged.len() as f64);
         summary.judged = Some(judged.len());
     }
     summary

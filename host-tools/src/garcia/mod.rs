@@ -101,7 +101,7 @@ pub struct Score {
 }
 
 /// Everything that came out.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Outcome {
     /// A score a way.
     pub scores: Vec<Score>,
@@ -110,6 +110,7 @@ pub struct Outcome {
     /// The share of receptions whose sight was told rightly.
     pub detected: f64,
     /// The errors along x and y of each way, metres, point after point.
+    #[serde(skip)]
     pub errors_m: Vec<(Way, Vec<[f64; 2]>)>,
 }
 

@@ -11,7 +11,7 @@ use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map};
 
 use super::fingerprint::Averages;
 use super::{Place, survey_of};
-use crate::commands::{print_json, rounded, tell, write};
+use crate::commands::{print_json, tell, write};
 use crate::progress::Progress;
 
 /// Make a map of levels for nodes, and say how good it is
@@ -106,8 +106,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         step_m: map.has_deviations().then(|| map.unit()),
         survey_points: thin.spots.len(),
         found_points: errors.len(),
-        mae_m: figures.as_ref().map(|figures| rounded(figures.mae)),
-        rmse_m: figures.as_ref().map(|figures| rounded(figures.rmse)),
+        mae_m: figures.as_ref().map(|figures| figures.mae),
+        rmse_m: figures.as_ref().map(|figures| figures.rmse),
         beacons: survey.beacons,
     };
     if arguments.json {

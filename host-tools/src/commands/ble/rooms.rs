@@ -104,7 +104,7 @@ struct Document<'a> {
 }
 
 fn share(part: usize, whole: usize) -> Option<f64> {
-    (whole > 0).then(|| commands::rounded(part as f64 / whole as f64))
+    (whole > 0).then(|| part as f64 / whole as f64)
 }
 
 fn row<'a>(score: &'a Score, rooms: &'a [String], window_s: f64) -> Row<'a> {

@@ -9,7 +9,7 @@ use host_tools::ble::files::{read_beacons, read_stays, read_walls};
 use host_tools::{Wrong, output, plot};
 
 use crate::commands::recorded::finite;
-use crate::commands::{PictureFile, print, print_json, rounded, tell, write};
+use crate::commands::{PictureFile, print, print_json, tell, write};
 use crate::progress::Progress;
 
 /// Level at one metre and path loss exponent of every beacon, by regression over fingerprints
@@ -65,11 +65,11 @@ impl<'a> Row<'a> {
         Self {
             beacon: &calibrated.beacon,
             points: calibrated.points.len(),
-            rssi_1m_dbm: found.map(|found| rounded(found.level_1m)),
-            path_loss_exponent: found.map(|found| rounded(found.exponent)),
-            deviation_db: found.map(|found| rounded(found.deviation)),
-            rssi_1m_sigma_db: found.map(|_| rounded(calibrated.sigma[0])),
-            path_loss_exponent_sigma: found.map(|_| rounded(calibrated.sigma[1])),
+            rssi_1m_dbm: found.map(|found| found.level_1m),
+            path_loss_exponent: found.map(|found| found.exponent),
+            deviation_db: found.map(|found| found.deviation),
+            rssi_1m_sigma_db: found.map(|_| calibrated.sigma[0]),
+            path_loss_exponent_sigma: found.map(|_| calibrated.sigma[1]),
             wall_db,
         }
     }

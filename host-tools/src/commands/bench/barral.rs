@@ -1,17 +1,17 @@
 //! `baliza bench barral`: what positioning makes of classifiers and mitigators, beside the printed figures.
 
-use std::path::PathBuf;
-
 use anyhow::Result;
 use host_tools::barral::{self, Row};
 use host_tools::plot::{self, Track};
 
-use super::PictureFile;
+use super::Drawing;
 
 /// Ranges from five anchors with blocked ranges ignored, corrected or weighted, by filter and by least squares
 ///
 /// The configurations of V. Barral et al. (Sensors 19, 2019, tables 4 and 5), on ranges drawn with statistics that the documentation
 /// of the library's module `barral::hall` states; mean errors beside the tables'.
+///
+/// As JSON: a list of objects with algorithm, configuration, mae_m, p90_m, printed_measured_m, printed_simulated_m.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza bench barral\n  baliza bench barral --halls 100 --json\n  \
                         baliza bench barral --plot barral.svg")]
@@ -19,34 +19,15 @@ pub struct Arguments {
     /// How many halls to draw, each with obstacles of its own
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     halls: u32,
-    /// Seed of the random numbers: equal seeds give equal figures
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-    /// Print JSON: a list of objects with algorithm, configuration, mae_m, p90_m, printed_measured_m, printed_simulated_m
-    #[arg(long)]
-    json: bool,
-    /// Draw how the errors are distributed, as .svg or .png
-    #[arg(long, value_name = "FILE")]
-    plot: Option<PathBuf>,
+    #[command(flatten)]
+    drawing: Drawing,
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let picture = PictureFile::plot(arguments.plot.as_deref())?;
-    let rows = barral::run(arguments.halls, arguments.seed);
-    if arguments.json {
-        let scores = rows.iter().map(|(score, _)| barral::Score {
-            mae_m: super::rounded(score.mae_m),
-            p90_m: super::rounded(score.p90_m),
-            ..score.clone()
-        });
-        super::print_json(&scores.collect::<Vec<_>>())?;
-    } else {
-        super::print(barral::to_markdown(&rows).as_bytes())?;
-    }
-    if let Some(picture) = picture {
-        picture.write_and_tell(draw(&rows)?)?;
-    }
-    Ok(())
+    let shown = arguments.drawing.check()?;
+    let rows = barral::run(arguments.halls, arguments.drawing.seed);
+    let scores: Vec<_> = rows.iter().map(|(score, _)| score).collect();
+    shown.show(&scores, || barral::to_markdown(&rows), || draw(&rows))
 }
 
 /// The rows that are drawn; the others lie between them.

@@ -1,18 +1,19 @@
 //! `baliza bench linde`: levels and times of flight of four beacons in a room, beside the printed figures.
 
-use std::path::PathBuf;
-
 use anyhow::Result;
-use host_tools::linde::{self, Algorithm, Parameter, Score, Scored};
+use host_tools::linde::{self, Algorithm, Parameter, Scored};
 use host_tools::plot::{self, Track};
 
-use super::PictureFile;
+use super::Drawing;
 
 /// Four beacons in a room, by levels and by times of flight, by fingerprints and by multilateration
 ///
 /// The study of feasibility in annex A of A. Linde Cerezo's thesis (Universitat Oberta de Catalunya, 2024), beside the figures it prints. The
 /// documentation of the library's module `linde` states what is printed of the simulation and what is assumed. The nonlinear form of
 /// multilateration, which keeps to the room, is not in the annex.
+///
+/// As JSON: a list of objects with parameter, noise, unit, algorithm, rmse_m, mae_m, answered, printed_rmse_m, printed_mae_m (5 is "> 5";
+/// null where the annex has no such row). The picture leaves out times by multilateration, which would flatten the rest.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza bench linde\n  baliza bench linde --trials 500 --seed 7 --json\n  \
                         baliza bench linde --plot linde.svg")]
@@ -20,36 +21,15 @@ pub struct Arguments {
     /// How many times each of the mesh's receivers measures
     #[arg(long, default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     trials: u32,
-    /// Seed of the random numbers: equal seeds give equal figures
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-    /// Print JSON: a list of objects with parameter, noise, unit, algorithm, rmse_m, mae_m, answered, printed_rmse_m, printed_mae_m (5 is
-    /// "> 5"; null where the annex has no such row)
-    #[arg(long)]
-    json: bool,
-    /// Draw how the errors are distributed, as .svg or .png; times by multilateration, which would flatten the rest, are left out
-    #[arg(long, value_name = "FILE")]
-    plot: Option<PathBuf>,
+    #[command(flatten)]
+    drawing: Drawing,
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let picture = PictureFile::plot(arguments.plot.as_deref())?;
-    let rows = linde::run(arguments.trials, arguments.seed)?;
-    if arguments.json {
-        let rounded = rows.iter().map(|(score, _)| Score {
-            rmse_m: score.rmse_m.map(super::rounded),
-            mae_m: score.mae_m.map(super::rounded),
-            answered: super::rounded(score.answered),
-            ..score.clone()
-        });
-        super::print_json(&rounded.collect::<Vec<_>>())?;
-    } else {
-        super::print(linde::to_markdown(&rows).as_bytes())?;
-    }
-    if let Some(picture) = picture {
-        picture.write_and_tell(draw(&rows)?)?;
-    }
-    Ok(())
+    let shown = arguments.drawing.check()?;
+    let rows = linde::run(arguments.trials, arguments.drawing.seed)?;
+    let scores: Vec<_> = rows.iter().map(|(score, _)| score).collect();
+    shown.show(&scores, || linde::to_markdown(&rows), || draw(&rows))
 }
 
 /// The distribution of the errors; times by multilateration would flatten the rest.

@@ -1,0 +1,81 @@
+//! `baliza bench …`: benchmarks on what is simulated, beside printed figures.
+
+mod barral;
+mod fusion;
+mod garcia;
+mod linde;
+mod thesis;
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+
+use super::PictureFile;
+
+/// Benchmarks on simulated ranges and levels
+#[derive(clap::Subcommand)]
+pub enum Command {
+    Thesis(thesis::Arguments),
+    Garcia(garcia::Arguments),
+    Barral(barral::Arguments),
+    Fusion(fusion::Arguments),
+    Linde(linde::Arguments),
+}
+
+pub fn run(command: &Command) -> Result<()> {
+    match command {
+        Command::Thesis(arguments) => thesis::run(arguments),
+        Command::Garcia(arguments) => garcia::run(arguments),
+        Command::Barral(arguments) => barral::run(arguments),
+        Command::Fusion(arguments) => fusion::run(arguments),
+        Command::Linde(arguments) => linde::run(arguments),
+    }
+}
+
+/// What is drawn, and how the figures are shown.
+#[derive(clap::Args)]
+struct Drawing {
+    /// Seed of the random numbers: equal seeds give equal figures
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+    /// Draw the errors, as .svg or .png
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+}
+
+impl Drawing {
+    /// The picture's file, looked at before any work is done for it.
+    fn check(&self) -> Result<Checked<'_>> {
+        Ok(Checked { json: self.json, picture: PictureFile::plot(self.plot.as_deref())? })
+    }
+}
+
+/// Figures can be shown.
+struct Checked<'a> {
+    json: bool,
+    picture: Option<PictureFile<'a>>,
+}
+
+impl Checked<'_> {
+    /// Prints the figures, as a document or as a table.
+    fn print(&self, document: &impl serde::Serialize, table: impl FnOnce() -> String) -> Result<()> {
+        if self.json { super::print_json(document) } else { super::print(table().as_bytes()) }
+    }
+
+    /// Prints the figures, and draws them.
+    fn show(
+        self,
+        document: &impl serde::Serialize,
+        table: impl FnOnce() -> String,
+        picture: impl FnOnce() -> Result<String>,
+    ) -> Result<()> {
+        self.print(document, table)?;
+        if let Some(file) = self.picture {
+            file.write_and_tell(picture()?)?;
+        }
+        Ok(())
+    }
+}
