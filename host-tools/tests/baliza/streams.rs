@@ -100,22 +100,22 @@ fn every_message_is_a_line_of_json_with_units_in_its_keys() {
         match message {
             Message::Fix(fix) => {
                 let expected = [
+                    "type",
+                    "t_s",
+                    "round",
                     "age_s",
                     "asked",
-                    "covariance_m2",
-                    "quality",
-                    "reason",
-                    "round",
-                    "sigma_x_m",
-                    "sigma_y_m",
-                    "sigma_z_m",
-                    "t_s",
-                    "type",
-                    "used",
-                    "used_ranges",
                     "x_m",
                     "y_m",
                     "z_m",
+                    "sigma_x_m",
+                    "sigma_y_m",
+                    "sigma_z_m",
+                    "covariance_m2",
+                    "used",
+                    "used_ranges",
+                    "quality",
+                    "reason",
                 ];
                 assert_eq!(keys, expected);
                 // A position and no reason, or a reason and no position.
