@@ -28,15 +28,18 @@ pub struct Pages {
     pub offsets: [u32; 2],
     /// The size of each, which the flash erases as a whole, bytes.
     pub size: u32,
+    /// Where [`BeaconModels`](crate::BeaconModels) are, from the flash's beginning, [`MODELS_BYTES`](crate::MODELS_BYTES) long: beside
+    /// the pages, before or behind them. Boards without Bluetooth have none.
+    pub models: Option<u32>,
 }
 
 impl Pages {
-    /// DWM1001: the last two pages of 512 KiB.
-    pub const DWM1001: Self = Self { base: 0, offsets: [0x7E000, 0x7F000], size: 4096 };
+    /// DWM1001: the last two pages of 512 KiB, and the two before them.
+    pub const DWM1001: Self = Self { base: 0, offsets: [0x7E000, 0x7F000], size: 4096, models: Some(0x7C000) };
     /// EVK1000: the last two pages of 256 KiB.
-    pub const EVK1000: Self = Self { base: 0x0800_0000, offsets: [0x3F000, 0x3F800], size: 2048 };
-    /// ESP32, ESP32-C3, ESP32-C6: the first two sectors of the partition `nvs` of the default table.
-    pub const ESP: Self = Self { base: 0, offsets: [0x9000, 0xA000], size: 4096 };
+    pub const EVK1000: Self = Self { base: 0x0800_0000, offsets: [0x3F000, 0x3F800], size: 2048, models: None };
+    /// ESP32, ESP32-C3, ESP32-C6: the first two sectors of the partition `nvs` of the default table, and the next two of its six.
+    pub const ESP: Self = Self { base: 0, offsets: [0x9000, 0xA000], size: 4096, models: Some(0xB000) };
 
     /// Where debug probes find the pages.
     pub const fn addresses(&self) -> [u32; 2] {

@@ -2,7 +2,7 @@
 //!
 //! A [`Record`] is written by the host (`baliza provision`) as postcard with a header and a checksum ([`encode`]), into
 //! one of two flash pages in turn: a power cut during writing leaves the other page's record. A node takes it by
-//! [`load`].
+//! [`load`]. What it knows of beacons' levels on the spot, [`BeaconModels`], lies beside.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -10,12 +10,14 @@
 extern crate std;
 
 mod board;
+mod models;
 mod page;
 mod record;
 mod store;
 mod validate;
 
 pub use board::{Board, Pages};
+pub use models::{BeaconModels, MODELS_BYTES, MODELS_VERSION, OfBeacons, decode_models, encode_models, load_models};
 pub use page::{Fault, HEADER_BYTES, MAX_BYTES, MODEL_AT, MODEL_BYTES, decode, encode};
 pub use record::*;
 pub use store::{Next, StoreError, load, load_model, model_of, newest, next, store};

@@ -29,7 +29,10 @@ pub const MODEL_BYTES: usize = 400;
 /// Bytes before the record.
 pub const HEADER_BYTES: usize = 16;
 
-const MAGIC: [u8; 4] = *b"BLZR";
+/// What a page begins with: whose it is.
+pub(crate) type Letters = [u8; 4];
+
+const LETTERS: Letters = *b"BLZR";
 /// Bit by bit: a page is checked twice a start, which is not worth a table of 1 KiB.
 const CRC: Crc<u32, Table<0>> = Crc::<u32, Table<0>>::new(&CRC_32_ISO_HDLC);
 
@@ -65,7 +68,7 @@ impl core::error::Error for Fault {}
 /// What the header of a whole page says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Header {
-    version: u8,
+    pub(crate) version: u8,
     /// Later is greater, across the wrap.
     pub(crate) sequence: u32,
 }
@@ -82,18 +85,31 @@ impl Header {
 /// is.
 pub fn encode<'a>(record: &Record, sequence: u32, page: &'a mut [u8; MAX_BYTES]) -> &'a [u8] {
     page.fill(0xFF);
-    let (header, body) = page.split_at_mut(HEADER_BYTES);
+    let (_, body) = page.split_at_mut(HEADER_BYTES);
     let length = match postcard::to_slice(record, body) {
         Ok(written) => written.len(),
         // MAX_BYTES holds the longest record there is: `the_longest_record_fits`.
         Err(_) => unreachable!(),
     };
+    seal(Framed { letters: LETTERS, version: VERSION, sequence }, length, page)
+}
+
+/// What stands in a header.
+pub(crate) struct Framed {
+    pub(crate) letters: Letters,
+    pub(crate) version: u8,
+    pub(crate) sequence: u32,
+}
+
+/// Writes the header before a body of this length, which is there already; both.
+pub(crate) fn seal(framed: Framed, length: usize, page: &mut [u8]) -> &[u8] {
+    let (header, body) = page.split_at_mut(HEADER_BYTES);
     let (checked, checksum) = header.split_at_mut(HEADER_BYTES - 4);
-    checked[..4].copy_from_slice(&MAGIC);
-    checked[4] = VERSION;
+    checked[..4].copy_from_slice(&framed.letters);
+    checked[4] = framed.version;
     checked[5] = 0;
     checked[6..8].copy_from_slice(&(length as u16).to_le_bytes());
-    checked[8..].copy_from_slice(&sequence.to_le_bytes());
+    checked[8..].copy_from_slice(&framed.sequence.to_le_bytes());
     checksum.copy_from_slice(&checksum_of(checked, &body[..length]).to_le_bytes());
     &page[..HEADER_BYTES + length]
 }
@@ -103,7 +119,7 @@ pub fn encode<'a>(record: &Record, sequence: u32, page: &'a mut [u8; MAX_BYTES])
 /// # Errors
 /// There is none that is whole, of this version and valid.
 pub fn decode(page: &[u8]) -> Result<(Record, u32), Fault> {
-    let (header, body) = parse(page)?;
+    let (header, body) = parse(LETTERS, page)?;
     if header.version != VERSION {
         return Err(Fault::Version(header.version));
     }
@@ -115,14 +131,19 @@ pub fn decode(page: &[u8]) -> Result<(Record, u32), Fault> {
     Ok((record, header.sequence))
 }
 
-/// The header and the record's bytes, where page and checksum agree.
-pub(crate) fn parse(page: &[u8]) -> Result<(Header, &[u8]), Fault> {
+/// The header of a record's page.
+pub(crate) fn header_of(page: &[u8]) -> Result<Header, Fault> {
+    parse(LETTERS, page).map(|(header, _)| header)
+}
+
+/// The header and the body's bytes, where letters and checksum agree.
+pub(crate) fn parse(letters: Letters, page: &[u8]) -> Result<(Header, &[u8]), Fault> {
     if page.iter().take(HEADER_BYTES).all(|byte| *byte == 0xFF) {
         return Err(Fault::Missing);
     }
     let (header, rest) = page.split_first_chunk::<HEADER_BYTES>().ok_or(Fault::Corrupt)?;
     let [m0, m1, m2, m3, version, reserved, l0, l1, s0, s1, s2, s3, c0, c1, c2, c3] = *header;
-    if [m0, m1, m2, m3] != MAGIC || reserved != 0 {
+    if [m0, m1, m2, m3] != letters || reserved != 0 {
         return Err(Fault::Corrupt);
     }
     let body = rest.get(..usize::from(u16::from_le_bytes([l0, l1]))).ok_or(Fault::Corrupt)?;

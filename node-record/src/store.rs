@@ -5,7 +5,7 @@
 
 use embedded_storage::nor_flash::{NorFlash, ReadNorFlash};
 
-use crate::page::{HEADER_BYTES, Header, MAX_BYTES, MODEL_AT, MODEL_BYTES, decode, encode, parse};
+use crate::page::{HEADER_BYTES, Header, MAX_BYTES, MODEL_AT, MODEL_BYTES, decode, encode, header_of};
 use crate::{Fault, Invalid, Record};
 
 /// Bytes that are compared at once after writing.
@@ -111,10 +111,6 @@ pub fn newest(pages: [&[u8]; 2]) -> Result<(usize, Record, u32), Fault> {
 /// The same choice as [`store`]'s, for two pages in memory.
 pub fn next(pages: [&[u8]; 2]) -> Next {
     next_of(pages.map(header_of))
-}
-
-fn header_of(page: &[u8]) -> Result<Header, Fault> {
-    parse(page).map(|(header, _)| header)
 }
 
 fn survey(flash: &mut impl ReadNorFlash, pages: [u32; 2], buffer: &mut [u8; MAX_BYTES]) -> [Result<Header, Fault>; 2] {

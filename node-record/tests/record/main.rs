@@ -3,6 +3,7 @@
 mod bytes;
 mod examples;
 mod flash;
+mod models;
 mod power;
 mod store;
 mod validate;

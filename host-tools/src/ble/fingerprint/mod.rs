@@ -13,5 +13,5 @@ mod windows;
 pub use chart::{Grid, chart};
 pub use process::{Kernel, Process};
 pub use solve::{Comparison, HeldOut, Setup, Solver, held_out, process};
-pub use survey::{Average, Spot, Survey, scan, spread, to_bytes};
+pub use survey::{Average, Spot, Survey, minor, scan, spread, to_bytes};
 pub use trend::{Plan, Trend};

@@ -56,6 +56,11 @@ pub fn dbm(milliwatts: f64) -> f64 {
     10.0 * milliwatts.log10()
 }
 
+/// The minor that a beacon's name is, or ends in after a major.
+pub fn minor(name: &str) -> Option<u16> {
+    name.rsplit_once('-').map_or(name, |(_, minor)| minor).parse().ok()
+}
+
 /// A surveyed point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Spot {
@@ -119,10 +124,12 @@ impl Survey {
         (0..self.beacons.len()).map(|beacon| weakest(beacon).unwrap_or(NEVER_HEARD_DBM)).collect()
     }
 
-    /// What the map calls the beacons: their names where those are numbers of 16 bits, a tag's minors; else their places in the order.
+    /// What the map calls the beacons: a tag's minors, the numbers that their names are or end in (`7`, `1-7`), where all have
+    /// one of their own; else their places in the order.
     pub fn identities(&self) -> Vec<u16> {
-        let numbers: Option<Vec<u16>> = self.beacons.iter().map(|name| name.parse().ok()).collect();
-        numbers.unwrap_or_else(|| (0..).take(self.beacons.len()).collect())
+        let minors: Option<Vec<u16>> = self.beacons.iter().map(|name| minor(name)).collect();
+        let distinct = |minors: &Vec<u16>| minors.iter().collect::<BTreeSet<_>>().len() == minors.len();
+        minors.filter(distinct).unwrap_or_else(|| (0..).take(self.beacons.len()).collect())
     }
 
     /// The points themselves as a map.
@@ -212,6 +219,11 @@ mod tests {
         assert!((weakest + 70.0).abs() < 1e-9 && (other + 65.0).abs() < 1e-9);
         let named = Survey::of(&[stay("a", &[("north", -60.0), ("8", -60.0)])], Average::Power);
         assert_eq!((named.beacons.clone(), named.identities()), (vec!["8".to_owned(), "north".to_owned()], vec![0, 1]));
+        let of = |names: [&str; 2]| {
+            Survey::of(&[stay("a", &names.map(|name| (name, -60.0)))], Average::Power).identities()
+        };
+        assert_eq!(of(["1-7", "fda50693-2-9"]), [7, 9], "minors");
+        assert_eq!(of(["1-7", "2-7"]), [0, 1], "two of one minor");
     }
 
     #[test]

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::ValueEnum;
 use host_tools::ble::files::read_stays;
-use host_tools::ble::rooms::{self, Method, Point, Score, Survey};
+use host_tools::ble::rooms::{self, Method, ModelFile, Names, Point, Score, Survey};
 use host_tools::{Wrong, output, plot};
 
 use crate::commands::{self, PictureFile};
@@ -140,15 +140,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(file) = &arguments.out {
         let chosen: Vec<&Point> = survey.points.iter().collect();
         if let Some(trained) = rooms::train(method, &survey, &chosen)? {
-            commands::write(file, &trained.bytes)?;
-            let rooms: Vec<_> = trained.rooms.iter().map(|room| survey.rooms[*room].as_str()).collect();
+            let rooms = trained.rooms.iter().map(|room| survey.rooms[*room].clone()).collect();
+            let names = Names { beacons: survey.beacons.clone(), rooms };
             commands::tell(&format!(
-                "model: {}, {} bytes; beacons {}; rooms {}\n",
+                "model: {}, {} bytes on a node; beacons {}; rooms {}\n",
                 file.display(),
                 trained.bytes.len(),
-                survey.beacons.join(","),
-                rooms.join(",")
+                names.beacons.join(","),
+                names.rooms.join(",")
             ));
+            commands::write(file, &ModelFile { model: trained.bytes, names }.bytes()?)?;
         }
     }
     let steps = targets.as_ref().map_or(survey.points.len(), |targets| targets.points.len());

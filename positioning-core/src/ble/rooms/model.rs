@@ -48,6 +48,16 @@ impl<'a> Model<'a> {
     }
 }
 
+impl Model<'_> {
+    /// How many beacons a scan has.
+    pub fn beacons(&self) -> usize {
+        match &self.kind {
+            Kind::Svm(kind) => kind.fallback_dbm.len() / 4,
+            Kind::Nearest(kind) => kind.fallback.len(),
+        }
+    }
+}
+
 impl Stored for Model<'_> {
     const CONTENT: Content = Content { magic: *b"RM", version: MODEL_VERSION };
 

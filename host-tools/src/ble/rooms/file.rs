@@ -1,0 +1,79 @@
+//! A file with a model of rooms: what a node reads, and behind it, for people and for provisioning, what the model's numbers stand for.
+//!
+//! The names are one line of JSON, `{"beacons":["1","2"],"rooms":["hall","attic"]}`, in the model's order.
+
+use positioning_core::ble::rooms::{Classifier, Fault, Model};
+use serde::{Deserialize, Serialize};
+
+/// What a model's numbers stand for.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Names {
+    /// The beacons, in the order of its scans.
+    pub beacons: Vec<String>,
+    /// The rooms, in the order of its probabilities.
+    pub rooms: Vec<String>,
+}
+
+/// A model with its names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ModelFile {
+    /// The model alone, as a node reads it.
+    pub model: Vec<u8>,
+    /// What its numbers stand for.
+    pub names: Names,
+}
+
+impl ModelFile {
+    /// From a file's bytes.
+    ///
+    /// # Errors
+    /// In words: they are no model, or its names are missing or too few or too many.
+    pub fn parse(bytes: &[u8]) -> Result<Self, String> {
+        let (model, rest) = Model::decode(bytes).map_err(|fault: Fault| fault.to_string())?;
+        let names: Names = serde_json::from_slice(rest)
+            .map_err(|_| "a model without names of beacons and rooms: make it again by `baliza ble rooms --out`")?;
+        if (names.beacons.len(), names.rooms.len()) != (model.beacons(), model.rooms()) {
+            return Err("a model with names of other beacons or rooms".to_owned());
+        }
+        let model = bytes.get(..bytes.len() - rest.len()).unwrap_or(bytes).to_vec();
+        Ok(Self { model, names })
+    }
+
+    /// As a file has it.
+    ///
+    /// # Errors
+    /// None that names can cause.
+    pub fn bytes(&self) -> serde_json::Result<Vec<u8>> {
+        let mut bytes = self.model.clone();
+        serde_json::to_writer(&mut bytes, &self.names)?;
+        bytes.push(b'\n');
+        Ok(bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use positioning_core::ble::rooms::{Kind, Nearest};
+
+    fn file(beacons: &[&str], rooms: &[&str]) -> ModelFile {
+        let kind = Kind::Nearest(Nearest { rooms: 2, neighbours: 1, fallback: &[76, 70], fingerprints: &[1, 99, 0] });
+        let mut buffer = [0; 64];
+        let model = Model { kind }.encode(&mut buffer).expect("it fits").to_vec();
+        let owned = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
+        ModelFile { model, names: Names { beacons: owned(beacons), rooms: owned(rooms) } }
+    }
+
+    #[test]
+    fn names_go_with_their_model() {
+        let whole = file(&["1-7", "a,b"], &["hall", "\"attic\""]);
+        let bytes = whole.bytes().expect("JSON");
+        assert_eq!(ModelFile::parse(&bytes), Ok(whole.clone()));
+        let said = |bytes: &[u8]| ModelFile::parse(bytes).expect_err("it is wrong");
+        assert_eq!(said(b"hello"), "not a model");
+        assert!(said(&whole.model).starts_with("a model without names"));
+        assert!(said(&bytes[..bytes.len() - 3]).starts_with("a model without names"));
+        let other = file(&["1"], &["hall", "attic"]).bytes().expect("JSON");
+        assert_eq!(said(&other), "a model with names of other beacons or rooms");
+    }
+}
