@@ -45,6 +45,14 @@ impl Pages {
     pub const fn addresses(&self) -> [u32; 2] {
         [self.base + self.offsets[0], self.base + self.offsets[1]]
     }
+
+    /// Where debug probes find the models.
+    pub const fn models_address(&self) -> Option<u32> {
+        match self.models {
+            Some(models) => Some(self.base + models),
+            None => None,
+        }
+    }
 }
 
 impl Board {

@@ -8,11 +8,11 @@ use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
 use host_tools::nlos::Chosen;
 use host_tools::probe::ProbeArguments;
-use host_tools::provision::image::{self, Held, Image};
+use host_tools::provision::image::{Contents, Held, Image};
 use host_tools::provision::show::{self, Keys};
 use host_tools::provision::{EXAMPLE, Node, Site, transfer};
 use host_tools::{Wrong, output};
-use node_record::{Board, Record};
+use node_record::{Board, MODELS_BYTES, Record};
 
 /// Tell nodes who they are: make their records, write, show and check them
 ///
@@ -34,7 +34,7 @@ pub struct Arguments {
     /// Where the record goes; a folder with --all
     #[arg(long, value_name = "PATH", conflicts_with_all = ["show", "read", "check"])]
     out: Option<PathBuf>,
-    /// As bytes of both pages, for the first one's address; or as Intel HEX, which has the address in it
+    /// As bytes, for the address that is told; or as Intel HEX, which has the addresses in it
     #[arg(long, value_enum, default_value_t = Format::Bin, requires = "config")]
     format: Format,
     /// Writes the record over a debug probe, reads it back, compares, and starts the node anew
@@ -113,15 +113,16 @@ fn make(arguments: &Arguments, file: &Path) -> Result<()> {
     let node = site.node(arguments.node.as_deref())?;
     let record = node.record_for(arguments.board)?;
     if arguments.write {
-        return write(arguments, node, board_of(arguments, node)?, record);
+        return write(arguments, node, board_of(arguments, node)?, &contents(node, record));
     }
     let Some(out) = &arguments.out else {
         return Err(Wrong::flag("--config", "say where the record goes: --out FILE, or --write").into());
     };
     output::check("--out", out)?;
     let board = board_of(arguments, node)?;
-    super::write(out, &encoded(arguments.format, board, record, model_of(node))?)?;
-    report(arguments, &[made(node, board, out)])
+    let contents = contents(node, record);
+    super::write(out, &encoded(arguments.format, board, &contents)?)?;
+    report(arguments, &[made(node, board, &contents, out)])
 }
 
 fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
@@ -136,17 +137,19 @@ fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
     let mut files = Vec::new();
     for node in &site.nodes {
         let board = board_of(arguments, node)?;
-        let bytes = encoded(arguments.format, board, node.record_for(Some(board))?, model_of(node))?;
-        files.push((node, board, folder.join(format!("{}.{extension}", node.name)), bytes));
+        let contents = contents(node, node.record_for(Some(board))?);
+        let file = folder.join(format!("{}.{extension}", node.name));
+        let bytes = encoded(arguments.format, board, &contents)?;
+        files.push((made(node, board, &contents, &file), file, bytes));
     }
     if folder.exists() && !folder.is_dir() {
         return Err(Wrong::flag("--out", format!("{} is no folder", folder.display())).into());
     }
     fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    for (_, _, file, bytes) in &files {
+    for (_, file, bytes) in &files {
         super::write(file, bytes)?;
     }
-    let done: Vec<_> = files.iter().map(|(node, board, file, _)| made(node, *board, file)).collect();
+    let done: Vec<_> = files.into_iter().map(|(made, ..)| made).collect();
     report(arguments, &done)
 }
 
@@ -161,8 +164,8 @@ struct Made {
     hint: String,
 }
 
-fn made(node: &Node, board: Board, file: &Path) -> Made {
-    let [address, _] = board.pages().addresses();
+fn made(node: &Node, board: Board, contents: &Contents<'_>, file: &Path) -> Made {
+    let address = contents.address(board);
     let name = file.display();
     let hint = match board {
         Board::Esp32C3 | Board::Esp32C6 | Board::Esp32 => format!("espflash write-bin 0x{address:X} {name}"),
@@ -186,15 +189,15 @@ fn report(arguments: &Arguments, files: &[Made]) -> Result<()> {
     if arguments.json { super::print_json(&files) } else { Ok(()) }
 }
 
-/// The classifier that a node gets beside its record.
-fn model_of(node: &Node) -> Option<&[u8]> {
-    node.model.as_ref().map(Chosen::bytes)
+/// What a node gets: its record, and what goes beside it.
+fn contents<'a>(node: &'a Node, record: &'a Record) -> Contents<'a> {
+    Contents { record, model: node.model.as_ref().map(Chosen::bytes), levels: node.levels.as_deref() }
 }
 
-fn encoded(format: Format, board: Board, record: &Record, model: Option<&[u8]>) -> Result<Vec<u8>> {
+fn encoded(format: Format, board: Board, contents: &Contents<'_>) -> Result<Vec<u8>> {
     match format {
-        Format::Bin => Ok(image::binary(board, record, model)),
-        Format::Hex => Ok(image::intel_hex(board, record, model).context("cannot write Intel HEX")?.into_bytes()),
+        Format::Bin => Ok(contents.binary(board)),
+        Format::Hex => Ok(contents.intel_hex(board).context("cannot write Intel HEX")?.into_bytes()),
     }
 }
 
@@ -206,9 +209,9 @@ fn board_of(arguments: &Arguments, node: &Node) -> Result<Board> {
     })
 }
 
-fn write(arguments: &Arguments, node: &Node, board: Board, record: &Record) -> Result<()> {
+fn write(arguments: &Arguments, node: &Node, board: Board, contents: &Contents<'_>) -> Result<()> {
     let mut session = arguments.probe.attach(Some(transfer::chip(board)))?;
-    let (addresses, sequence) = transfer::write(&mut session, board, record, model_of(node))?;
+    let (addresses, sequence) = transfer::write(&mut session, board, contents)?;
     let places = addresses.iter().map(|address| format!("0x{address:08X}")).collect::<Vec<_>>().join(" and ");
     super::tell(&format!(
         "{}: written at {places} with sequence {sequence}, compared, and the node started anew\n",
@@ -228,8 +231,9 @@ fn read(arguments: &Arguments) -> Result<()> {
     };
     if !transfer::is_readable(board) {
         let [address, _] = board.pages().addresses();
+        let bytes = 2 * board.pages().size + if board.pages().models.is_some() { MODELS_BYTES as u32 } else { 0 };
         let what = format!(
-            "a probe does not read an ESP's flash: `espflash read-flash 0x{address:X} 0x2000 record.bin`, then \
+            "a probe does not read an ESP's flash: `espflash read-flash 0x{address:X} 0x{bytes:X} record.bin`, then \
              --show record.bin"
         );
         return Err(Wrong::flag("--read", what).into());

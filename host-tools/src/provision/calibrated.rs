@@ -40,7 +40,7 @@ pub(super) fn read(field: &Field<'_>, site: &Path) -> Result<Vec<Calibrated>, Wr
 }
 
 /// Major and minor number at the end of a name.
-fn numbers(name: &str) -> Option<(u16, u16)> {
+pub(super) fn numbers(name: &str) -> Option<(u16, u16)> {
     let (rest, minor) = name.rsplit_once('-')?;
     let major = rest.rsplit_once('-').map_or(rest, |(_, major)| major);
     Some((major.parse().ok()?, minor.parse().ok()?))

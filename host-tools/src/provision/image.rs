@@ -1,59 +1,101 @@
-//! Files with a record, and the classifier beside it: both pages of a board, as they are to be in flash.
+//! Files with a record, and the models beside it: both pages of a board, as they are to be in flash, and where a tag knows beacons'
+//! levels the region with its models, before the pages or behind them as the board has it.
 //!
 //! The record is in both pages. So whatever was in flash before does not count any more, and a file that was half
 //! written leaves a whole page.
 
 use ihex::Record as Hex;
-use node_record::{Board, Fault, HEADER_BYTES, MAX_BYTES, MODEL_AT, Record, decode, encode, model_of, newest};
+use node_record::{
+    Board, Fault, HEADER_BYTES, MAX_BYTES, MODEL_AT, MODELS_BYTES, Record, decode, encode, model_of, newest,
+};
 use positioning_core::nlos::{Classifier, Model};
 
+use super::levels;
 use crate::nlos::features_of;
 
 /// Bytes in a line of Intel HEX.
 const HEX_LINE: usize = 16;
+/// Two pages of 4096 bytes, and the models.
+const LONGEST: u64 = 8192 + MODELS_BYTES as u64;
 /// The sequence number of a record in a file: the flash forgets what it had.
 const FIRST: u32 = 1;
 
-/// A page as a board's flash has it, 0xFF where nothing is written.
-pub fn page(board: Board, record: &Record, model: Option<&[u8]>, sequence: u32) -> Vec<u8> {
-    let mut page = written(record, model, sequence);
-    page.resize(board.pages().size as usize, 0xFF);
-    page
+/// What a node's flash is to hold.
+#[derive(Clone, Copy, Debug)]
+pub struct Contents<'a> {
+    /// What it is told.
+    pub record: &'a Record,
+    /// A classifier of line of sight.
+    pub model: Option<&'a [u8]>,
+    /// Models of beacons' levels, as `node_record::encode_models` writes them.
+    pub levels: Option<&'a [u8]>,
 }
 
-/// What of a page is not erased, from its beginning.
-fn written(record: &Record, model: Option<&[u8]>, sequence: u32) -> Vec<u8> {
-    let mut buffer = [0; MAX_BYTES];
-    let mut page = encode(record, sequence, &mut buffer).to_vec();
-    if let Some(model) = model {
-        page.resize(MODEL_AT, 0xFF);
-        page.extend_from_slice(model);
+impl Contents<'_> {
+    /// A page as a board's flash has it, 0xFF where nothing is written.
+    pub fn page(&self, board: Board, sequence: u32) -> Vec<u8> {
+        let mut page = self.written(sequence);
+        page.resize(board.pages().size as usize, 0xFF);
+        page
     }
-    page
-}
 
-/// Both pages, one after the other, for the first page's place.
-pub fn binary(board: Board, record: &Record, model: Option<&[u8]>) -> Vec<u8> {
-    page(board, record, model, FIRST).repeat(2)
-}
-
-/// The same as Intel HEX, which says itself where it belongs.
-///
-/// # Errors
-/// None that a record can cause.
-pub fn intel_hex(board: Board, record: &Record, model: Option<&[u8]>) -> Result<String, ihex::WriterError> {
-    let bytes = written(record, model, FIRST);
-    let mut lines = Vec::new();
-    for address in board.pages().addresses() {
-        // A page ends before the 64 KiB that the upper half of an address is for.
-        lines.push(Hex::ExtendedLinearAddress((address >> 16) as u16));
-        lines.extend(bytes.chunks(HEX_LINE).enumerate().map(|(index, chunk)| Hex::Data {
-            offset: address as u16 + (index * HEX_LINE) as u16,
-            value: chunk.to_vec(),
-        }));
+    /// What of a page is not erased, from its beginning.
+    fn written(&self, sequence: u32) -> Vec<u8> {
+        let mut buffer = [0; MAX_BYTES];
+        let mut page = encode(self.record, sequence, &mut buffer).to_vec();
+        if let Some(model) = self.model {
+            page.resize(MODEL_AT, 0xFF);
+            page.extend_from_slice(model);
+        }
+        page
     }
-    lines.push(Hex::EndOfFile);
-    ihex::create_object_file_representation(&lines)
+
+    /// All that is to be in flash, piece by piece in the order of their addresses: what is not erased of each.
+    fn pieces(&self, board: Board) -> Vec<(u32, Vec<u8>)> {
+        let written = self.written(FIRST);
+        let mut pieces: Vec<_> = board.pages().addresses().map(|address| (address, written.clone())).into();
+        if let (Some(levels), Some(at)) = (self.levels, board.pages().models_address()) {
+            pieces.push((at, levels.to_vec()));
+        }
+        pieces.sort();
+        pieces
+    }
+
+    /// Where a file with it begins in flash.
+    pub fn address(&self, board: Board) -> u32 {
+        self.pieces(board).first().map_or(0, |(address, _)| *address)
+    }
+
+    /// Both pages, and models beside them, one after the other, for the place of the first.
+    pub fn binary(&self, board: Board) -> Vec<u8> {
+        let page = board.pages().size as usize;
+        let mut bytes = Vec::new();
+        for (address, piece) in self.pieces(board) {
+            let is_models = board.pages().models_address() == Some(address);
+            let end = bytes.len() + if is_models { MODELS_BYTES } else { page };
+            bytes.extend(piece);
+            bytes.resize(end, 0xFF);
+        }
+        bytes
+    }
+
+    /// The same as Intel HEX, which says itself where it belongs.
+    ///
+    /// # Errors
+    /// None that a record can cause.
+    pub fn intel_hex(&self, board: Board) -> Result<String, ihex::WriterError> {
+        let mut lines = Vec::new();
+        for (address, bytes) in self.pieces(board) {
+            // A piece ends before the 64 KiB that the upper half of an address is for.
+            lines.push(Hex::ExtendedLinearAddress((address >> 16) as u16));
+            lines.extend(bytes.chunks(HEX_LINE).enumerate().map(|(index, chunk)| Hex::Data {
+                offset: address as u16 + (index * HEX_LINE) as u16,
+                value: chunk.to_vec(),
+            }));
+        }
+        lines.push(Hex::EndOfFile);
+        ihex::create_object_file_representation(&lines)
+    }
 }
 
 /// A file that may hold a record.
@@ -71,6 +113,8 @@ pub struct Held {
     pub sequence: u32,
     /// What stands beside it, where that is not erased: a classifier, if it is whole.
     pub model: Option<Vec<u8>>,
+    /// Models of beacons' levels, whole or not, where there is something.
+    pub levels: Option<Vec<u8>>,
 }
 
 impl Held {
@@ -82,15 +126,21 @@ impl Held {
             Err(fault) => format!("none: {fault}"),
         })
     }
+
+    /// The map and the rooms in words, each where there is one, or why it is none.
+    pub fn map_and_rooms(&self) -> [Option<String>; 2] {
+        self.levels.as_deref().map_or([None, None], levels::words)
+    }
 }
 
-/// The record that counts of two pages.
+/// The record that counts of two pages, and what of beacons' levels is in their region.
 ///
 /// # Errors
-/// There is none.
-pub fn held(pages: [&[u8]; 2]) -> Result<Held, Fault> {
+/// There is no record.
+pub fn held(pages: [&[u8]; 2], levels: &[u8]) -> Result<Held, Fault> {
     let model = |which: usize| pages.get(which).and_then(|page| model_of(page)).map(<[u8]>::to_vec);
-    newest(pages).map(|(which, record, sequence)| Held { record, sequence, model: model(which) })
+    let levels = levels.iter().any(|byte| *byte != 0xFF).then(|| levels.to_vec());
+    newest(pages).map(|(which, record, sequence)| Held { record, sequence, model: model(which), levels })
 }
 
 impl Image {
@@ -105,11 +155,15 @@ impl Image {
         }
     }
 
-    /// The pages: a file of at most 4096 bytes has pages of 2048, or a single one.
-    fn pages(&self) -> [&[u8]; 2] {
-        let size = if self.bytes.len() > 4096 { 4096 } else { 2048 };
-        let (first, second) = self.bytes.split_at_checked(size).unwrap_or((&self.bytes, &[]));
-        [first, second]
+    /// The pages, and what of beacons' levels is before or behind them.
+    fn parts(&self) -> ([&[u8]; 2], &[u8]) {
+        let (first, rest) = self.bytes.split_at_checked(MODELS_BYTES).unwrap_or((&self.bytes, &[]));
+        let levels_first = !rest.is_empty() && (first.starts_with(b"BLZB") || rest.starts_with(b"BLZR"));
+        let (pages, levels) = if levels_first { (rest, first) } else { (first, rest) };
+        // A file of at most 4096 bytes has pages of 2048, or a single one.
+        let size = if pages.len() > 4096 { 4096 } else { 2048 };
+        let (first, second) = pages.split_at_checked(size).unwrap_or((pages, &[]));
+        ([first, second], levels)
     }
 
     /// The record that counts, whatever else is wrong with the file.
@@ -117,7 +171,8 @@ impl Image {
     /// # Errors
     /// There is none.
     pub fn read(&self) -> Result<Held, Fault> {
-        held(self.pages())
+        let (pages, levels) = self.parts();
+        held(pages, levels)
     }
 
     /// The record that counts, where all of the file is as it should be.
@@ -126,7 +181,7 @@ impl Image {
     /// In words: there is no record, or a page is damaged or of another version, or the file is cut short.
     pub fn check(&self) -> Result<Held, String> {
         let held = self.read().map_err(|fault| match fault {
-            Fault::Corrupt if !self.bytes.starts_with(b"BLZR") => {
+            Fault::Corrupt if !self.parts().0[0].starts_with(b"BLZR") => {
                 "this is no node record: it does not begin as one".to_owned()
             }
             Fault::Corrupt if self.bytes.len() < HEADER_BYTES => "the record is cut short".to_owned(),
@@ -135,7 +190,7 @@ impl Image {
         if !self.bytes.len().is_multiple_of(2048) {
             return Err(format!("the file is cut short: {} bytes are no whole pages", self.bytes.len()));
         }
-        for (number, page) in (1..).zip(self.pages()) {
+        for (number, page) in (1..).zip(self.parts().0) {
             match decode(page) {
                 Ok(_) | Err(Fault::Missing) => (),
                 Err(fault) => return Err(format!("page {number} of 2: {fault}; the other page is whole")),
@@ -144,6 +199,7 @@ impl Image {
                 return Err(format!("page {number} of 2: the record is whole, but beside it is {fault}"));
             }
         }
+        held.levels.as_deref().map_or(Ok(()), levels::check)?;
         Ok(held)
     }
 }
@@ -164,8 +220,8 @@ fn from_hex(text: &str) -> Result<Vec<u8>, (u64, String)> {
     let first = pieces.iter().map(|(address, _)| *address).min().unwrap_or(0);
     let end = pieces.iter().map(|(address, bytes)| u64::from(*address) + bytes.len() as u64).max().unwrap_or(0);
     let length = end.saturating_sub(first.into());
-    if length > 8192 {
-        return Err((1, format!("it spans {length} bytes: the pages of a record are 8192 at most")));
+    if length > LONGEST {
+        return Err((1, format!("it spans {length} bytes: a record's pages and models are {LONGEST} at most")));
     }
     let mut bytes = vec![0xFF; (length as usize).next_multiple_of(2048)];
     // Pages of 4096 bytes, of which the second begins there, are told by the length.
@@ -182,26 +238,34 @@ fn from_hex(text: &str) -> Result<Vec<u8>, (u64, String)> {
 mod tests {
     use super::*;
     use crate::provision::{EXAMPLE, Site};
+    use node_record::{BeaconModels, encode_models};
 
     fn record() -> Record {
         let site = Site::parse("site.toml".as_ref(), EXAMPLE).expect("the example is right");
         site.nodes[0].record.clone()
     }
 
+    fn of<'a>(record: &'a Record, model: Option<&'a [u8]>) -> Contents<'a> {
+        Contents { record, model, levels: None }
+    }
+
     #[test]
     fn a_file_has_the_record_in_both_pages() {
         for (board, size) in [(Board::Dwm1001, 4096), (Board::Evk1000, 2048), (Board::Esp32C6, 4096)] {
-            let bytes = binary(board, &record(), None);
+            let bytes = of(&record(), None).binary(board);
             assert_eq!(bytes.len(), 2 * size, "{board:?}");
             assert_eq!(decode(&bytes[..size]), Ok((record(), 1)));
             assert_eq!(decode(&bytes[size..]), Ok((record(), 1)));
-            assert_eq!(Image::new(&bytes).unwrap().check(), Ok(Held { record: record(), sequence: 1, model: None }));
+            assert_eq!(
+                Image::new(&bytes).unwrap().check(),
+                Ok(Held { record: record(), sequence: 1, model: None, levels: None })
+            );
         }
     }
 
     #[test]
     fn intel_hex_says_where_it_belongs() {
-        let text = intel_hex(Board::Evk1000, &record(), None).unwrap();
+        let text = of(&record(), None).intel_hex(Board::Evk1000).unwrap();
         let lines: Vec<_> = text.lines().collect();
         // Upper half of the address 0x0803: 02 bytes, offset 0000, type 04; sum 2 + 4 + 8 + 3 = 0x11, checksum 0xEF.
         assert_eq!(lines[0], ":020000040803EF");
@@ -210,14 +274,14 @@ mod tests {
         assert_eq!(lines.last(), Some(&":00000001FF"));
         assert!(text.lines().any(|line| line.starts_with(":10F80000424C5A52")));
         for board in Board::ALL {
-            let image = Image::new(intel_hex(board, &record(), None).unwrap().as_bytes()).unwrap();
+            let image = Image::new(of(&record(), None).intel_hex(board).unwrap().as_bytes()).unwrap();
             assert_eq!(image.check().map(|held| held.record), Ok(record()), "{board:?}");
         }
     }
 
     #[test]
     fn hex_files_that_are_none_are_refused_without_panic() {
-        let text = intel_hex(Board::Dwm1001, &record(), None).unwrap();
+        let text = of(&record(), None).intel_hex(Board::Dwm1001).unwrap();
         let flipped = text.replacen("424C", "424D", 1);
         assert_eq!(Image::new(flipped.as_bytes()).map_err(|(line, _)| line), Err(2), "its checksum is wrong");
         let wide = ":020000040000FA\n:0100000000FF\n:020000040800F2\n:0100000000FF\n:00000001FF\n";
@@ -232,8 +296,8 @@ mod tests {
         let model = Model { kind: Kind::Skewness(Skewness::default()), calibration: Platt::NONE };
         let model = model.encode(&mut buffer).expect("it fits");
         for board in Board::ALL {
-            let bytes = binary(board, &record(), Some(model));
-            let hex = intel_hex(board, &record(), Some(model)).unwrap();
+            let bytes = of(&record(), Some(model)).binary(board);
+            let hex = of(&record(), Some(model)).intel_hex(board).unwrap();
             for bytes in [bytes.as_slice(), hex.as_bytes()] {
                 let held = Image::new(bytes).unwrap().check().unwrap();
                 assert_eq!(held.record, record(), "{board:?}");
@@ -250,7 +314,7 @@ mod tests {
     #[test]
     fn a_single_page_is_enough() {
         for size in [2048, 4096] {
-            let bytes = &binary(Board::Dwm1001, &record(), None)[..size];
+            let bytes = &of(&record(), None).binary(Board::Dwm1001)[..size];
             assert_eq!(Image::new(bytes).unwrap().check().map(|held| held.sequence), Ok(1), "{size} bytes");
         }
     }
@@ -258,7 +322,7 @@ mod tests {
     #[test]
     fn what_is_wrong_with_a_file_is_said() {
         let said = |bytes: &[u8]| Image::new(bytes).unwrap().check().expect_err("it is wrong");
-        let good = binary(Board::Dwm1001, &record(), None);
+        let good = of(&record(), None).binary(Board::Dwm1001);
         assert_eq!(said(&good[..5000]), "the file is cut short: 5000 bytes are no whole pages");
         assert_eq!(said(&good[..40]), "the record is damaged or cut short: its checksum is wrong");
         assert_eq!(said(&good[..8]), "the record is cut short");
@@ -271,5 +335,36 @@ mod tests {
             "page 2 of 2: the record is damaged or cut short: its checksum is wrong; the other page is whole";
         assert_eq!(said(&flipped), expected);
         assert_eq!(Image::new(&flipped).unwrap().read().map(|held| held.record), Ok(record()));
+    }
+
+    #[test]
+    fn models_of_beacons_stand_where_the_board_has_them() {
+        let region =
+            encode_models(&BeaconModels { room_names: "hall", ..BeaconModels::default() }, &mut [0; MODELS_BYTES])
+                .expect("they fit")
+                .to_vec();
+        for (board, address, place) in [(Board::Dwm1001, 0x7C000, 0), (Board::Esp32C3, 0x9000, 8192)] {
+            let record = record();
+            let contents = Contents { levels: Some(&region), ..of(&record, None) };
+            assert_eq!(contents.address(board), address, "{board:?}");
+            let bytes = contents.binary(board);
+            assert_eq!((bytes.len(), &bytes[place..place + region.len()]), (16_384, region.as_slice()), "{board:?}");
+            let hex = contents.intel_hex(board).unwrap();
+            for bytes in [bytes.as_slice(), hex.as_bytes()] {
+                let held = Image::new(bytes).unwrap().check().unwrap();
+                assert_eq!(held.record, record, "{board:?}");
+                assert!(held.levels.is_some_and(|levels| levels.starts_with(&region)), "{board:?}");
+            }
+            let mut damaged = bytes.clone();
+            damaged[place + 20] ^= 1;
+            let said = Image::new(&damaged).unwrap().check().unwrap_err();
+            assert_eq!(said, "the record is whole, but beside it is damaged models of beacons", "{board:?}");
+            // Flash as it was read, with nothing there.
+            let mut none = bytes;
+            none[place..place + 8192].fill(0xFF);
+            assert_eq!(Image::new(&none).unwrap().check().map(|held| held.levels), Ok(None), "{board:?}");
+        }
+        // A board without Bluetooth has no place for them.
+        assert_eq!(Contents { levels: Some(&region), ..of(&record(), None) }.binary(Board::Evk1000).len(), 4096);
     }
 }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use node_record::{Advertiser, Board, Calibration, Identity, Invalid, Pins, Record, Role, Scan, Tag};
 
 use super::document::{Field, Section, nearest};
+use super::levels::{self, Files};
 use super::network::{Lines, centihertz};
 use crate::Wrong;
 use crate::nlos::Chosen;
@@ -12,7 +13,7 @@ use crate::nlos::Chosen;
 const COMMON_KEYS: [&str; 9] =
     ["name", "board", "role", "eui", "address", "antenna_delay_ticks", "crystal_trim", "uwb_tx_power", "pins"];
 const ANCHOR_KEYS: [&str; 1] = ["position_m"];
-const TAG_KEYS: [&str; 11] = [
+const TAG_KEYS: [&str; 13] = [
     "height_m",
     "rate_hz",
     "still_rate_hz",
@@ -24,6 +25,8 @@ const TAG_KEYS: [&str; 11] = [
     "scan_window_ms",
     "nlos_model",
     "nlos_classifier",
+    levels::KEYS[0],
+    levels::KEYS[1],
 ];
 const BEACON_KEYS: [&str; 9] = [
     "position_m",
@@ -54,6 +57,8 @@ pub struct Node {
     pub record: Record,
     /// What it tells blocked links by, where that is not their powers.
     pub model: Option<Chosen>,
+    /// What it knows of beacons' levels on the spot, as `node_record::decode_models` reads it.
+    pub levels: Option<Vec<u8>>,
     pub(super) file: PathBuf,
     pub(super) line: u64,
     pub(super) lines: Lines,
@@ -69,6 +74,7 @@ pub(super) struct Own {
     pub(super) calibration: Calibration,
     pub(super) pins: Option<Pins>,
     pub(super) model: Option<Chosen>,
+    pub(super) levels: Files,
     /// Where it stands, for those that list it.
     pub(super) position_m: Option<[f32; 3]>,
     pub(super) line: u64,
@@ -131,6 +137,7 @@ impl Own {
         let pins = reader.pins()?;
         let position_m = reader.field("position_m", "anchor.position_m").map(|field| field.place()).transpose()?;
         let model = reader.model()?;
+        let levels = Files::read(section)?;
         let role = match role {
             "anchor" => Role::Anchor { position_m },
             "tag" => Role::Tag(reader.tag()?),
@@ -138,7 +145,19 @@ impl Own {
         };
         let name = section.optional("name").map(name).transpose()?;
         let board = section.optional("board").map(board).transpose()?;
-        Ok(Self { name, board, identity, role, calibration, pins, model, position_m, line: section.line, lines })
+        Ok(Self {
+            name,
+            board,
+            identity,
+            role,
+            calibration,
+            pins,
+            model,
+            levels,
+            position_m,
+            line: section.line,
+            lines,
+        })
     }
 }
 

@@ -5,6 +5,7 @@ use std::fmt::{Display, Write};
 use node_record::{Advertiser, Anchor, Beacon, Board, Mode, Record, Role, Tag, VERSION};
 
 use super::image::Held;
+use super::levels::KEYS;
 use super::network::{self, HIDDEN};
 
 /// What is shown of a record.
@@ -16,8 +17,8 @@ pub enum Keys {
     Shown,
 }
 
-/// The record as TOML that [`Site::parse`](super::Site::parse) reads; with its board, where that is known. A classifier is named in
-/// a comment.
+/// The record as TOML that [`Site::parse`](super::Site::parse) reads; with its board, where that is known. A classifier, a map
+/// and a model of rooms are named in comments.
 pub fn toml(held: &Held, board: Option<Board>, keys: Keys) -> String {
     let record = &held.record;
     let mut text =
@@ -26,6 +27,11 @@ pub fn toml(held: &Held, board: Option<Board>, keys: Keys) -> String {
     text.node(record, board);
     if let Some(classifier) = held.classifier() {
         let _ = writeln!(text.0, "# nlos_model: {classifier}");
+    }
+    for (key, words) in KEYS.into_iter().zip(held.map_and_rooms()) {
+        if let Some(words) = words {
+            let _ = writeln!(text.0, "# {key}: {words}");
+        }
     }
     for anchor in &record.anchors {
         text.anchor(anchor);
@@ -36,7 +42,8 @@ pub fn toml(held: &Held, board: Option<Board>, keys: Keys) -> String {
     text.0
 }
 
-/// The same as one JSON document, with the classifier's name and features as `nlos_model`.
+/// The same as one JSON document, with the classifier's name and features as `nlos_model`, what the map is as `fingerprint_map`, and
+/// the rooms as `room_model`.
 ///
 /// # Errors
 /// None that a record can cause.
@@ -44,6 +51,10 @@ pub fn json(held: &Held, board: Option<Board>, keys: Keys) -> Result<serde_json:
     let mut document: serde_json::Value = toml::from_str(&toml(held, board, keys))?;
     if let (Some(classifier), Some(fields)) = (held.classifier(), document.as_object_mut()) {
         fields.insert("nlos_model".to_owned(), classifier.into());
+    }
+    if let Some(fields) = document.as_object_mut() {
+        let words = KEYS.into_iter().zip(held.map_and_rooms());
+        fields.extend(words.filter_map(|(key, words)| Some((key.to_owned(), words?.into()))));
     }
     Ok(document)
 }
@@ -67,7 +78,14 @@ pub fn summary(held: &Held) -> String {
         Role::Advertiser(beacon) => format!("beacon, major {}, minor {}", beacon.major, beacon.minor),
     };
     let classifier = held.classifier().map_or_else(String::new, |classifier| format!(", with {classifier}"));
-    format!("{what}{classifier}; version {VERSION}, sequence {}", held.sequence)
+    let [map, rooms] = held.map_and_rooms().map(|words| words.is_some());
+    let levels = match (map, rooms) {
+        (true, true) => ", with a map and rooms",
+        (true, false) => ", with a map",
+        (false, true) => ", with rooms",
+        (false, false) => "",
+    };
+    format!("{what}{classifier}{levels}; version {VERSION}, sequence {}", held.sequence)
 }
 
 /// TOML that grows.

@@ -5,6 +5,7 @@ mod contract;
 mod coverage;
 mod example;
 mod fingerprint;
+mod levels;
 mod monitor;
 mod nlos;
 mod pictures;

@@ -36,8 +36,13 @@ fn a_survey_judges_itself_and_other_stays() {
     // Times from 0 to 4.75 s: four whole windows of a second.
     assert_eq!((&json["windows"], &json["methods"][1]["method"]), (&24.into(), &"knn".into()));
     let model = folder.read("rooms.model");
-    assert!(model.starts_with(b"RM\x01") && model.ends_with(br#"{"beacons":["1","2"],"rooms":["hall","attic"]}
-"#));
+    assert!(
+        model.starts_with(b"RM\x01")
+            && model.ends_with(
+                br#"{"beacons":["1","2"],"rooms":["hall","attic"]}
+"#
+            )
+    );
     assert!(folder.read("m.svg").starts_with(b"<svg"));
 
     // q heard one beacon, the other reported what is no level; r heard none that is known, in a room that nobody surveyed.

@@ -219,9 +219,8 @@ mod tests {
         assert!((weakest + 70.0).abs() < 1e-9 && (other + 65.0).abs() < 1e-9);
         let named = Survey::of(&[stay("a", &[("north", -60.0), ("8", -60.0)])], Average::Power);
         assert_eq!((named.beacons.clone(), named.identities()), (vec!["8".to_owned(), "north".to_owned()], vec![0, 1]));
-        let of = |names: [&str; 2]| {
-            Survey::of(&[stay("a", &names.map(|name| (name, -60.0)))], Average::Power).identities()
-        };
+        let of =
+            |names: [&str; 2]| Survey::of(&[stay("a", &names.map(|name| (name, -60.0)))], Average::Power).identities();
         assert_eq!(of(["1-7", "fda50693-2-9"]), [7, 9], "minors");
         assert_eq!(of(["1-7", "2-7"]), [0, 1], "two of one minor");
     }

@@ -1,0 +1,182 @@
+//! What a tag gets of beacons' levels on the spot: a map of fingerprints and a model of rooms, from the files that `baliza ble` made,
+//! bound to the beacons that the tag is told of; and what a node has of them, in words.
+
+use std::fs;
+
+use node_record::{Beacon, BeaconModels, MODELS_BYTES, OfBeacons, decode_models, encode_models};
+use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map};
+use positioning_core::ble::rooms::{Classifier, Model};
+
+use super::calibrated::numbers;
+use super::document::{Field, Section};
+use crate::Wrong;
+use crate::ble::rooms::ModelFile;
+
+/// The keys of a tag's section.
+pub(super) const KEYS: [&str; 2] = ["fingerprint_map", "room_model"];
+
+/// The files that a tag's section names, not yet bound to beacons.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Files {
+    map: Option<Named<Vec<u8>>>,
+    rooms: Option<Named<ModelFile>>,
+}
+
+/// A file's content, and the line that names it.
+#[derive(Clone, Debug)]
+struct Named<T> {
+    content: T,
+    line: u64,
+}
+
+/// A beacon as a model calls it: its minor, and its major where the name has one.
+type Called = (Option<u16>, u16);
+
+impl Files {
+    /// Reads the files that the section names.
+    ///
+    /// # Errors
+    /// One cannot be read, is none, or none for a node.
+    pub(super) fn read(section: &Section<'_>) -> Result<Self, Wrong> {
+        let [map, rooms] = KEYS.map(|key| section.optional(key));
+        let needs = |field: &Field<'_>, key: &'static str, why: &str| match section.optional(key) {
+            Some(_) => Ok(()),
+            None => Err(field.wrong(format!("{} without {key}: {why}", field.key))),
+        };
+        for field in [&map, &rooms].into_iter().flatten() {
+            needs(field, "scan_interval_ms", "the tag does not listen to beacons")?;
+        }
+        if let Some(field) = &map {
+            needs(field, "height_m", "a map finds a tag in the plane, at the height at which it is carried")?;
+        }
+        Ok(Self {
+            map: map.map(|field| read(&field, "ble map", |bytes| of_map(&bytes).map(|()| bytes))).transpose()?,
+            rooms: rooms.map(|field| read(&field, "ble rooms", |bytes| ModelFile::parse(&bytes))).transpose()?,
+        })
+    }
+
+    /// The models as a node has them, bound to these beacons; `None` without any. The error is of a line.
+    pub(super) fn bound(&self, beacons: &[Beacon]) -> Result<Option<Vec<u8>>, (u64, String)> {
+        let Some(line) = self.map.as_ref().map(|map| map.line).or(self.rooms.as_ref().map(|rooms| rooms.line)) else {
+            return Ok(None);
+        };
+        let (mut of_map, mut of_rooms) = (Vec::new(), Vec::new());
+        if let Some(Named { content, line }) = &self.map {
+            let identities = Map::decode(content).map(|(map, _)| map.identities().collect()).unwrap_or(Vec::new());
+            let called = identities.into_iter().map(|minor| Some((None, minor)));
+            of_map = bind("fingerprint_map", called, beacons).map_err(|what| (*line, what))?;
+        }
+        if let Some(Named { content, line }) = &self.rooms {
+            let called = content.names.beacons.iter().map(|name| called(name));
+            of_rooms = bind("room_model", called, beacons).map_err(|what| (*line, what))?;
+        }
+        let names = self.rooms.as_ref().map(|rooms| rooms.content.names.rooms.join("\n")).unwrap_or_default();
+        let models = BeaconModels {
+            map: self.map.as_ref().map(|map| OfBeacons { beacons: &of_map, model: &map.content }),
+            rooms: self.rooms.as_ref().map(|rooms| OfBeacons { beacons: &of_rooms, model: &rooms.content.model }),
+            room_names: &names,
+        };
+        let bytes = encode_models(&models, &mut [0; MODELS_BYTES]).map(<[u8]>::to_vec);
+        let sizes = || {
+            let of =
+                |name, model: Option<OfBeacons<'_>>| model.map(|of| format!("{name} has {} bytes", of.model.len()));
+            [of("fingerprint_map", models.map), of("room_model", models.rooms)]
+                .into_iter()
+                .flatten()
+                .collect::<Vec<_>>()
+                .join(", ")
+        };
+        bytes.map(Some).ok_or_else(|| (line, format!("{}: a node has room for {MODELS_BYTES} in all", sizes())))
+    }
+}
+
+/// The file that a field names, its path from the site's folder.
+fn read<T>(
+    field: &Field<'_>,
+    maker: &str,
+    parse: impl FnOnce(Vec<u8>) -> Result<T, String>,
+) -> Result<Named<T>, Wrong> {
+    let file = field.path(&format!("the name of a file of `baliza {maker} --out`"))?;
+    let wrong = |what: String| field.wrong(format!("{}: {}: {what}", field.key, file.display()));
+    let bytes = fs::read(&file).map_err(|error| wrong(format!("cannot open it: {error}")))?;
+    Ok(Named { content: parse(bytes).map_err(wrong)?, line: field.line })
+}
+
+/// Whether bytes are a map for a node, and nothing else.
+fn of_map(bytes: &[u8]) -> Result<(), String> {
+    let (map, rest) = Map::decode(bytes).map_err(|fault| fault.to_string())?;
+    if !rest.is_empty() {
+        return Err(format!("a map, and {} bytes behind it", rest.len()));
+    }
+    if !map.has_deviations() {
+        return Err("a map of surveyed points: a tag wants a lattice, made without --surveyed".to_owned());
+    }
+    if map.points() > MAX_NODE_POINTS {
+        return Err(format!("a map of {} points: a tag has time for {MAX_NODE_POINTS}", map.points()));
+    }
+    Ok(())
+}
+
+fn called(name: &str) -> Option<Called> {
+    numbers(name).map(|(major, minor)| (Some(major), minor)).or_else(|| Some((None, name.parse().ok()?)))
+}
+
+/// Major and minor of each beacon, as the node stores them.
+fn bind(key: &str, called: impl Iterator<Item = Option<Called>>, beacons: &[Beacon]) -> Result<Vec<u8>, String> {
+    let mut bytes = Vec::new();
+    for called in called {
+        let Some((major, minor)) = called else {
+            return Err(format!(
+                "{key} has beacons whose names are no numbers: name them by major-minor in the survey"
+            ));
+        };
+        let name = major.map_or_else(|| minor.to_string(), |major| format!("{major}-{minor}"));
+        let is_it = |beacon: &&Beacon| beacon.minor == minor && major.is_none_or(|major| beacon.major == major);
+        let mut found = beacons.iter().filter(is_it);
+        match (found.next(), found.next()) {
+            (Some(beacon), None) => {
+                bytes.extend(beacon.major.to_le_bytes());
+                bytes.extend(beacon.minor.to_le_bytes());
+            }
+            (None, _) => {
+                return Err(format!("{key} has beacon {name}, of which the tag is not told: list it as [[beacon]]"));
+            }
+            (Some(_), Some(_)) => {
+                return Err(format!("{key} has beacon {name}, and the tag is told of two with that minor: change one"));
+            }
+        }
+    }
+    Ok(bytes)
+}
+
+/// What a region holds, in words: its map and its rooms, each where there is one, or why it is none.
+pub(super) fn words(region: &[u8]) -> [Option<String>; 2] {
+    let models = match decode_models(region) {
+        Ok(models) => models,
+        Err(_) => return [Some("none: damaged models of beacons".to_owned()), None],
+    };
+    let beacons = |of: &OfBeacons<'_>| {
+        let names: Vec<_> = of.numbers().map(|(major, minor)| format!("{major}-{minor}")).collect();
+        format!("beacons {}", names.join(", "))
+    };
+    let map = models.map.map(|of| match Map::decode(of.model) {
+        Ok((map, _)) => format!("{} points, a lattice of {} m; {}", map.points(), map.unit::<f64>(), beacons(&of)),
+        Err(fault) => format!("none: {fault}"),
+    });
+    let rooms = models.rooms.map(|of| match Model::decode(of.model) {
+        Ok((model, _)) => {
+            let names = models.room_names.lines().collect::<Vec<_>>().join(", ");
+            format!("{} rooms: {names}; {}", model.rooms(), beacons(&of))
+        }
+        Err(fault) => format!("none: {fault}"),
+    });
+    [map, rooms]
+}
+
+/// Whether a region, if there is something in it, is whole in all its parts; else what is not.
+pub(super) fn check(region: &[u8]) -> Result<(), String> {
+    match words(region).into_iter().flatten().find_map(|words| words.strip_prefix("none: ").map(str::to_owned)) {
+        Some(fault) => Err(format!("the record is whole, but beside it is {fault}")),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,131 @@
+//! `baliza provision`: a map of levels and a model of rooms, from a survey into the flash of a tag.
+
+use positioning_core::ble::fingerprint::{Point, encode};
+
+use crate::support::Folder;
+
+/// Two rooms of three points, ten adverts each of the beacons 1-7 and 1-8, whose levels fall off towards the other room.
+fn survey() -> String {
+    let mut text = String::from("point,room,x_m,y_m,beacon,rssi_dbm,t_s\n");
+    for (point, room, x, levels) in [
+        ("a", "hall", 1, [-52, -80]),
+        ("b", "hall", 2, [-56, -77]),
+        ("c", "hall", 3, [-60, -74]),
+        ("d", "attic", 5, [-74, -61]),
+        ("e", "attic", 6, [-78, -57]),
+        ("f", "attic", 7, [-81, -53]),
+    ] {
+        for advert in 0..10 {
+            for (beacon, level) in ["1-7", "1-8"].iter().zip(levels) {
+                text += &format!("{point},{room},{x},{},{beacon},{},{advert}\n", x % 2, level + advert % 3 - 1);
+            }
+        }
+    }
+    text
+}
+
+const MODELS: &str = "fingerprint_map = \"flat.map\"\nroom_model = \"flat.rooms\"\n";
+
+/// A tag with these lines from line 8 on, and a beacon of each major and minor.
+fn site(lines: &str, beacons: &[(u16, u16)]) -> String {
+    let head = "[network]\npan = 0xBA11\n\n[[node]]\nname = \"t\"\nboard = \"dwm1001\"\nrole = \"tag\"\n";
+    let listed = |(major, minor): &(u16, u16)| {
+        format!("\n[[beacon]]\nmajor = {major}\nminor = {minor}\nposition_m = [0.0, 0.0, 2.0]\n")
+    };
+    format!("{head}{lines}{}", beacons.iter().map(listed).collect::<String>())
+}
+
+/// With a scan, and at a height.
+fn scanning(lines: &str) -> String {
+    format!("{lines}scan_interval_ms = 100\nheight_m = 1.2\n")
+}
+
+fn folder() -> Folder {
+    let folder = Folder::with(&[("f.csv", &survey())]);
+    folder.run("ble map --fingerprints f.csv --out flat.map").ok();
+    folder.run("ble map --fingerprints f.csv --surveyed --out points.map").ok();
+    folder.run("ble rooms --fingerprints f.csv --out flat.rooms").ok();
+    folder
+}
+
+#[test]
+fn a_map_and_rooms_go_beside_the_record_of_a_tag() {
+    let folder = folder();
+    folder.write("site.toml", site(&scanning(MODELS), &[(1, 7), (1, 8), (2, 9)]).as_bytes());
+    for (format, file) in [("bin", "t.bin"), ("hex", "t.hex")] {
+        let run = folder.run(&format!("provision --config site.toml --format {format} --out {file} --json")).ok();
+        assert_eq!(run.json()[0]["address"], 0x7C000);
+        let run = folder.run(&format!("provision --show {file}")).ok();
+        assert!(run.stdout.contains("\n# room_model: 2 rooms: hall, attic; beacons 1-7, 1-8\n"), "{}", run.stdout);
+        let map = run.stdout.lines().find(|line| line.starts_with("# fingerprint_map: ")).expect("a map");
+        assert!(map.ends_with(" m; beacons 1-7, 1-8"), "{map}");
+        let json = folder.run(&format!("provision --show {file} --json")).ok().json();
+        assert_eq!(json["room_model"], "2 rooms: hall, attic; beacons 1-7, 1-8");
+        let run = folder.run(&format!("provision --check {file}")).ok();
+        assert!(run.stdout.contains(", with a map and rooms; version 1"), "{}", run.stdout);
+    }
+    // The map as it is, behind 16 bytes of the header, `some`, and two beacons with their length.
+    let (file, map) = (folder.read("t.bin"), folder.read("flat.map"));
+    assert_eq!((file.len(), &file[..4], &file[8192..8196]), (16_384, &b"BLZB"[..], &b"BLZR"[..]));
+    assert_eq!(file[16..26], [1, 8, 1, 0, 7, 0, 1, 0, 8, 0]);
+    let length = if map.len() < 128 { 1 } else { 2 };
+    assert_eq!(file[26 + length..][..map.len()], map);
+
+    let mut damaged = file;
+    damaged[100] ^= 1;
+    folder.write("damaged.bin", &damaged);
+    let run = folder.run("provision --check damaged.bin");
+    let said = "damaged.bin: the record is whole, but beside it is damaged models of beacons";
+    assert_eq!((run.code, run.stderr.trim_end()), (Some(2), said));
+    let run = folder.run("provision --show damaged.bin").ok();
+    assert!(run.stdout.contains("# fingerprint_map: none: damaged models of beacons"), "{}", run.stdout);
+}
+
+#[test]
+fn what_a_tag_cannot_use_is_refused_with_its_line() {
+    let folder = folder();
+    let both = &[(1, 7), (1, 8)];
+    folder.write("short.map", &folder.read("flat.map")[..50]);
+    let refused = |text: &str, said: &str| {
+        folder.write("site.toml", text.as_bytes());
+        let run = folder.run("provision --config site.toml --out x.bin");
+        assert_eq!((run.code, run.stderr.trim_end()), (Some(2), said), "{text}");
+    };
+    let map = |file: &str| site(&scanning(&format!("fingerprint_map = \"{file}\"\n")), both);
+    refused(&map("short.map"), "site.toml:8: fingerprint_map: short.map: a damaged map");
+    refused(&map("f.csv"), "site.toml:8: fingerprint_map: f.csv: not a map of levels");
+    refused(
+        &map("points.map"),
+        "site.toml:8: fingerprint_map: points.map: a map of surveyed points: a tag wants a lattice, made without --surveyed",
+    );
+    refused(
+        &site(MODELS, both),
+        "site.toml:8: fingerprint_map without scan_interval_ms: the tag does not listen to beacons",
+    );
+    refused(
+        &site(&format!("{MODELS}scan_interval_ms = 100\n"), both),
+        "site.toml:8: fingerprint_map without height_m: a map finds a tag in the plane, at the height at which it is carried",
+    );
+    refused(
+        &site(&scanning(MODELS), &[(1, 7)]),
+        "site.toml:8: fingerprint_map has beacon 8, of which the tag is not told: list it as [[beacon]]",
+    );
+    refused(
+        &site(&scanning(MODELS), &[(1, 7), (1, 8), (2, 8)]),
+        "site.toml:8: fingerprint_map has beacon 8, and the tag is told of two with that minor: change one",
+    );
+    refused(
+        &site(&scanning("room_model = \"flat.rooms\"\n"), &[(2, 7), (1, 8)]),
+        "site.toml:8: room_model has beacon 1-7, of which the tag is not told: list it as [[beacon]]",
+    );
+    refused(&site(&scanning("room_model = \"flat.map\"\n"), both), "site.toml:8: room_model: flat.map: not a model");
+    let point = |index: usize| Point {
+        position_m: [(index / 20) as f64, (index % 20) as f64],
+        levels: &[Some(-60.0), Some(-70.0)],
+        deviations: &[3.0, 3.0],
+    };
+    let points: Vec<Point> = (0..201).map(point).collect();
+    let mut buffer = [0; 4096];
+    folder.write("large.map", encode(&points, &[7, 8], &[-90.0; 2], Some(1.0), &mut buffer).expect("it fits"));
+    refused(&map("large.map"), "site.toml:8: fingerprint_map: large.map: a map of 201 points: a tag has time for 200");
+}
