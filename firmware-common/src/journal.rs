@@ -9,11 +9,11 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use ranging::exchange::Link;
-use telemetry::{Condition, Counters, Difference, Fix, Hello, Message, Queue, Range, Reset, Sighting, State};
+use telemetry::{Condition, Counters, Difference, Fix, Hello, Message, Queue, Range, Reset, Room, Sighting, State};
 
 use crate::Counts;
 #[cfg(feature = "defmt")]
-use crate::lines::{CountersLine, FixLine, HelloLine, ResetLine, StateLine};
+use crate::lines::{CountersLine, FixLine, HelloLine, ResetLine, RoomLine, StateLine};
 use crate::supervision::{Lights, Lit};
 
 /// From one hello to the next, and from one telling of the counters to the next, seconds.
@@ -77,13 +77,21 @@ impl<M: RawMutex, const BYTES: usize> Journal<M, BYTES> {
         self.tell(&Message::Sighting(sighting));
     }
 
+    /// In which room the tag is, now; the log has it where it is `news`.
+    pub fn room(&self, room: Room, news: bool) {
+        if news {
+            log!(info, RoomLine(room.is));
+        }
+        self.tell(&Message::Room(room));
+    }
+
     /// A change of the node's state, now.
     pub fn state(&self, t_us: u64, is: Condition) {
         match is {
             Condition::NoRecord(_) | Condition::WrongRecord => {
                 log!(error, StateLine(is));
             }
-            Condition::RadioFailed(_) | Condition::ScannerRestarted(_) => {
+            Condition::RadioFailed(_) | Condition::ScannerRestarted(_) | Condition::Unused(..) => {
                 log!(warn, StateLine(is));
             }
             Condition::Searching

@@ -5,7 +5,10 @@
 
 use core::fmt;
 
-use telemetry::{Condition, Counters, Crash, CrashReason, Fix, Hello, Outcome, Reason, RecordFault, Reset, ResetCause};
+use telemetry::{
+    Condition, Counters, Crash, CrashReason, Fix, Hello, LevelsFault, Likely, Outcome, Reason, RecordFault, Reset,
+    ResetCause, Whereabouts,
+};
 
 /// Gives a type its text, once for both: a match whose arms are a format and its arguments.
 macro_rules! text {
@@ -150,7 +153,28 @@ text!(StateLine, |this| this.0;
     Condition::RadioFailed(times) => ("radio failed, {} in a row; starting it again", times),
     Condition::ScannerRestarted(times) => ("scanner silent, restarted {} times", times),
     Condition::Advertising => ("advertising"),
+    Condition::Unused(levels, LevelsFault::Version(version)) =>
+        ("{} in flash: of version {}, which this image does not read; not used", levels.as_str(), version),
+    Condition::Unused(levels, LevelsFault::Corrupt) => ("{} in flash: damaged; not used", levels.as_str()),
+    Condition::Unused(levels, LevelsFault::Invalid) => ("{} in flash: not for a tag; not used", levels.as_str()),
+    Condition::Unused(levels, LevelsFault::OtherBeacons) =>
+        ("{} in flash: of beacons that the record does not list; not used", levels.as_str()),
 );
+
+/// In which room a tag is.
+pub struct RoomLine(pub Whereabouts);
+
+text!(RoomLine, |this| this.0;
+    Whereabouts::Unknown => ("room unknown"),
+    Whereabouts::Room(Likely { room, probability }) => ("room {} ({} %)", room, percent(probability)),
+    Whereabouts::Between([one, other]) => (
+        "room {} ({} %) or {} ({} %)", one.room, percent(one.probability), other.room, percent(other.probability)
+    ),
+);
+
+fn percent(probability: u8) -> u32 {
+    (u32::from(probability) * 100 + 127) / 255
+}
 
 /// What was counted, for whoever wants to see it go by.
 pub struct CountersLine(pub Counters);
@@ -178,7 +202,7 @@ text!(ResetLine, |this| (this.0.cause, this.0.crash);
 mod tests {
     use super::*;
     use std::string::{String, ToString};
-    use telemetry::{Board, Role};
+    use telemetry::{Board, Levels, Role};
 
     fn fix(deviation: [u32; 3]) -> String {
         let outcome = Outcome::Position {
@@ -244,6 +268,17 @@ mod tests {
         let counters = Counters { sent: 1, received: 2, timeouts: 3, telemetry_dropped: 4, ..Counters::default() };
         let expected = "1 sent, 2 received, 3 timeouts, 0 corrupt, 0 late, 0 not sent, 0 radio failures, 0 rounds and 4 telemetry frames dropped";
         assert_eq!(CountersLine(counters).to_string(), expected);
+    }
+
+    #[test]
+    fn rooms_and_levels_that_are_not_used() {
+        let [one, other] = [Likely { room: 3, probability: 242 }, Likely { room: 0, probability: 51 }];
+        // 242 and 51 of 255 are 94.9 and 20 %.
+        assert_eq!(RoomLine(Whereabouts::Room(one)).to_string(), "room 3 (95 %)");
+        assert_eq!(RoomLine(Whereabouts::Between([one, other])).to_string(), "room 3 (95 %) or 0 (20 %)");
+        assert_eq!(RoomLine(Whereabouts::Unknown).to_string(), "room unknown");
+        let line = StateLine(Condition::Unused(Levels::Map, LevelsFault::Corrupt)).to_string();
+        assert_eq!(line, "map of levels in flash: damaged; not used");
     }
 
     #[test]

@@ -61,7 +61,7 @@ pub struct Lit {
 /// | synchronised | state | two flashes a second |
 /// | paired, joined, coordinating, following, advertising | state | on |
 ///
-/// A restarted scanner changes nothing.
+/// A restarted scanner changes nothing, and neither does a map that is not used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lights {
     shown: Condition,
@@ -82,7 +82,7 @@ impl Lights {
     /// From now on this state is shown.
     pub fn show(&mut self, condition: Condition) {
         match condition {
-            Condition::ScannerRestarted(_) => {}
+            Condition::ScannerRestarted(_) | Condition::Unused(..) => {}
             Condition::NoRecord(_)
             | Condition::WrongRecord
             | Condition::Searching
@@ -102,7 +102,7 @@ impl Lights {
         let (state, fault) = match self.shown {
             Condition::NoRecord(_) | Condition::WrongRecord => (false, ms < 500),
             Condition::RadioFailed(_) => (false, ms % 200 < 100),
-            Condition::Searching | Condition::ScannerRestarted(_) => (ms < 50, false),
+            Condition::Searching | Condition::ScannerRestarted(_) | Condition::Unused(..) => (ms < 50, false),
             Condition::Synchronised(_) => (ms < 50 || (200..250).contains(&ms), false),
             Condition::Paired(_)
             | Condition::Joined(_)

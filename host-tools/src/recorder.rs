@@ -2,7 +2,7 @@
 //! themselves, which `decode`, `monitor` and `replay` read.
 //!
 //! In flow bytes and the messages that they are, from wherever; out come `anchors.csv`, `ranges.csv`, `positions.csv`, `rssi.csv`
-//! where beacons were seen, `differences.csv` where a tag only listened, and `telemetry.bin`. Nothing is seen of them before [`Recorder::finish`].
+//! where beacons were seen, `rooms.csv` where a tag tells rooms, `differences.csv` where a tag only listened, and `telemetry.bin`. Nothing is seen of them before [`Recorder::finish`].
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -15,7 +15,8 @@ use crate::output::Growing;
 use crate::{Anchor, Wrong};
 
 /// The files of a recording.
-const FILES: [&str; 6] = ["anchors.csv", "ranges.csv", "positions.csv", "rssi.csv", "differences.csv", "telemetry.bin"];
+const FILES: [&str; 7] =
+    ["anchors.csv", "ranges.csv", "positions.csv", "rssi.csv", "rooms.csv", "differences.csv", "telemetry.bin"];
 
 type Writer = csv::Writer<Growing>;
 
@@ -27,6 +28,8 @@ pub struct Recorder {
     ranges: Writer,
     /// From the first sighting on.
     rssi: Option<Writer>,
+    /// From the first room on.
+    rooms: Option<Writer>,
     /// From the first difference on.
     differences: Option<Writer>,
     /// By short address; what the user gives counts more than what the anchors say of themselves.
@@ -46,6 +49,8 @@ pub struct Recorded {
     pub ranges: u64,
     /// Rows of `rssi.csv`.
     pub sightings: u64,
+    /// Rows of `rooms.csv`.
+    pub rooms: u64,
     /// Rows of `differences.csv`.
     pub differences: u64,
     /// Rows of `anchors.csv`.
@@ -75,6 +80,7 @@ impl Recorder {
             ranges: writer(folder, "ranges.csv", &Table::Ranges.columns())?,
             folder: folder.to_owned(),
             rssi: None,
+            rooms: None,
             differences: None,
             given,
             told: BTreeMap::new(),
@@ -107,6 +113,14 @@ impl Recorder {
                 None => self.rssi.insert(writer(&self.folder, "rssi.csv", &Table::Rssi.columns())?),
             };
             rssi.write_record(row)?;
+        }
+        if let Some(row) = Table::Rooms.row(stamp, message) {
+            self.counts.rooms += 1;
+            let rooms = match &mut self.rooms {
+                Some(rooms) => rooms,
+                None => self.rooms.insert(writer(&self.folder, "rooms.csv", &Table::Rooms.columns())?),
+            };
+            rooms.write_record(row)?;
         }
         if let (Message::Difference(difference), Some(row)) = (message, Table::Differences.row(stamp, message)) {
             if let Some(place_m) = difference.place_m() {
@@ -150,8 +164,9 @@ impl Recorder {
             self.counts.anchors += 1;
         }
         self.counts.left_out = self.waiting.into_iter().map(|(address, rows)| (address, rows.len() as u64)).collect();
-        for table in
-            [Some(anchors), Some(self.ranges), Some(self.positions), self.rssi, self.differences].into_iter().flatten()
+        for table in [Some(anchors), Some(self.ranges), Some(self.positions), self.rssi, self.rooms, self.differences]
+            .into_iter()
+            .flatten()
         {
             table.into_inner().map_err(csv::IntoInnerError::into_error)?.finish()?;
         }

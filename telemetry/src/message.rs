@@ -26,6 +26,8 @@ pub enum Message {
     Reset(Reset),
     /// A difference of arrivals of a round that was overheard.
     Difference(Difference),
+    /// In which room a tag is.
+    Room(Room),
 }
 
 /// Who is speaking.
@@ -226,6 +228,38 @@ pub struct BeaconId {
     pub minor: u16,
 }
 
+/// In which room a tag is, by its model of rooms.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Room {
+    /// Since the node started, microseconds.
+    pub t_us: u64,
+    /// Where it is from now on.
+    pub is: Whereabouts,
+}
+
+/// Where a tag is, in rooms. They are numbered as in the model; a probability is in 1/255, as it has been smoothed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Whereabouts {
+    /// No beacon of the model has been heard lately.
+    Unknown,
+    /// In this room.
+    Room(Likely),
+    /// Between two rooms, the more probable one first.
+    Between([Likely; 2]),
+}
+
+/// A room that is likely.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Likely {
+    /// Its number in the model, from 0.
+    pub room: u8,
+    /// 1/255.
+    pub probability: u8,
+}
+
 /// A change of the node's state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -262,6 +296,34 @@ pub enum Condition {
     ScannerRestarted(u32),
     /// Advertises.
     Advertising,
+    /// What a tag knows of beacons' levels on the spot is not used: all of it, or a part.
+    Unused(Levels, LevelsFault),
+}
+
+/// What a tag knows of beacons' levels on the spot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Levels {
+    /// All of it.
+    All,
+    /// The map of fingerprints.
+    Map,
+    /// The model of rooms.
+    Rooms,
+}
+
+/// Why it is not used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum LevelsFault {
+    /// It is of this version, which the image does not read.
+    Version(u8),
+    /// A checksum is wrong, or it is cut short.
+    Corrupt,
+    /// It is whole, and not what a tag can use.
+    Invalid,
+    /// It is of beacons that the record does not list.
+    OtherBeacons,
 }
 
 /// What is wrong with the record in flash.

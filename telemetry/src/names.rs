@@ -4,10 +4,13 @@ use core::fmt::{self, Display, Formatter};
 
 use positioning_core::NoFix;
 
-use crate::{Board, Condition, CrashReason, Malformed, Message, Reason, RecordFault, ResetCause, Role};
+use crate::{
+    Board, Condition, CrashReason, Levels, LevelsFault, Malformed, Message, Reason, RecordFault, ResetCause, Role,
+    Whereabouts,
+};
 
 impl Message {
-    /// Of which kind it is: `hello`, `fix`, `range`, `sighting`, `state`, `counters`, `reset`, `difference`.
+    /// Of which kind it is: `hello`, `fix`, `range`, `sighting`, `state`, `counters`, `reset`, `difference`, `room`.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Hello(_) => "hello",
@@ -18,6 +21,7 @@ impl Message {
             Self::Counters(_) => "counters",
             Self::Reset(_) => "reset",
             Self::Difference(_) => "difference",
+            Self::Room(_) => "room",
         }
     }
 }
@@ -69,6 +73,43 @@ impl Condition {
             Self::RadioFailed(_) => "radio-failed",
             Self::ScannerRestarted(_) => "scanner-restarted",
             Self::Advertising => "advertising",
+            Self::Unused(Levels::All, _) => "levels-unused",
+            Self::Unused(Levels::Map, _) => "map-unused",
+            Self::Unused(Levels::Rooms, _) => "rooms-unused",
+        }
+    }
+}
+
+impl Levels {
+    /// What it is.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::All => "models of beacons",
+            Self::Map => "map of levels",
+            Self::Rooms => "model of rooms",
+        }
+    }
+}
+
+impl LevelsFault {
+    /// Its name, without what it carries.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Version(_) => "version",
+            Self::Corrupt => "corrupt",
+            Self::Invalid => "invalid",
+            Self::OtherBeacons => "other-beacons",
+        }
+    }
+}
+
+impl Whereabouts {
+    /// Its name: `unknown`, `room`, `between`.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Unknown => "unknown",
+            Self::Room(_) => "room",
+            Self::Between(_) => "between",
         }
     }
 }

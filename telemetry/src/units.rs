@@ -5,7 +5,7 @@
 
 use positioning_core::{NoFix, Real};
 
-use crate::{Diagnostics, Difference, Fix, Message, Outcome, Range, Reason};
+use crate::{Diagnostics, Difference, Fix, Likely, Message, Outcome, Range, Reason, Whereabouts};
 
 /// Of lengths.
 const PER_METRE: f32 = 1e4;
@@ -71,7 +71,32 @@ impl Message {
             Self::Counters(counters) => counters.t_us,
             Self::Reset(reset) => reset.t_us,
             Self::Difference(difference) => difference.t_us,
+            Self::Room(room) => room.t_us,
         }
+    }
+}
+
+impl Whereabouts {
+    /// The rooms that it names, the more probable one first.
+    pub fn rooms(&self) -> &[Likely] {
+        match self {
+            Self::Unknown => &[],
+            Self::Room(room) => core::slice::from_ref(room),
+            Self::Between(rooms) => rooms,
+        }
+    }
+}
+
+impl Likely {
+    /// A room with its probability, 0 to 1; what is beyond, or no number, as the nearest, or 0.
+    pub fn new(room: u8, probability: f32) -> Self {
+        // The conversion saturates.
+        Self { room, probability: nearest(probability * 255.0) as u8 }
+    }
+
+    /// How probable it is, 0 to 1.
+    pub fn probability(self) -> f64 {
+        f64::from(self.probability) / 255.0
     }
 }
 

@@ -145,7 +145,7 @@ impl Recording {
 
 fn told(arguments: &Arguments, summary: &Summary, recorded: &Recorded) -> String {
     let mut text = summary.told();
-    let Recorded { positions, ranges, sightings, differences, anchors, left_out } = recorded;
+    let Recorded { positions, ranges, sightings, rooms, differences, anchors, left_out } = recorded;
     let _ = writeln!(
         text,
         "recorded: {positions} rounds, {ranges} ranges to {anchors} anchors, {sightings} sightings, in {}",
@@ -153,6 +153,9 @@ fn told(arguments: &Arguments, summary: &Summary, recorded: &Recorded) -> String
     );
     if *differences > 0 {
         let _ = writeln!(text, "recorded: {differences} differences of arrivals");
+    }
+    if *rooms > 0 {
+        let _ = writeln!(text, "recorded: {rooms} times in which room");
     }
     if !left_out.is_empty() {
         let count: u64 = left_out.values().sum();

@@ -149,6 +149,8 @@ pub enum TableName {
     Differences,
     /// Advertisements heard
     Rssi,
+    /// In which rooms a tag is
+    Rooms,
 }
 
 /// Makes text of messages.
@@ -176,6 +178,7 @@ impl Lines {
             Some(TableName::Ranges) => Table::Ranges,
             Some(TableName::Differences) => Table::Differences,
             Some(TableName::Rssi) => Table::Rssi,
+            Some(TableName::Rooms) => Table::Rooms,
         })
     }
 

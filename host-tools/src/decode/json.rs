@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 use telemetry::{
-    Condition, Counters, Diagnostics, Difference, Fix, Hello, Message, Range, RecordFault, Reset, ResetCause, Sighting,
-    State,
+    Condition, Counters, Diagnostics, Difference, Fix, Hello, LevelsFault, Message, Range, RecordFault, Reset,
+    ResetCause, Room, Sighting, State,
 };
 
 use super::beacon_name;
@@ -79,6 +79,8 @@ enum Object {
         times: Option<u32>,
         record_fault: Option<&'static str>,
         record_version: Option<u8>,
+        levels_fault: Option<&'static str>,
+        levels_version: Option<u8>,
     },
     Counters {
         t_s: f64,
@@ -108,6 +110,12 @@ enum Object {
         difference_m: f64,
         #[serde(flatten)]
         received: Received,
+    },
+    Room {
+        t_s: f64,
+        is: &'static str,
+        rooms: Vec<u8>,
+        probabilities: Vec<f64>,
     },
 }
 
@@ -172,6 +180,7 @@ impl Object {
             Message::Counters(counters) => Self::counters(counters),
             Message::Reset(reset) => Self::reset(reset),
             Message::Difference(difference) => Self::difference(difference),
+            Message::Room(room) => Self::room(room),
         }
     }
 
@@ -245,6 +254,7 @@ impl Object {
 
     fn state(state: &State) -> Self {
         let (mut peer, mut slots, mut times, mut record_fault, mut record_version) = (None, None, None, None, None);
+        let (mut levels_fault, mut levels_version) = (None, None);
         match state.is {
             Condition::NoRecord(fault) => {
                 record_fault = Some(fault.as_str());
@@ -256,10 +266,27 @@ impl Object {
             Condition::Paired(of) | Condition::Synchronised(of) | Condition::Following(of) => peer = Some(of),
             Condition::Joined(of) => slots = Some(of),
             Condition::RadioFailed(of) | Condition::ScannerRestarted(of) => times = Some(of),
+            Condition::Unused(_, fault) => {
+                levels_fault = Some(fault.as_str());
+                levels_version = match fault {
+                    LevelsFault::Version(version) => Some(version),
+                    LevelsFault::Corrupt | LevelsFault::Invalid | LevelsFault::OtherBeacons => None,
+                };
+            }
             Condition::WrongRecord | Condition::Searching | Condition::Coordinating | Condition::Advertising => {}
         }
         let (t_s, state) = (seconds(state.t_us), state.is.as_str());
-        Self::State { t_s, state, peer, slots, times, record_fault, record_version }
+        Self::State { t_s, state, peer, slots, times, record_fault, record_version, levels_fault, levels_version }
+    }
+
+    fn room(room: &Room) -> Self {
+        let likely = room.is.rooms();
+        Self::Room {
+            t_s: seconds(room.t_us),
+            is: room.is.as_str(),
+            rooms: likely.iter().map(|likely| likely.room).collect(),
+            probabilities: likely.iter().map(|likely| rounded(likely.probability(), 1e3)).collect(),
+        }
     }
 
     fn counters(counters: &Counters) -> Self {

@@ -38,6 +38,7 @@ struct Seen {
     state: u64,
     counters: u64,
     reset: u64,
+    room: u64,
     positions: u64,
     telemetry_dropped: Option<u32>,
     node: Option<Hello>,
@@ -89,6 +90,7 @@ impl Seen {
                 &mut self.counters
             }
             Message::Reset(_) => &mut self.reset,
+            Message::Room(_) => &mut self.room,
         };
         *count += 1;
     }

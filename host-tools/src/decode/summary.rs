@@ -60,6 +60,7 @@ pub struct Frames {
     pub counters: u64,
     pub reset: u64,
     pub difference: u64,
+    pub room: u64,
 }
 
 /// Frames that did not come whole, as [`telemetry::Malformed`] calls them.
@@ -108,6 +109,7 @@ impl Summary {
                 counters: seen.counters,
                 reset: seen.reset,
                 difference: seen.difference,
+                room: seen.room,
             },
             positions: seen.positions,
             malformed: Malformed {
@@ -141,7 +143,7 @@ impl Summary {
 
     /// For reading: what came, then a line for each thing that is not as it should be.
     pub fn told(&self) -> String {
-        let Frames { total, hello, fix, range, sighting, state, counters, reset, difference } = self.frames;
+        let Frames { total, hello, fix, range, sighting, state, counters, reset, difference, room } = self.frames;
         let mut text = format!("{total} frames in {} bytes", self.bytes);
         let kinds = [
             ("hello", hello),
@@ -152,6 +154,7 @@ impl Summary {
             ("counters", counters),
             ("reset", reset),
             ("difference", difference),
+            ("room", room),
         ];
         let mut separator = ": ";
         for (kind, count) in kinds.into_iter().filter(|(_, count)| *count > 0) {

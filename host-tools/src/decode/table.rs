@@ -1,6 +1,6 @@
 //! Messages as rows of CSV tables, with the columns that `solve`, `plot` and the commands for beacons read.
 
-use telemetry::{BeaconId, Diagnostics, Difference, Fix, Message, Range, Sighting};
+use telemetry::{BeaconId, Diagnostics, Difference, Fix, Message, Range, Room, Sighting};
 
 use super::Stamp;
 use crate::positions::{CHIP_COLUMNS, COLUMNS, POWER_COLUMNS};
@@ -16,6 +16,8 @@ pub enum Table {
     Differences,
     /// Sightings of beacons.
     Rssi,
+    /// In which rooms a tag is.
+    Rooms,
 }
 
 impl Table {
@@ -29,6 +31,7 @@ impl Table {
                 ["epoch", "t_s", "reference", "anchor", "difference_m"].into_iter().chain(received()).collect()
             }
             Self::Rssi => vec!["epoch", "t_s", "beacon", "rssi_dbm", "measured_power_dbm"],
+            Self::Rooms => vec!["epoch", "t_s", "is", "room", "probability", "other_room", "other_probability"],
         }
     }
 
@@ -40,7 +43,8 @@ impl Table {
             (Self::Ranges, Message::Range(of)) => range(of),
             (Self::Differences, Message::Difference(of)) => difference(of),
             (Self::Rssi, Message::Sighting(of)) => sighting(of),
-            (Self::Positions | Self::Ranges | Self::Differences | Self::Rssi, _) => return None,
+            (Self::Rooms, Message::Room(of)) => room(of),
+            (Self::Positions | Self::Ranges | Self::Differences | Self::Rssi | Self::Rooms, _) => return None,
         };
         Some(start.into_iter().chain(fields).collect())
     }
@@ -97,6 +101,14 @@ fn received(measured: Diagnostics, deviation_m: f64) -> [String; 11] {
 
 fn sighting(sighting: &Sighting) -> Vec<String> {
     vec![beacon_name(sighting.beacon), sighting.rssi.to_string(), sighting.measured_power.to_string()]
+}
+
+fn room(room: &Room) -> Vec<String> {
+    let likely = |place: usize| {
+        let likely = room.is.rooms().get(place);
+        likely.map_or([const { String::new() }; 2], |of| [of.room.to_string(), format!("{:.3}", of.probability())])
+    };
+    std::iter::once(room.is.as_str().to_owned()).chain(likely(0)).chain(likely(1)).collect()
 }
 
 /// As fine as the wire has it.

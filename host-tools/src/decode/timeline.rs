@@ -50,9 +50,12 @@ impl Timeline {
             Message::Fix(fix) => Some(fix.round),
             Message::Range(range) => Some(range.round),
             Message::Difference(difference) => Some(difference.round),
-            Message::Hello(_) | Message::Sighting(_) | Message::State(_) | Message::Counters(_) | Message::Reset(_) => {
-                None
-            }
+            Message::Hello(_)
+            | Message::Sighting(_)
+            | Message::State(_)
+            | Message::Counters(_)
+            | Message::Reset(_)
+            | Message::Room(_) => None,
         };
         let epoch = match round {
             Some(round) => self.epoch(round),

@@ -240,7 +240,7 @@ impl Session {
                 self.state = Some(state.is);
                 false
             }
-            Message::Range(_) | Message::Difference(_) | Message::Sighting(_) => false,
+            Message::Range(_) | Message::Difference(_) | Message::Sighting(_) | Message::Room(_) => false,
         };
         if !matches!(message, Message::Fix(_)) {
             self.counts.others += 1;

@@ -122,7 +122,7 @@ fn colour(message: &Message) -> &'static str {
         Message::Fix(Fix { outcome: Outcome::Position { .. }, .. }) => GREEN,
         Message::Fix(Fix { outcome: Outcome::Reason(_), .. }) => YELLOW,
         Message::Range(_) | Message::Difference(_) | Message::Sighting(_) | Message::Counters(_) => DIM,
-        Message::Hello(_) => CYAN,
+        Message::Hello(_) | Message::Room(_) => CYAN,
         Message::Reset(reset) => {
             if reset.crash.is_some() {
                 RED
@@ -132,7 +132,7 @@ fn colour(message: &Message) -> &'static str {
         }
         Message::State(state) => match state.is {
             Condition::NoRecord(_) | Condition::WrongRecord => RED,
-            Condition::RadioFailed(_) | Condition::ScannerRestarted(_) => YELLOW,
+            Condition::RadioFailed(_) | Condition::ScannerRestarted(_) | Condition::Unused(..) => YELLOW,
             Condition::Searching
             | Condition::Paired(_)
             | Condition::Synchronised(_)

@@ -3,7 +3,7 @@
 
 use std::fmt::Display;
 
-use firmware_common::lines::{FixLine, HelloLine, ResetLine, StateLine};
+use firmware_common::lines::{FixLine, HelloLine, ResetLine, RoomLine, StateLine};
 use telemetry::{
     Counters, Crash, CrashReason, Diagnostics, Difference, Fix, Message, Outcome, Range, Reset, Sighting, State,
 };
@@ -19,6 +19,7 @@ pub fn label(message: &Message) -> &'static str {
         Message::State(_) => "state",
         Message::Counters(_) => "count",
         Message::Reset(_) => "reset",
+        Message::Room(_) => "room",
     }
 }
 
@@ -33,6 +34,7 @@ pub fn words(message: &Message) -> String {
         Message::State(State { is, .. }) => StateLine(*is).to_string(),
         Message::Counters(counters) => of_counters(counters),
         Message::Reset(reset) => of_reset(reset),
+        Message::Room(room) => without("room ", RoomLine(room.is)),
     }
 }
 
@@ -43,6 +45,7 @@ pub fn says_the_same(text: &str, message: &Message) -> bool {
         Message::Fix(_) => text.starts_with("fix x="),
         Message::Counters(_) => text.ends_with(" telemetry frames dropped"),
         Message::Reset(_) => text.starts_with("reset: "),
+        Message::Room(room) => text == RoomLine(room.is).to_string(),
         Message::Hello(_) | Message::State(_) => text == words(message),
         Message::Range(_) | Message::Difference(_) | Message::Sighting(_) => false,
     }

@@ -11,8 +11,8 @@ use rand_pcg::Pcg64Mcg;
 use serde_json::Value;
 use sim::scenario::{Scenario, Simulation, What};
 use telemetry::{
-    BeaconId, Board, Condition, Counters, Diagnostics, Difference, Fix, Hello, MAX_FRAME, Message, Outcome, Range,
-    Reset, ResetCause, Role, Sighting, State, encode,
+    BeaconId, Board, Condition, Counters, Diagnostics, Difference, Fix, Hello, Likely, MAX_FRAME, Message, Outcome,
+    Range, Reset, ResetCause, Role, Room, Sighting, State, Whereabouts, encode,
 };
 
 use crate::support::Folder;
@@ -146,6 +146,7 @@ fn every_message_is_a_line_of_json_with_units_in_its_keys() {
             Message::Counters(_) => assert_eq!((&line["sent"], &line["telemetry_dropped"]), (&20.into(), &2.into())),
             Message::Reset(_) => assert_eq!((&line["cause"], &line["crash"]), (&"power-on".into(), &Value::Null)),
             Message::Difference(_) => panic!("a tag that asks has ranges"),
+            Message::Room(_) => panic!("a tag without a model of rooms"),
         }
     }
     let fixes = count(&messages, "fix");
@@ -192,6 +193,35 @@ fn what_a_listening_tag_measured_is_shown_tabled_and_recorded() {
     let text = |name: &str| String::from_utf8(folder.read(name)).expect("text");
     assert!(text("walk/anchors.csv").contains("258,0.0000,-12.5000,2.4000"));
     assert_eq!(text("walk/differences.csv").lines().count(), 3);
+}
+
+#[test]
+fn rooms_are_shown_tabled_and_recorded() {
+    let [hall, attic] = [Likely { room: 0, probability: 255 }, Likely { room: 1, probability: 102 }];
+    let at = |t_us, is| Message::Room(Room { t_us, is });
+    let told = [
+        at(500_000, Whereabouts::Unknown),
+        at(1_000_000, Whereabouts::Room(hall)),
+        at(2_000_000, Whereabouts::Between([hall, attic])),
+    ];
+    let folder = Folder::with(&[]);
+    folder.write("rooms.bin", &stream(&told));
+    let run = folder.run("decode --file rooms.bin").ok();
+    let lines: Vec<Value> = run.stdout.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    assert_eq!(
+        lines[1],
+        serde_json::json!({"type": "room", "t_s": 1.0, "is": "room", "rooms": [0], "probabilities": [1.0]})
+    );
+    assert_eq!((&lines[0]["rooms"], &lines[2]["rooms"]), (&serde_json::json!([]), &serde_json::json!([0, 1])));
+    assert!(run.stderr.contains("3 room"), "{}", run.stderr);
+    let run = folder.run("decode --file rooms.bin --format csv --table rooms").ok();
+    assert_eq!((run.column("is"), run.column("room")), (vec!["unknown", "room", "between"], vec!["", "0", "0"]));
+    assert_eq!((run.column("other_room"), run.column("other_probability")), (vec!["", "", "1"], vec!["", "", "0.400"]));
+    let run = folder.run("monitor --file rooms.bin").ok();
+    assert!(run.stdout.contains("0 (100 %) or 1 (40 %)"), "{}", run.stdout);
+    let run = folder.run("record --file rooms.bin --out walk").ok();
+    assert!(run.stderr.contains("recorded: 3 times in which room"), "{}", run.stderr);
+    assert_eq!(String::from_utf8(folder.read("walk/rooms.csv")).expect("text").lines().count(), 4);
 }
 
 #[test]

@@ -226,7 +226,8 @@ pub fn each_advert(stream: &mut Stream, bytes: &[u8], take: &mut Take<'_>) {
                 | Message::Difference(_)
                 | Message::State(_)
                 | Message::Counters(_)
-                | Message::Reset(_) => None,
+                | Message::Reset(_)
+                | Message::Room(_) => None,
             };
             take(stamp.t_s, sighting);
         }
