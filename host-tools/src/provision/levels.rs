@@ -45,9 +45,7 @@ impl Files {
         };
         for field in [&map, &rooms].into_iter().flatten() {
             needs(field, "scan_interval_ms", "the tag does not listen to beacons")?;
-        }
-        if let Some(field) = &map {
-            needs(field, "height_m", "a map finds a tag in the plane, at the height at which it is carried")?;
+            needs(field, "height_m", "beacons are heeded in the plane, at the height at which a tag is carried")?;
         }
         Ok(Self {
             map: map.map(|field| read(&field, "ble map", |bytes| of_map(&bytes).map(|()| bytes))).transpose()?,

@@ -104,7 +104,7 @@ fn what_a_tag_cannot_use_is_refused_with_its_line() {
     );
     refused(
         &site(&format!("{MODELS}scan_interval_ms = 100\n"), both),
-        "site.toml:8: fingerprint_map without height_m: a map finds a tag in the plane, at the height at which it is carried",
+        "site.toml:8: fingerprint_map without height_m: beacons are heeded in the plane, at the height at which a tag is carried",
     );
     refused(
         &site(&scanning(MODELS), &[(1, 7)]),
