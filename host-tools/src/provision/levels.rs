@@ -60,7 +60,8 @@ impl Files {
         };
         let (mut of_map, mut of_rooms) = (Vec::new(), Vec::new());
         if let Some(Named { content, line }) = &self.map {
-            let identities = Map::decode(content).map(|(map, _)| map.identities().collect()).unwrap_or(Vec::new());
+            let identities: Vec<u16> =
+                Map::decode(content).map(|(map, _)| map.identities().collect()).unwrap_or_default();
             let called = identities.into_iter().map(|minor| Some((None, minor)));
             of_map = bind("fingerprint_map", called, beacons).map_err(|what| (*line, what))?;
         }
