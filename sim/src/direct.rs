@@ -1,7 +1,8 @@
 //! A radio straight on the air: [`ranging::Radio`] without a chip, a bus or an interrupt in between.
 //!
-//! It hears, is deaf, is late and loses frames as the chip does, on the same air and with the same kind of clock; what
-//! it leaves out is the time that a board takes. A thousand nodes run in the time that a dozen take on simulated chips.
+//! It hears, is deaf, is late and loses frames as the chip does, on the same air and with the same kind of clock, and takes the time
+//! that a board takes for the driver's transactions ([`Handling`]). A thousand nodes run in the time that a dozen take on simulated
+//! chips.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -10,6 +11,7 @@ use std::future::poll_fn;
 use std::pin::pin;
 use std::rc::Rc;
 use std::task::{Poll, Waker};
+use std::time::Duration;
 
 use crc::{CRC_16_KERMIT, Crc};
 use rand::Rng;
@@ -28,6 +30,7 @@ use crate::air::{
     AirClient, Heard, Path, Payload, Phy, PortId, Prf, Rate, Reception, Response, RxSettings, Sfd, SfdKind, TxStart,
     estimated_dbm,
 };
+use crate::board::Handling;
 use crate::clock::{Clock, ClockConfig, Count, TICKS_PER_PS};
 use crate::random::{Purpose, stream};
 use crate::time::TrueTime;
@@ -44,6 +47,16 @@ const BOOSTS: [(f64, f64); 3] = [(125.0, 9.0), (250.0, 6.0), (500.0, 3.0)];
 const CARRIER_DEVIATION_PPM: f64 = 0.05;
 /// Receptions that wait for the node at most, as in the chip's two buffers.
 const BUFFERS: usize = 2;
+/// The driver's transactions and bytes on the bus, beside the frame's (`ranging::dw1000`): what a frame is sent with, before it
+/// can leave and when it has left, at once or at an instant; what one is received with, and with the receiver staying on.
+const LOAD_NOW: (u64, usize) = (2, 3);
+const LOAD_AT: (u64, usize) = (3, 9);
+const SENT_NOW: (u64, usize) = (3, 10);
+const SENT_AT: (u64, usize) = (2, 4);
+const RECEIVED: (u64, usize) = (8, 44);
+const RECEIVED_AND_ON: (u64, usize) = (9, 47);
+/// The chip's clock, read.
+const CLOCK: (u64, usize) = (1, 6);
 /// What the end of a window takes at least, ticks (1 µs): a node that asks again for what is left must not stop time.
 const WINDOW_END_TICKS: i64 = 63_898;
 const WRAP: u64 = 1 << 40;
@@ -54,6 +67,7 @@ pub struct Antenna {
     world: World,
     port: PortId,
     phy: Phy,
+    board: Handling,
     state: Rc<RefCell<State>>,
 }
 
@@ -85,9 +99,10 @@ struct Received {
 }
 
 impl Antenna {
-    /// An antenna that moves along `path`; its clock starts anywhere. Of the driver's configuration it takes the PHY
-    /// and, unless the filter is off, network and address: then data frames to this node and to everyone are heard.
-    pub fn new(world: &World, path: Path, clock: ClockConfig, config: &Config) -> Self {
+    /// An antenna that moves along `path`, at a board as quick as `board`; its clock starts anywhere. Of the driver's configuration
+    /// it takes the PHY and, unless the filter is off, network and address: then data frames to this node and to everyone are
+    /// heard.
+    pub fn new(world: &World, path: Path, clock: ClockConfig, config: &Config, board: Handling) -> Self {
         let phy = &config.phy;
         let air_phy = air_phy(phy);
         let filter = (config.filter != FrameFilter::OFF).then_some((config.pan, config.short_address));
@@ -107,7 +122,7 @@ impl Antenna {
             }))
         };
         let (port, state) = world.add_client(path, state);
-        Self { world: world.clone(), port, phy: air_phy, state }
+        Self { world: world.clone(), port, phy: air_phy, board, state }
     }
 
     /// Its number on the air.
@@ -135,6 +150,11 @@ impl Antenna {
         }
         state.keep_listening = false;
         state.heard.clear();
+    }
+
+    /// The board is busy.
+    async fn pass(&self, time: Duration) {
+        self.world.sleep_until(self.world.now() + time).await;
     }
 
     fn ticks_now(&self) -> i64 {
@@ -245,6 +265,7 @@ impl Radio for Direct {
     type Error = Infallible;
 
     async fn now(&mut self) -> Result<RadioInstant, Infallible> {
+        self.0.pass(self.0.board.bus(CLOCK.0, CLOCK.1)).await;
         Ok(RadioInstant::from_ticks(self.0.ticks_now() as u64))
     }
 
@@ -262,6 +283,11 @@ impl Radio for Direct {
             return Err(TransmitError::TooLong);
         }
         self.0.switch_off();
+        let (load, sent_by) = match start {
+            Start::Now => (LOAD_NOW, SENT_NOW),
+            Start::At(_) => (LOAD_AT, SENT_AT),
+        };
+        self.0.pass(self.0.board.bus(load.0, load.1 + frame.len())).await;
         let shr = self.0.phy.shr_ticks() as i64;
         let soonest = self.0.ticks_now() + LEAD_TICKS + shr;
         let marker = match start {
@@ -293,6 +319,7 @@ impl Radio for Direct {
         if listen {
             self.0.listen(false);
         }
+        self.0.pass(self.0.board.upon_interrupt(sent_by.0, sent_by.1)).await;
         Ok(RadioInstant::from_ticks(marker as u64))
     }
 
@@ -320,6 +347,8 @@ impl Radio for Direct {
         match self.0.next(until).await {
             Some(Some(Received { bytes, rx_time, diagnostics, response })) => {
                 self.0.state.borrow_mut().accumulated = (!keep_listening).then_some(response);
+                let (transactions, more) = if keep_listening { RECEIVED_AND_ON } else { RECEIVED };
+                self.0.pass(self.0.board.upon_interrupt(transactions, more + bytes.len())).await;
                 // The receiver may have stopped for want of a place to put frames.
                 if keep_listening {
                     self.0.listen(true);

@@ -198,12 +198,12 @@ impl ListeningTag {
         }
     }
 
-    /// What is left of the round being heard: a window to its end, nothing where it is over.
-    fn rest_of_round(&self, present: RadioInstant) -> Option<RadioDuration> {
+    /// What is left of the round being heard since the last frame was over: a window to its end, nothing where there is none.
+    fn rest_of_round(&self, ended: RadioInstant) -> Option<RadioDuration> {
         let round = self.round.as_ref()?;
         let last = round.team.len().checked_sub(1)?;
         let end = self.timing.reply_in(last).ticks() + self.timing.response_tail.ticks() + self.timing.guard.ticks();
-        let rest = round.poll.plus(RadioDuration::from_ticks(end)).since(present);
+        let rest = round.poll.plus(RadioDuration::from_ticks(end)).since(ended);
         (round.pending != 0 && rest > RadioDuration::ZERO).then_some(rest)
     }
 }
@@ -218,7 +218,7 @@ impl Machine for ListeningTag {
     }
 
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
-        let mut present = now;
+        let (mut present, mut ended) = (now, now);
         match event {
             Event::Started => {
                 (self.network, self.round, self.rest_until) = (None, None, None);
@@ -226,6 +226,7 @@ impl Machine for ListeningTag {
             }
             Event::Received(frame) => {
                 self.hear(&frame);
+                ended = self.timing.end_of(&self.config.network.phy, &frame);
                 present = self.timing.read_by(&self.config.network.phy, &frame);
             }
             Event::Sent(_)
@@ -240,7 +241,7 @@ impl Machine for ListeningTag {
         if let Some(link) = self.link.take() {
             return Action::Report(Report::Link(link));
         }
-        if let Some(window) = self.rest_of_round(present) {
+        if let Some(window) = self.rest_of_round(ended) {
             return Action::Receive { start: Start::Now, window, keep_listening: true };
         }
         if let Some(round) = self.round.take() {

@@ -128,11 +128,12 @@ impl Exchange {
         let _ = self.ranges.push(range);
     }
 
-    /// What follows while responses are awaited: more listening, or `None` when the round is over.
-    pub fn await_more(&self, timing: &Timing, present: RadioInstant) -> Option<Action<'static>> {
+    /// What follows while responses are awaited, the last frame being over since `ended`: more listening, or `None` when the round
+    /// is over.
+    pub fn await_more(&self, timing: &Timing, ended: RadioInstant) -> Option<Action<'static>> {
         let last = self.team.len().checked_sub(1)?;
         let end = timing.reply_in(last).ticks() + timing.response_tail.ticks() + timing.guard.ticks();
-        let window = self.poll_tx.plus(RadioDuration::from_ticks(end)).since(present);
+        let window = self.poll_tx.plus(RadioDuration::from_ticks(end)).since(ended);
         let others_may_follow = self.pending & !(1 << last) != 0;
         (self.pending != 0 && window > RadioDuration::ZERO).then_some(Action::Receive {
             start: Start::Now,

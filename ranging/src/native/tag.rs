@@ -325,7 +325,7 @@ impl Machine for Tag {
     }
 
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
-        let mut present = now;
+        let (mut present, mut ended) = (now, now);
         let dozed = core::mem::take(&mut self.dozing);
         if let Some(network) = self.network.as_mut().filter(|_| dozed) {
             network.following.adrift = Some(now);
@@ -346,6 +346,7 @@ impl Machine for Tag {
             }
             Event::Received(frame) => {
                 self.hear(&frame);
+                ended = self.timing.end_of(&self.config.network.phy, &frame);
                 present = self.timing.read_by(&self.config.network.phy, &frame);
             }
             // The window ended with the round, or the receiver was never on.
@@ -357,7 +358,7 @@ impl Machine for Tag {
             Event::Corrupt | Event::Woken | Event::Reported => {}
         }
         if self.doing == Doing::Collecting {
-            return match self.round.await_more(&self.timing, present) {
+            return match self.round.await_more(&self.timing, ended) {
                 Some(action) => action,
                 None => self.finish_round(),
             };

@@ -151,11 +151,16 @@ impl Timing {
         }
     }
 
-    /// When a node has a frame that it received, and decides what to do next.
-    pub(super) fn read_by(&self, phy: &PhyConfig, frame: &RxFrame<'_>) -> RadioInstant {
+    /// When a frame that came was over. A window until an instant begins here, and not where the slowest board has read the
+    /// frame: a quicker one would close it before the instant.
+    pub(super) fn end_of(&self, phy: &PhyConfig, frame: &RxFrame<'_>) -> RadioInstant {
         // The two check bytes are not handed on.
-        let tail = phy.time_after_rmarker(frame.bytes.len() as u16 + 2);
-        frame.rx_time.plus(tail).plus(self.reading)
+        frame.rx_time.plus(phy.time_after_rmarker(frame.bytes.len() as u16 + 2))
+    }
+
+    /// When the slowest node has a frame that it received, and decides what to do next.
+    pub(super) fn read_by(&self, phy: &PhyConfig, frame: &RxFrame<'_>) -> RadioInstant {
+        self.end_of(phy, frame).plus(self.reading)
     }
 
     /// From the poll's RMARKER to that of the response in this slot of the round.

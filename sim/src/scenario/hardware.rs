@@ -13,6 +13,7 @@ use ranging::node::Restart;
 
 use super::{Board, FaultKind, Level};
 use crate::air::{Path, PortId};
+use crate::board::Handling;
 use crate::direct::{Antenna, Direct};
 use crate::irq::IrqPin;
 use crate::{ChipConfig, ClockConfig, Node, NodeConfig, ResetPin, SimDelay, SimSpi, TaskId, World};
@@ -56,7 +57,8 @@ impl Hardware {
                 Self::Board(started)
             }
             Level::Air => {
-                let antenna = Antenna::new(world, node.path, node.clock, &node.config);
+                let handling = Handling::new(&board.profile, board.spi_fast_hz);
+                let antenna = Antenna::new(world, node.path, node.clock, &node.config, handling);
                 let task_world = world.clone();
                 let spawn = move |antenna: &Antenna| {
                     let running = firmware.clone().run::<Direct>(antenna.radio(), task_world.delay());

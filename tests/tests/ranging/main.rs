@@ -3,6 +3,7 @@
 mod accuracy;
 mod captures;
 mod complaints;
+mod levels;
 mod listening;
 mod rates;
 mod reproducible;

@@ -1,0 +1,74 @@
+//! The same scenario on chips and straight on the air, on boards slower and quicker than the network is told of: the same rounds.
+
+use sim::scenario::{Board, Level, Scenario, Simulation, What};
+
+/// What a second of rounds brings, once everybody has joined.
+#[derive(Debug)]
+struct Rounds {
+    fixes_per_s: f64,
+    /// Ranges, or differences with their reference, a round.
+    heard: f64,
+    asked: f64,
+    collisions: u64,
+}
+
+fn rounds(scenario: Scenario) -> Rounds {
+    const FROM_S: f64 = 1.5;
+    const TO_S: f64 = 4.5;
+    let mut simulation = Simulation::new(Scenario { seconds: TO_S, ..scenario });
+    simulation.run_until(FROM_S);
+    let joined = simulation.summary();
+    let records = simulation.run_until(TO_S);
+    let summary = simulation.summary();
+    let mut epochs = Vec::new();
+    for record in &records {
+        match &record.what {
+            What::Epoch(epoch) => epochs.push(epoch),
+            What::Link(_) | What::RadioFailed(_) | What::Fault(_) | What::Sighting(_) => {}
+        }
+    }
+    let mean = |sum: usize| sum as f64 / epochs.len() as f64;
+    Rounds {
+        fixes_per_s: (summary.fixes - joined.fixes) as f64 / (TO_S - FROM_S),
+        heard: mean(epochs.iter().map(|epoch| epoch.ranges.len() + epoch.differences.len()).sum()),
+        asked: mean(epochs.iter().map(|epoch| usize::from(epoch.asked)).sum()),
+        collisions: summary.collisions - joined.collisions,
+    }
+}
+
+/// Both within three in a hundred.
+fn alike(a: &Rounds, b: &Rounds) -> bool {
+    let near = |a: f64, b: f64| (a - b).abs() <= 0.03 * b;
+    near(a.fixes_per_s, b.fixes_per_s) && near(a.heard, b.heard)
+}
+
+#[test]
+fn chips_and_air_make_the_same_rounds_on_every_board() {
+    // The network's turnaround is a DWM1001's; the other two have read a frame long before.
+    for board in [Board::DWM1001, Board::EVB1000, Board::INSTANT] {
+        for (anchors, tags) in [(4, 1), (8, 1), (8, 3)] {
+            let of = |level, loss| rounds(Scenario { level, board, loss, ..Scenario::rooms(anchors, tags) });
+            let (chips, air) = (of(Level::Spi, 0.0), of(Level::Air, 0.0));
+            assert!(alike(&air, &chips), "{board:?}, {anchors} anchors, {tags} tags: {air:?} and {chips:?}");
+            for all in [&chips, &air] {
+                assert!((all.heard - all.asked).abs() < 1e-9, "{board:?}: an answer is missed: {all:?}");
+                assert_eq!(all.collisions, 0, "{board:?}: {all:?}");
+            }
+            let (chips, air) = (of(Level::Spi, 0.1), of(Level::Air, 0.1));
+            assert!(alike(&air, &chips), "{board:?}, {anchors} anchors, {tags} tags: {air:?} and {chips:?}");
+        }
+    }
+}
+
+#[test]
+fn who_only_listens_hears_the_last_answer_too() {
+    for board in [Board::DWM1001, Board::EVB1000] {
+        let of = |level| rounds(Scenario { level, board, ..Scenario::listening(5, 2) });
+        let (chips, air) = (of(Level::Spi), of(Level::Air));
+        assert!(alike(&air, &chips), "{board:?}: {air:?} and {chips:?}");
+        for all in [&chips, &air] {
+            // The reference comes with the differences.
+            assert!((all.heard - all.asked - 1.0).abs() < 0.01, "{board:?}: an answer is missed: {all:?}");
+        }
+    }
+}
