@@ -37,7 +37,7 @@ pub fn live(record: &Record, life_us: u64, tag_in: TagIn) -> Result<(Vec<u8>, u3
         radio,
         world.delay(),
         (&settings, &tag),
-        Locator::of(&tag, record, &anchors, None),
+        Locator::of(&tag, record, &anchors),
         told,
         Board::Simulated,
     );

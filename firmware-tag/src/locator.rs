@@ -2,7 +2,7 @@
 
 use heapless::Vec;
 use positioning_core::engine::{Beacons, Dimensions, Settings, Solvers};
-use positioning_core::nlos::Model;
+use positioning_core::nlos::Classifier;
 use positioning_core::{NoFix, Noise, Real, Side};
 
 use crate::{HEARS_BEACONS, KnownBeacons, Measured, Sounding};
@@ -28,7 +28,7 @@ pub struct Locator<'a> {
     /// Places known by configuration; they count more than what the anchors say of themselves.
     pub anchors: &'a [AnchorPlace],
     /// What tells blocked links; `None`: their powers.
-    pub model: Option<&'a Model<'a>>,
+    pub model: Option<&'a dyn Classifier>,
     /// Beacons by whose levels it finds itself as well, where it follows a track.
     pub beacons: KnownBeacons<'a>,
 }
@@ -79,20 +79,15 @@ impl<'a> Locator<'a> {
         Self { settings, anchors, model: None, beacons: KnownBeacons::new(&[], None) }
     }
 
-    /// That of a tag with this record, and with the classifier beside it.
-    pub fn of(
-        tag: &node_record::Tag,
-        record: &'a node_record::Record,
-        anchors: &'a [AnchorPlace],
-        model: Option<&'a Model<'a>>,
-    ) -> Self {
-        let locator = Self::new(tag.height_m, anchors).with_model(model);
+    /// That of a tag with this record.
+    pub fn of(tag: &node_record::Tag, record: &'a node_record::Record, anchors: &'a [AnchorPlace]) -> Self {
+        let locator = Self::new(tag.height_m, anchors);
         if HEARS_BEACONS { locator.with_beacons(KnownBeacons::of(record)) } else { locator }
     }
 
     /// Has this classifier, where there is one, tell blocked links.
-    pub fn with_model(mut self, model: Option<&'a Model<'a>>) -> Self {
-        self.model = model;
+    pub fn with_model(mut self, model: Option<&'a impl Classifier>) -> Self {
+        self.model = model.map(|model| model as _);
         if model.is_some() {
             self.settings.noise = Noise::by_model();
         }

@@ -2,13 +2,13 @@
 
 use embedded_storage::nor_flash::ReadNorFlash;
 use node_record::MODEL_BYTES;
-use positioning_core::nlos::Model;
+use positioning_core::nlos::NodeModel;
 use static_cell::StaticCell;
 
 /// Room for one, for a `static`.
 pub struct Shelf {
     bytes: StaticCell<[u8; MODEL_BYTES]>,
-    model: StaticCell<Model<'static>>,
+    model: StaticCell<NodeModel>,
 }
 
 impl Shelf {
@@ -19,11 +19,11 @@ impl Shelf {
 
     /// Takes the classifier from flash, once a program; `None` where there is none, or none to be trusted: the log says why, and
     /// the powers tell blocked links then.
-    pub fn fill(&'static self, flash: &mut impl ReadNorFlash, pages: [u32; 2]) -> Option<&'static Model<'static>> {
+    pub fn fill(&'static self, flash: &mut impl ReadNorFlash, pages: [u32; 2]) -> Option<&'static NodeModel> {
         let bytes = self.bytes.init_with(|| [0; MODEL_BYTES]);
         // A node without record has no classifier either.
         let found = node_record::load_model(flash, pages, bytes).ok().flatten()?;
-        match Model::decode(found) {
+        match NodeModel::decode(found) {
             Ok((model, _)) => {
                 let model: &_ = self.model.init(model);
                 Some(model)

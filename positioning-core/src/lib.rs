@@ -28,7 +28,6 @@ mod nonlinear;
 mod real;
 mod robust;
 mod sample;
-#[cfg(feature = "serde")]
 mod stored;
 mod track;
 

@@ -8,7 +8,7 @@ use embassy_executor::Spawner;
 use firmware_common::TagMachine;
 use firmware_tag::{AnchorPlace, Locator, Pace, Shelf, Told};
 use node_record::{Pages, Role, Tag};
-use positioning_core::nlos::Model;
+use positioning_core::nlos::NodeModel;
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
 use telemetry::Condition;
@@ -33,7 +33,7 @@ struct Shared {
     #[cfg(feature = "ble")]
     record: &'static node_record::Record,
     tag: Tag,
-    model: Option<&'static Model<'static>>,
+    model: Option<&'static NodeModel>,
 }
 
 impl Shared {
@@ -50,7 +50,7 @@ async fn ranging(radio: &'static mut Radio, delay: Delay, machine: &'static mut 
 #[embassy_executor::task]
 async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
     #[cfg(feature = "ble")]
-    let locator = Locator::of(&shared.tag, shared.record, anchors, shared.model);
+    let locator = Locator::of(&shared.tag, shared.record, anchors).with_model(shared.model);
     #[cfg(not(feature = "ble"))]
     let locator = Locator::new(shared.tag.height_m, anchors).with_model(shared.model);
     let pace = Pace::of(&shared.tag);

@@ -9,7 +9,7 @@ use embassy_executor::{SendSpawner, Spawner};
 use firmware_common::{AnchorMachine, Settings, TagMachine};
 use firmware_tag::{AnchorPlace, Epoch, Locator, Pace, Shelf, Sink, Task, Told};
 use node_record::{Pages, Record, Role, Tag};
-use positioning_core::nlos::Model;
+use positioning_core::nlos::NodeModel;
 use ranging::dw1000::Dw1000;
 use ranging::exchange::{Event, Link};
 use static_cell::StaticCell;
@@ -80,7 +80,7 @@ async fn tag_ranging(
 async fn engine(
     handover: &'static Handover,
     tag: Tag,
-    known: (&'static [AnchorPlace], Option<&'static Model<'static>>),
+    known: (&'static [AnchorPlace], Option<&'static NodeModel>),
     sink: TagShown,
 ) {
     let (anchors, model) = known;

@@ -47,7 +47,7 @@ fn live(board: &mut Board, record: &Record) -> Result<(), Condition> {
         radio,
         world.delay(),
         (&settings, &tag),
-        Locator::of(&tag, record, &anchors, None),
+        Locator::of(&tag, record, &anchors),
         told,
         telemetry::Board::Simulated,
     );

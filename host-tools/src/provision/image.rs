@@ -8,7 +8,7 @@ use ihex::Record as Hex;
 use node_record::{
     Board, Fault, HEADER_BYTES, MAX_BYTES, MODEL_AT, MODELS_BYTES, Record, decode, encode, model_of, newest,
 };
-use positioning_core::nlos::{Classifier, Model};
+use positioning_core::nlos::{Classifier, Model, NodeModel};
 
 use super::levels;
 use crate::nlos::features_of;
@@ -195,7 +195,7 @@ impl Image {
                 Ok(_) | Err(Fault::Missing) => (),
                 Err(fault) => return Err(format!("page {number} of 2: {fault}; the other page is whole")),
             }
-            if let Some(Err(fault)) = model_of(page).map(Model::decode) {
+            if let Some(Err(fault)) = model_of(page).map(NodeModel::decode) {
                 return Err(format!("page {number} of 2: the record is whole, but beside it is {fault}"));
             }
         }

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use node_record::{Advertiser, Board, Calibration, Identity, Invalid, Pins, Record, Role, Scan, Tag};
+use positioning_core::nlos::{Classifier, NodeModel};
 
 use super::document::{Field, Section, nearest};
 use super::levels::{self, Files};
@@ -286,6 +287,11 @@ impl<'d> Reader<'_, 'd> {
         let (bytes, room) = (chosen.bytes().len(), node_record::MODEL_BYTES);
         if bytes > room {
             return Err(field.wrong(format!("nlos_model has {bytes} bytes: a node has room for {room}")));
+        }
+        if NodeModel::decode(chosen.bytes()).is_err() {
+            let name = chosen.model().map_or("", |model| model.name());
+            let kinds = "power-difference, skewness, logistic or quantised";
+            return Err(field.wrong(format!("nlos_model is {name}, which nodes do not hold: it must be {kinds}")));
         }
         Ok(Some(chosen))
     }

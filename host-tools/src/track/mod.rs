@@ -52,7 +52,6 @@ pub fn settings(setup: &Setup, weighting: Weighting, trained: bool) -> Settings<
 }
 
 /// Follows a tag through a recording.
-#[derive(Debug)]
 pub struct Tracker<'a> {
     anchors: &'a [Anchor],
     setup: Setup,
@@ -78,7 +77,15 @@ impl<'a> Tracker<'a> {
             }
         });
         let engine = Engine::new(settings);
-        Self { anchors, setup, engine, judge: Judge::new(model), last: None, origin, times_s: None }
+        Self {
+            anchors,
+            setup,
+            engine,
+            judge: Judge::new(model.map(|model| model as _)),
+            last: None,
+            origin,
+            times_s: None,
+        }
     }
 
     /// The position at the end of the next epoch, and its error where the truth is known.

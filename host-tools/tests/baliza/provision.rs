@@ -511,14 +511,15 @@ fn calibrated_beacons_go_into_the_tags_record() {
     );
 }
 
-/// A file of two classifiers that fit a node and one that does not.
+/// A file of two classifiers that a node holds, one that is too large and one of a kind that it does not hold.
 fn classifiers() -> Vec<u8> {
     use positioning_core::nlos::{Feature, Input, Inputs, Kind, Model, Nearest, Platt, PowerDifference, Skewness};
     let inputs = Inputs([Input { feature: Feature::Kurtosis, mean: 3.0, deviation: 1.0 }].into_iter().collect());
     let kinds = [
         Kind::PowerDifference(PowerDifference::default()),
         Kind::Skewness(Skewness::default()),
-        Kind::Nearest(Nearest { inputs, neighbours: 3, los: &[0; 300], nlos: &[1; 300] }),
+        Kind::Nearest(Nearest { inputs: inputs.clone(), neighbours: 3, los: &[0; 300], nlos: &[1; 300] }),
+        Kind::Nearest(Nearest { inputs, neighbours: 47, los: &[0; 94], nlos: &[] }),
     ];
     let encoded = kinds.map(|kind| {
         let mut buffer = [0; 1024];
@@ -570,6 +571,10 @@ fn a_classifier_goes_beside_the_record_of_a_tag() {
         (
             "nlos_model = \"nlos.model\"\nnlos_classifier = \"nearest-reduced\"\n",
             "site.toml:8: nlos_model has 632 bytes: a node has room for 400",
+        ),
+        (
+            "nlos_model = \"nlos.model\"\nnlos_classifier = \"nearest\"\n",
+            "site.toml:8: nlos_model is nearest, which nodes do not hold: it must be power-difference, skewness, logistic or quantised",
         ),
     ] {
         folder.write("site.toml", site(lines).as_bytes());

@@ -8,7 +8,7 @@
 
 use heapless::Vec;
 
-use super::{Classifier, Feature, Features, Model, MovingMean};
+use super::{Classifier, Feature, Features, MovingMean};
 use crate::{Noise, POWER_DOUBT, Real};
 
 /// Links that are kept in mind, as many as a round has; of others the one not heard for longest goes.
@@ -62,9 +62,9 @@ impl Reception {
 }
 
 /// Judges the receptions of one node.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Judge<'a> {
-    model: Option<&'a Model<'a>>,
+    model: Option<&'a dyn Classifier>,
     links: Vec<Link, LINKS>,
 }
 
@@ -81,7 +81,7 @@ struct Link {
 
 impl<'a> Judge<'a> {
     /// One that asks this model; `None`: the powers alone.
-    pub const fn new(model: Option<&'a Model<'a>>) -> Self {
+    pub const fn new(model: Option<&'a dyn Classifier>) -> Self {
         Self { model, links: Vec::new() }
     }
 
@@ -153,7 +153,7 @@ impl<'a> Judge<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::nlos::{Input, Inputs, Kind, Logistic, Platt, Skewness};
+    use crate::nlos::{Input, Inputs, Kind, Logistic, Model, Platt, Skewness};
 
     fn by_shape() -> Model<'static> {
         let kind = Skewness { feature: Feature::SkewnessNear, los_mean: 1.5, nlos_mean: 0.9, deviation: 0.3 };

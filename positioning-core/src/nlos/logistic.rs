@@ -1,12 +1,12 @@
 //! Logistic regression: a sigmoid over a weighted sum.
 
 use heapless::Vec;
+use packed::packed;
 
 use super::{Classifier, Feature, Features, Inputs, MAX_INPUTS, sigmoid};
 
 /// A weight an input, and what is added.
 #[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Logistic {
     /// The inputs.
     pub inputs: Inputs,
@@ -16,8 +16,9 @@ pub struct Logistic {
     pub intercept: f32,
 }
 
+packed!(struct Logistic { inputs, weights, intercept });
+
 impl Logistic {
-    #[cfg(feature = "serde")]
     pub(crate) fn is_sane(&self) -> bool {
         self.inputs.is_sane()
             && self.weights.len() == self.inputs.len()

@@ -6,8 +6,8 @@
 //! [`Inflation`] makes of the probability the variance of the range. Nothing is rejected here: a blocked range weighs
 //! less.
 //!
-//! Classifiers are trained on a desktop; a node reads them as a [`Model`], versioned and checksummed bytes in its flash
-//! (feature `serde`), and ask it by a `Judge` that remembers what only time tells. Without a model, [`PowerDifference::default`] is the chip maker's own rule, and
+//! Classifiers are trained on a desktop; a node reads them as a [`NodeModel`], versioned and checksummed bytes in its
+//! flash, and asks it by a [`Judge`] that remembers what only time tells. Without a model, [`PowerDifference::default`] is the chip maker's own rule, and
 //! [`Skewness::default`] what a recorded flat taught.
 //!
 //! Sources: E. García et al., *A robust UWB indoor positioning system for highly complex environments* (equations 2 to
@@ -19,10 +19,8 @@
 mod calibration;
 mod features;
 mod inputs;
-#[cfg(feature = "serde")]
 mod judge;
 mod logistic;
-#[cfg(feature = "serde")]
 mod model;
 mod moving_mean;
 mod nearest;
@@ -37,11 +35,9 @@ mod testing;
 pub use calibration::{Inflation, Platt};
 pub use features::{Feature, Features, first_path_to_noise_db, power_difference_db};
 pub use inputs::{Input, Inputs, MAX_INPUTS};
-#[cfg(feature = "serde")]
 pub use judge::{Judge, LINKS, Means, Reception};
 pub use logistic::Logistic;
-#[cfg(feature = "serde")]
-pub use model::{Fault, Kind, Model, VERSION};
+pub use model::{Fault, Kind, Model, NodeKind, NodeModel, Trained, VERSION};
 pub use moving_mean::MovingMean;
 pub use nearest::{MAX_NEIGHBOURS, Nearest};
 pub use perceptron::{MAX_LAYERS, MAX_WIDTH, Perceptron};

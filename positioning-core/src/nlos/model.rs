@@ -3,7 +3,7 @@
 //! Layout: that of [`crate::stored`], with the letters `NL`: the [`Kind`] and its [`Platt`]. Several models follow each other without
 //! gap. Weights stay where they are: a model borrows the bytes it was read from.
 
-use serde::{Deserialize, Serialize};
+use packed::{Packed, Reader, Writer, packed};
 
 use super::{
     Classifier, Feature, Features, Logistic, Nearest, Perceptron, Platt, PowerDifference, Quantised, Skewness,
@@ -14,12 +14,9 @@ use crate::stored::{self, Content, Stored};
 /// The version of the layout; a reader takes no other.
 pub const VERSION: u8 = 1;
 
-/// A classifier. The order is that of stored models: new ones go to the end.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[allow(
-    clippy::large_enum_variant,
-    reason = "there is no heap to box the small perceptron on, and a node has one model"
-)]
+/// A classifier. The numbers are those of stored models: new ones go to the end.
+#[derive(Clone, Debug, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "there is no heap to box the small perceptron on")]
 pub enum Kind<'a> {
     /// The likelihood ratio of the skewness.
     Skewness(Skewness),
@@ -28,7 +25,6 @@ pub enum Kind<'a> {
     /// Logistic regression.
     Logistic(Logistic),
     /// The k nearest neighbours.
-    #[serde(borrow)]
     Nearest(Nearest<'a>),
     /// A perceptron.
     Perceptron(Perceptron<'a>),
@@ -36,17 +32,102 @@ pub enum Kind<'a> {
     Quantised(Quantised),
 }
 
+/// A classifier that a node holds: the others are too large for it, and would take 3 kB of its image. Stored alike.
+#[derive(Clone, Debug, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "a node has one model")]
+#[allow(missing_docs, reason = "they are those of `Kind`")]
+pub enum NodeKind {
+    Skewness(Skewness),
+    PowerDifference(PowerDifference),
+    Logistic(Logistic),
+    Quantised(Quantised),
+}
+
+packed!(enum Kind<'a> {
+    0 = Skewness(kind), 1 = PowerDifference(kind), 2 = Logistic(kind), 3 = Nearest(kind), 4 = Perceptron(kind), 5 = Quantised(kind)
+});
+packed!(enum NodeKind { 0 = Skewness(kind), 1 = PowerDifference(kind), 2 = Logistic(kind), 5 = Quantised(kind) });
+
+/// One of several classifiers.
+pub trait Choice {
+    /// That which was chosen.
+    fn classifier(&self) -> &dyn Classifier;
+
+    /// Whether its numbers make a classifier.
+    fn is_sane(&self) -> bool;
+}
+
+impl Choice for Kind<'_> {
+    fn classifier(&self) -> &dyn Classifier {
+        match self {
+            Self::Skewness(kind) => kind,
+            Self::PowerDifference(kind) => kind,
+            Self::Logistic(kind) => kind,
+            Self::Nearest(kind) => kind,
+            Self::Perceptron(kind) => kind,
+            Self::Quantised(kind) => kind,
+        }
+    }
+
+    fn is_sane(&self) -> bool {
+        match self {
+            Self::Skewness(kind) => kind.is_sane(),
+            Self::PowerDifference(kind) => kind.is_sane(),
+            Self::Logistic(kind) => kind.is_sane(),
+            Self::Nearest(kind) => kind.is_sane(),
+            Self::Perceptron(kind) => kind.is_sane(),
+            Self::Quantised(kind) => kind.is_sane(),
+        }
+    }
+}
+
+impl Choice for NodeKind {
+    fn classifier(&self) -> &dyn Classifier {
+        match self {
+            Self::Skewness(kind) => kind,
+            Self::PowerDifference(kind) => kind,
+            Self::Logistic(kind) => kind,
+            Self::Quantised(kind) => kind,
+        }
+    }
+
+    fn is_sane(&self) -> bool {
+        match self {
+            Self::Skewness(kind) => kind.is_sane(),
+            Self::PowerDifference(kind) => kind.is_sane(),
+            Self::Logistic(kind) => kind.is_sane(),
+            Self::Quantised(kind) => kind.is_sane(),
+        }
+    }
+}
+
 /// A classifier and its calibration.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Model<'a> {
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trained<K> {
     /// The classifier.
-    #[serde(borrow)]
-    pub kind: Kind<'a>,
+    pub kind: K,
     /// What makes a probability of its score.
     pub calibration: Platt,
 }
 
-impl<'a> Model<'a> {
+/// Any classifier, trained.
+pub type Model<'a> = Trained<Kind<'a>>;
+/// A classifier that a node holds, trained.
+pub type NodeModel = Trained<NodeKind>;
+
+impl<'a, K: Packed<'a>> Packed<'a> for Trained<K> {
+    fn write(&self, writer: &mut Writer<'_>) {
+        let Self { kind, calibration } = self;
+        kind.write(writer);
+        calibration.write(writer);
+    }
+
+    fn read(reader: &mut Reader<'a>) -> Self {
+        Self { kind: K::read(reader), calibration: Platt::read(reader) }
+    }
+}
+
+impl<'a, K: Choice + Packed<'a>> Trained<K> {
     /// Writes the model to the beginning of `buffer` and returns those bytes.
     ///
     /// # Errors
@@ -62,46 +143,27 @@ impl<'a> Model<'a> {
     pub fn decode(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), Fault> {
         stored::decode(bytes)
     }
-
-    fn classifier(&self) -> &dyn Classifier {
-        match &self.kind {
-            Kind::Skewness(kind) => kind,
-            Kind::PowerDifference(kind) => kind,
-            Kind::Logistic(kind) => kind,
-            Kind::Nearest(kind) => kind,
-            Kind::Perceptron(kind) => kind,
-            Kind::Quantised(kind) => kind,
-        }
-    }
 }
 
-impl Stored for Model<'_> {
+impl<K: Choice> Stored for Trained<K> {
     const CONTENT: Content = Content { magic: *b"NL", version: VERSION };
 
     fn is_sane(&self) -> bool {
-        let kind = match &self.kind {
-            Kind::Skewness(kind) => kind.is_sane(),
-            Kind::PowerDifference(kind) => kind.is_sane(),
-            Kind::Logistic(kind) => kind.is_sane(),
-            Kind::Nearest(kind) => kind.is_sane(),
-            Kind::Perceptron(kind) => kind.is_sane(),
-            Kind::Quantised(kind) => kind.is_sane(),
-        };
-        kind && self.calibration.is_sane()
+        self.kind.is_sane() && self.calibration.is_sane()
     }
 }
 
-impl Classifier for Model<'_> {
+impl<K: Choice> Classifier for Trained<K> {
     fn name(&self) -> &'static str {
-        self.classifier().name()
+        self.kind.classifier().name()
     }
 
     fn for_each_feature(&self, visit: &mut dyn FnMut(Feature)) {
-        self.classifier().for_each_feature(visit);
+        self.kind.classifier().for_each_feature(visit);
     }
 
     fn nlos_probability(&self, features: &Features) -> Option<f32> {
-        self.classifier().nlos_probability(features).map(|p| self.calibration.apply(p))
+        self.kind.classifier().nlos_probability(features).map(|p| self.calibration.apply(p))
     }
 }
 
@@ -170,6 +232,21 @@ mod tests {
             rest = after;
         }
         assert_eq!(rest, []);
+        let mut rest = file.as_slice();
+        for model in &models {
+            let (read, after) =
+                NodeModel::decode(rest).map_or((None, None), |(model, after)| (Some(model), Some(after)));
+            let same = match (&model.kind, read.map(|read| read.kind)) {
+                (Kind::Skewness(kind), Some(NodeKind::Skewness(read))) => *kind == read,
+                (Kind::PowerDifference(kind), Some(NodeKind::PowerDifference(read))) => *kind == read,
+                (Kind::Logistic(kind), Some(NodeKind::Logistic(read))) => *kind == read,
+                (Kind::Quantised(kind), Some(NodeKind::Quantised(read))) => *kind == read,
+                (Kind::Nearest(_) | Kind::Perceptron(_), None) => true,
+                _ => false,
+            };
+            assert!(same, "a node takes its own kinds, and refuses the others: {}", model.name());
+            rest = after.unwrap_or_else(|| Model::decode(rest).expect("a model").1);
+        }
         assert_eq!(Model::decode(rest), Err(Fault::Missing));
     }
 

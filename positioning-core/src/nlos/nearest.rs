@@ -5,6 +5,7 @@
 //! coordinates of 1/256 deviation, two bytes each, read where they lie in flash.
 
 use heapless::Vec;
+use packed::packed;
 
 use super::{Classifier, Feature, Features, Inputs};
 
@@ -13,7 +14,6 @@ pub const MAX_NEIGHBOURS: usize = 47;
 
 /// Receptions that are known to be direct or blocked.
 #[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Nearest<'a> {
     /// The inputs.
     pub inputs: Inputs,
@@ -24,6 +24,8 @@ pub struct Nearest<'a> {
     /// Blocked paths, likewise.
     pub nlos: &'a [u8],
 }
+
+packed!(struct Nearest<'a> { inputs, neighbours, los, nlos });
 
 impl Nearest<'_> {
     /// The two bytes of one input.
@@ -36,7 +38,6 @@ impl Nearest<'_> {
         (self.los.len() + self.nlos.len()) / (2 * self.inputs.len().max(1))
     }
 
-    #[cfg(feature = "serde")]
     pub(crate) fn is_sane(&self) -> bool {
         let whole = |prototypes: &[u8]| prototypes.len().is_multiple_of(2 * self.inputs.len());
         self.inputs.is_sane()

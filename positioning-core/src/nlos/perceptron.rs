@@ -5,6 +5,7 @@
 //! where they lie in flash.
 
 use heapless::Vec;
+use packed::packed;
 
 use super::{Classifier, Feature, Features, Inputs, sigmoid};
 use crate::Real;
@@ -16,7 +17,6 @@ pub const MAX_WIDTH: usize = 72;
 
 /// A perceptron.
 #[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Perceptron<'a> {
     /// The inputs.
     pub inputs: Inputs,
@@ -27,6 +27,8 @@ pub struct Perceptron<'a> {
     /// The weights.
     pub weights: &'a [u8],
 }
+
+packed!(struct Perceptron<'a> { inputs, hidden, outputs, weights });
 
 impl Perceptron<'_> {
     /// How many weights a perceptron of these layers has.
@@ -51,7 +53,6 @@ impl Perceptron<'_> {
         Some(layer)
     }
 
-    #[cfg(feature = "serde")]
     pub(crate) fn is_sane(&self) -> bool {
         let narrow = |&width: &u8| (1..=MAX_WIDTH).contains(&usize::from(width));
         self.inputs.is_sane()

@@ -1,18 +1,21 @@
 //! The chip maker's rule: received power less that of the first path below 6 dB is probably a direct path, above 10 dB
 //! probably a blocked one (DW1000 user manual, 4.7).
 
+use packed::packed;
+
 use super::{Classifier, Feature, Features, sigmoid};
 
 /// A sigmoid over the difference of powers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PowerDifference {
     /// Where direct and blocked are as likely, dB.
     pub middle_db: f32,
     /// How fast the logarithm of the odds grows, 1/dB.
     pub slope: f32,
 }
+
+packed!(struct PowerDifference { middle_db, slope });
 
 impl Default for PowerDifference {
     /// "Probably" read as nine in ten: ln 9 at 10 dB, −ln 9 at 6 dB.
@@ -22,7 +25,6 @@ impl Default for PowerDifference {
 }
 
 impl PowerDifference {
-    #[cfg(feature = "serde")]
     pub(crate) fn is_sane(&self) -> bool {
         self.middle_db.is_finite() && self.slope.is_finite()
     }

@@ -4,6 +4,7 @@
 //! of 1/127.
 
 use heapless::Vec;
+use packed::{Packed, Reader, Writer, packed};
 
 use super::perceptron::tanh;
 use super::{Classifier, Feature, Features, Inputs, MAX_INPUTS, sigmoid};
@@ -18,7 +19,6 @@ const HIDDEN_STEP: f32 = 1.0 / 127.0;
 
 /// One neuron.
 #[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Neuron<const N: usize> {
     /// What is added.
     pub bias: f32,
@@ -26,6 +26,19 @@ pub struct Neuron<const N: usize> {
     pub step: f32,
     /// A weight an input, in steps.
     pub weights: Vec<i8, N>,
+}
+
+impl<const N: usize> Packed<'_> for Neuron<N> {
+    fn write(&self, writer: &mut Writer<'_>) {
+        let Self { bias, step, weights } = self;
+        bias.write(writer);
+        step.write(writer);
+        weights.write(writer);
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Self {
+        Self { bias: f32::read(reader), step: f32::read(reader), weights: Vec::read(reader) }
+    }
 }
 
 impl<const N: usize> Neuron<N> {
@@ -45,7 +58,6 @@ impl<const N: usize> Neuron<N> {
         self.bias + products.sum::<i32>() as f32 * (self.step * input_step)
     }
 
-    #[cfg(feature = "serde")]
     fn is_sane(&self, inputs: usize) -> bool {
         self.bias.is_finite() && self.step.is_finite() && self.weights.len() == inputs
     }
@@ -53,7 +65,6 @@ impl<const N: usize> Neuron<N> {
 
 /// The perceptron.
 #[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Quantised {
     /// The inputs.
     pub inputs: Inputs,
@@ -63,8 +74,9 @@ pub struct Quantised {
     pub output: Neuron<MAX_HIDDEN>,
 }
 
+packed!(struct Quantised { inputs, hidden, output });
+
 impl Quantised {
-    #[cfg(feature = "serde")]
     pub(crate) fn is_sane(&self) -> bool {
         self.inputs.is_sane()
             && self.hidden.iter().all(|neuron| neuron.is_sane(self.inputs.len()))

@@ -3,12 +3,13 @@
 //! Both conditional densities are normal with one deviation, so that they cross once and the ratio is a sigmoid: a
 //! larger skewness is never less in favour of the direct path. Their threshold λ is where the probability is ½.
 
+use packed::packed;
+
 use super::{Classifier, Feature, Features, sigmoid};
 
 /// The skewness of direct and of blocked paths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Skewness {
     /// [`Feature::SkewnessNear`] or [`Feature::Skewness`].
     pub feature: Feature,
@@ -19,6 +20,8 @@ pub struct Skewness {
     /// Deviation of either.
     pub deviation: f32,
 }
+
+packed!(struct Skewness { feature, los_mean, nlos_mean, deviation });
 
 impl Default for Skewness {
     /// Of 22 placements in a furnished flat (`docs/nlos.md`), its calibration by placements held out included: λ =
@@ -35,7 +38,6 @@ impl Skewness {
         (self.los_mean + self.nlos_mean) / 2.0
     }
 
-    #[cfg(feature = "serde")]
     pub(crate) fn is_sane(&self) -> bool {
         [self.los_mean, self.nlos_mean, self.deviation].iter().all(|number| number.is_finite()) && self.deviation > 0.0
     }

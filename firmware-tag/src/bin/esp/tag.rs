@@ -8,7 +8,7 @@ use embassy_time::Delay;
 use firmware_common::{Settings, TagMachine};
 use firmware_tag::{AnchorPlace, Locator, Pace, Shelf, Told};
 use node_record::{Pages, Record, Role, Tag};
-use positioning_core::nlos::Model;
+use positioning_core::nlos::NodeModel;
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
 use telemetry::{Condition, RecordFault};
@@ -31,7 +31,7 @@ struct Shared {
     reporter: &'static Reporter,
     record: &'static Record,
     tag: Tag,
-    model: Option<&'static Model<'static>>,
+    model: Option<&'static NodeModel>,
 }
 
 impl Shared {
@@ -47,7 +47,7 @@ async fn ranging(radio: &'static mut Radio, machine: &'static mut TagMachine, sh
 
 #[embassy_executor::task]
 async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
-    let locator = Locator::of(&shared.tag, shared.record, anchors, shared.model);
+    let locator = Locator::of(&shared.tag, shared.record, anchors).with_model(shared.model);
     let pace = Pace::of(&shared.tag);
     firmware_tag::engine(shared.handover, Delay, locator, pace, &shared.told()).await;
 }
