@@ -6,8 +6,8 @@
 //! of which the chip's own estimate falls short where it is high (DW1000 user manual, figure 22). True distance =
 //! measured − [`RangeBias::metres`].
 
-use crate::PhyConfig;
 use crate::phy::{Channel, Prf};
+use crate::{PhyConfig, decibels};
 
 /// Power of the tables' first entry, dBm.
 const FIRST_DBM: f32 = -61.0;
@@ -77,7 +77,7 @@ impl RangeBias {
 
     /// What a distance reads too long over a clear way of this length, metres: the power is reckoned and not measured.
     pub fn expected(&self, distance_m: f32) -> f32 {
-        self.at_power(self.first_metre_dbm - 20.0 * libm::log10f(distance_m.max(0.1)))
+        self.at_power(self.first_metre_dbm - 2.0 * decibels(distance_m.max(0.1)))
     }
 
     /// What a distance reads too long at this received power, as [`Diagnostics`](crate::Diagnostics) have it, metres; 0

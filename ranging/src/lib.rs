@@ -26,3 +26,11 @@ pub use phy::PhyConfig;
 pub use radio::{Diagnostics, Radio, ReceiveError, ResponseWindow, RxFrame, Sample, Start, TransmitError};
 pub use time::{RadioDuration, RadioInstant};
 pub use tof::TimeOfFlight;
+
+/// 10 ⁄ ln 10: decibels a natural logarithm. A logarithm to the base of ten would be 256 bytes more in an image.
+const DECIBELS: f32 = 4.342_944_8;
+
+/// A ratio of powers in decibels.
+fn decibels(ratio: f32) -> f32 {
+    DECIBELS * positioning_core::Real::ln(ratio)
+}

@@ -2,8 +2,8 @@
 //! offset.
 
 use super::configuration::Config;
-use crate::Diagnostics;
 use crate::phy::{DataRate, Prf, Sfd};
+use crate::{Diagnostics, decibels};
 
 /// The registers of one received frame as read, before any of it is believed.
 pub(super) struct RawDiagnostics {
@@ -45,7 +45,7 @@ impl RawDiagnostics {
 /// 10·log₁₀(energy/N²) − A, equations of 4.7.1 and 4.7.2. An energy below the register's step counts as one step, so
 /// that no power is infinite.
 fn power_dbm(energy: f32, symbols: f32, offset_db: f32) -> f32 {
-    10.0 * libm::log10f(energy.max(1.0) / (symbols * symbols)) - offset_db
+    decibels(energy.max(1.0) / (symbols * symbols)) - offset_db
 }
 
 /// A of 4.7.1, dB.

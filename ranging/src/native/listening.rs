@@ -12,6 +12,7 @@
 //! equation 6).
 
 use heapless::Vec;
+use positioning_core::Real;
 
 use super::following::{Following, Heard};
 use super::neighbours::{Neighbours, Team};
@@ -170,7 +171,7 @@ impl ListeningTag {
         // The stamps of this frame and of the poll at the anchor, and the rate over the reply; that of the poll is common.
         let rate_m = reply * METRES_PER_TICK as f32;
         let variance = 2.0 * STAMP_DEVIATION_M * STAMP_DEVIATION_M + rate_m * rate_m * anchor.clock.rate_variance();
-        let deviation_m = libm::sqrtf(variance);
+        let deviation_m = Real::sqrt(variance);
         // One a slot at most: it fits.
         let _ = self.differences.push(Difference { peer: source, difference_m, deviation_m, position_m, diagnostics });
     }
@@ -266,5 +267,5 @@ impl Machine for ListeningTag {
 }
 
 fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
-    libm::sqrtf(a.into_iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum())
+    Real::sqrt(a.into_iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum())
 }

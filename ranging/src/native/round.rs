@@ -1,6 +1,7 @@
 //! A round as the tag sees it: one poll, then a response in each slot of those named.
 
 use heapless::Vec;
+use positioning_core::Real;
 
 use super::neighbours::{Neighbours, Team};
 use super::timing::Timing;
@@ -121,7 +122,7 @@ impl Exchange {
         let reply = response.reply.ticks() as f32;
         let stamps = 2.0 * STAMP_DEVIATION_TICKS * STAMP_DEVIATION_TICKS;
         let variance = stamps + reply * reply * anchor.clock.rate_variance();
-        let deviation_m = 0.5 * METRES_PER_TICK as f32 * libm::sqrtf(variance);
+        let deviation_m = 0.5 * METRES_PER_TICK as f32 * Real::sqrt(variance);
         anchor.distance_m = Some(distance_m);
         let range = Range { peer: source, distance_m, deviation_m, position_m: anchor.position_m, diagnostics };
         // One a slot at most: it fits.
