@@ -138,7 +138,7 @@ fn lattice(map: &Map<'_>, scan: &[Option<f32>]) -> f32 {
 /// A step of the walk over it.
 #[inline(never)]
 fn walk(walk: &mut Walk<f32>, map: &Map<'_>, scan: &[Option<f32>], now_us: u64) -> f32 {
-    let step = walk.step(map, scan, &Receiver::default(), &Motion::default(), now_us);
+    let step = walk.step(map, scan, &Receiver::default(), &Motion::default(), &[], now_us);
     step.map_or(f32::NAN, |found| found.position[0])
 }
 

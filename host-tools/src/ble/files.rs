@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use crate::table::quoted;
-use crate::{Column, Row, Table, Wrong, read_truth};
+use crate::{Column, NoPosition, Place, Position, Row, Solved, Table, Wrong, read_truth};
 
 /// A beacon, and what is known of its signal.
 #[derive(Clone, Debug, PartialEq)]
@@ -207,6 +207,28 @@ pub fn read_walls(file: &Path) -> Result<Vec<Wall>, Wrong> {
         }
     }
     if walls.is_empty() { Err(Wrong::line(file, 1, "no wall below the header")) } else { Ok(walls) }
+}
+
+/// The places of captures in a list, by their time: epochs may stand in any order in a file. Stays are in the file's order, as each may
+/// have a clock of its own; an epoch of which nobody knows the time comes last.
+pub fn in_order(captures: &[Capture]) -> Vec<usize> {
+    let mut places: Vec<usize> = (0..captures.len()).collect();
+    if captures.iter().all(|capture| !capture.is_stay) {
+        places.sort_by(|a, b| {
+            let [a, b] = [a, b].map(|at| captures[*at].t_s.unwrap_or(f64::INFINITY));
+            a.total_cmp(&b)
+        });
+    }
+    places
+}
+
+impl Capture {
+    /// Its outcome, with the error where the truth is known.
+    pub(super) fn solved(&self, outcome: Result<Position, NoPosition>) -> Solved {
+        let truth = self.truth_m.map(|[x_m, y_m]| Place { x_m, y_m, z_m: None });
+        let error_m = outcome.ok().zip(truth).map(|(position, truth)| position.place.distance_m(&truth));
+        Solved { outcome, error_m }
+    }
 }
 
 impl From<Stay> for Capture {

@@ -10,7 +10,7 @@ use positioning_core::ble::posterior::{Belief, posterior_mean};
 use positioning_core::ble::signal::level;
 use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, NoFix, Side};
 
-use super::files::{self, Beacon, Capture, Sample};
+use super::files::{self, Beacon, Capture, Sample, in_order};
 use super::follow::{Follower, Memory};
 use crate::{NoPosition, Place, Position, Solved};
 
@@ -116,13 +116,11 @@ impl<'a> Solver<'a> {
             let earlier = earlier.filter(|_| !capture.is_stay);
             follower.insert(earlier.unwrap_or_else(|| Follower::new(self, memory, receiver))).follow(capture)
         };
-        let solved = |capture: &Capture| {
-            let outcome = position(capture);
-            let truth = capture.truth_m.map(|[x_m, y_m]| Place { x_m, y_m, z_m: None });
-            let error_m = outcome.ok().zip(truth).map(|(position, truth)| position.place.distance_m(&truth));
-            Solved { outcome, error_m }
-        };
-        captures.iter().map(solved).collect()
+        let mut solved = vec![None; captures.len()];
+        for at in in_order(captures) {
+            solved[at] = Some(captures[at].solved(position(&captures[at])));
+        }
+        solved.into_iter().flatten().collect()
     }
 
     /// A kernel without memory over the means of a capture's levels.

@@ -1,20 +1,22 @@
 //! `baliza ble fingerprint`: positions from levels surveyed at known points.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use host_tools::Wrong;
-use host_tools::ble::files::{Capture, read_captures, read_stays};
-use host_tools::ble::fingerprint::{Average, Comparison, Grid, Setup, Solver, Survey, held_out};
+use host_tools::ble::files::{Capture, Stay, read_captures, read_stays};
+use host_tools::ble::fingerprint::{Average, Comparison, Making, Maps, Setup, Solver, held_out, names_of};
+use host_tools::{Solved, Wrong};
+use positioning_core::ble::fingerprint::Map;
 
-use super::{Place, epoch, survey_of};
+use super::{Names, Place, epoch, read_bytes, survey_of};
 use crate::commands::answers::{Answers, ByMethod, Told};
 use crate::progress::Progress;
 
 /// Positions by a survey of levels: k nearest neighbours, and Gaussian processes
 ///
 /// A capture (the rows of one `point` or `epoch`) makes one position. Captures that follow each other within 2 s are of one walk, to
-/// `gp-walk` and to the particle filter, which start anew otherwise.
+/// `gp-walk` and to the particle filter, which start anew otherwise. The map is made of a survey (--fingerprints), or is one that
+/// `baliza ble map` made (--map).
 #[derive(clap::Args)]
 #[command(
     after_help = "Kernels:\n  knn      the K nearest points (7): w5nn, or 5nn without --weighted\n  gp       a Gaussian process of \
@@ -23,12 +25,19 @@ use crate::progress::Progress;
                   baliza ble fingerprint --fingerprints fingerprints.csv --targets targets.csv --kernel all\n  \
                   baliza ble fingerprint --fingerprints fingerprints.csv --targets targets.csv --k 5 --weighted --particle-filter\n  \
                   baliza ble fingerprint --fingerprints fingerprints.csv --leave-one-out --json\n  \
-                  baliza ble fingerprint --fingerprints robot.csv --hold-out 5 --block 100 --kernel gp-walk"
+                  baliza ble fingerprint --fingerprints robot.csv --hold-out 5 --block 100 --kernel gp-walk\n  \
+                  baliza ble fingerprint --map room.map --rssi rssi.csv --truth truth.csv --walls walls.csv"
 )]
 pub struct Arguments {
     /// The survey: CSV with point,x_m,y_m,beacon,rssi_dbm and, where known, t_s
-    #[arg(long, value_name = "FILE")]
-    fingerprints: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "map")]
+    fingerprints: Option<PathBuf>,
+    /// A map for nodes instead of a survey: of a lattice for gp and gp-walk, of surveyed points for knn
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["fingerprints", "leave_one_out", "hold_out", "beacons"])]
+    map: Option<PathBuf>,
+    /// What the files call the map's beacons, in its order, with commas, where that is not their numbers in it
+    #[arg(long, value_name = "NAMES", requires = "map", value_parser = Names::parse)]
+    beacon_names: Option<Names>,
     #[command(flatten)]
     asked: Asked,
     /// Where the receiver truly was: CSV with epoch,t_s,x_m,y_m; gives the errors
@@ -113,39 +122,40 @@ impl From<Averages> for Average {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let answers = arguments.answers.check()?;
     let comparisons = arguments.comparisons()?;
-    let stays = read_stays(&arguments.fingerprints)?;
-    let average = arguments.average.into();
-    let survey = survey_of(&arguments.fingerprints, &stays, average)?;
     let plan = arguments.place.read()?;
     let particles_s = arguments.particle_filter.then(|| f64::from(arguments.window_ms) / 1000.0);
-    let with_plan = (!plan.beacons.is_empty()).then_some(&plan);
-    let offset_db = arguments.offset_db;
-    let setup = Setup { average, offset_db, grid: Grid::default(), particles_s, plan: with_plan };
+    let (average, offset_db) = (arguments.average.into(), arguments.offset_db);
+    let setup = Setup { average, offset_db, particles_s, walls: &plan.walls };
+    let making = Making { plan: (!plan.beacons.is_empty()).then_some(&plan), ..Making::default() };
 
-    let (captures, solved) = match &arguments.asked {
-        Asked { targets: Some(file), .. } | Asked { rssi: Some(file), .. } => {
-            let captures = read_captures(file, arguments.truth.as_deref())?;
-            tell_strange(&survey, &captures);
-            let solver = Solver::new(&survey, &setup, None)?;
-            let solved = comparisons.iter().map(|comparison| solver.solve(*comparison, &captures));
-            let solved = solved.collect::<Result<Vec<_>, _>>()?;
-            (captures, solved)
-        }
-        Asked { hold_out, .. } => {
-            let block = arguments.block as usize;
-            let fold = |stay: usize| match hold_out {
-                Some(every) => (stay / block % *every as usize == *every as usize - 1).then_some(0),
-                None => Some(stay),
-            };
-            let folds = if hold_out.is_some() { 1 } else { stays.len() };
-            if !(0..stays.len()).any(|stay| fold(stay).is_some()) || stays.len() < 2 {
-                let said = format!("{} points are too few to hold some out", stays.len());
-                return Err(Wrong::line(&arguments.fingerprints, 1, &said).into());
+    let (comparisons, captures, solved) = match (&arguments.fingerprints, &arguments.map) {
+        (Some(file), _) => {
+            let stays = read_stays(file)?;
+            let survey = survey_of(file, &stays, average)?;
+            if let Some(captures) = arguments.captures()? {
+                let maps = Maps::of(&survey, making, &comparisons, None);
+                let maps = maps.map_err(|fault| Wrong::line(file, 1, fault.to_string()))?;
+                let solved = found(&Solver { maps: &maps, setup: &setup }, &comparisons, &captures)?;
+                (comparisons, captures, solved)
+            } else {
+                let (captures, solved) = arguments.held(file, &stays, making, &setup, &comparisons)?;
+                (comparisons, captures, solved)
             }
-            let progress = Progress::new(folds);
-            let held = held_out(&stays, &setup, &comparisons, fold, || progress.step())?;
-            (held.stays.into_iter().map(|stay| Capture::from(stays[stay].clone())).collect(), held.solved)
         }
+        (None, Some(file)) => {
+            let bytes = read_bytes(file)?;
+            let (map, _) = Map::decode(&bytes).map_err(|fault| Wrong::file(file, fault.to_string()))?;
+            let captures = arguments.captures()?.unwrap_or_default();
+            let names = match &arguments.beacon_names {
+                Some(names) => names.of("--beacon-names", "beacons", map.beacons())?,
+                None => names_of(&map, &captures),
+            };
+            let maps = Maps::read(bytes, names).map_err(|fault| Wrong::file(file, fault.to_string()))?;
+            let comparisons = arguments.served(file, &maps, comparisons)?;
+            let solved = found(&Solver { maps: &maps, setup: &setup }, &comparisons, &captures)?;
+            (comparisons, captures, solved)
+        }
+        (None, None) => return Err(Wrong::flag("--fingerprints", "a survey or --map is needed").into()),
     };
     let solved: ByMethod = comparisons.iter().map(|comparison| arguments.name(*comparison)).zip(solved).collect();
     answers.give(&Told {
@@ -159,7 +169,74 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     })
 }
 
+/// Captures by maps, method by method.
+fn found(solver: &Solver, comparisons: &[Comparison], captures: &[Capture]) -> Result<Vec<Vec<Solved>>> {
+    super::tell_strange(solver.maps.beacons(), captures, "the map");
+    let progress = Progress::new(comparisons.len());
+    let solved = comparisons.iter().map(|comparison| {
+        let solved = solver.solve(*comparison, captures);
+        progress.step();
+        solved
+    });
+    Ok(solved.collect::<Result<_, _>>()?)
+}
+
 impl Arguments {
+    /// What is to be found, where that is not the survey itself.
+    fn captures(&self) -> Result<Option<Vec<Capture>>, Wrong> {
+        let Asked { targets, rssi, .. } = &self.asked;
+        targets.as_ref().or(rssi.as_ref()).map(|file| read_captures(file, self.truth.as_deref())).transpose()
+    }
+
+    /// Points of a survey by the others.
+    fn held(
+        &self,
+        file: &Path,
+        stays: &[Stay],
+        making: Making,
+        setup: &Setup,
+        comparisons: &[Comparison],
+    ) -> Result<(Vec<Capture>, Vec<Vec<Solved>>)> {
+        let block = self.block as usize;
+        let fold = |stay: usize| match self.asked.hold_out {
+            Some(every) => (stay / block % every as usize == every as usize - 1).then_some(0),
+            None => Some(stay),
+        };
+        let folds = if self.asked.hold_out.is_some() { 1 } else { stays.len() };
+        let held = (0..stays.len()).filter(|stay| fold(*stay).is_some()).count();
+        if stays.len() < 2 || held == 0 || (folds == 1 && held == stays.len()) {
+            return Err(Wrong::line(file, 1, format!("{} points are too few to hold some out", stays.len())).into());
+        }
+        let progress = Progress::new(folds);
+        let held = held_out(stays, making, setup, comparisons, fold, || progress.step())
+            .map_err(|fault| Wrong::line(file, 1, format!("without the points that are held out: {fault}")))?;
+        Ok((held.stays.into_iter().map(|stay| Capture::from(stays[stay].clone())).collect(), held.solved))
+    }
+
+    /// The comparisons that a map from a file serves.
+    fn served(&self, file: &Path, maps: &Maps, comparisons: Vec<Comparison>) -> Result<Vec<Comparison>, Wrong> {
+        let of_points = Comparison::Nearest { k: 5, weighted: true };
+        let nobody_chose = self.kernel.is_none() && comparisons == [Comparison::Walk] && maps.serve(of_points);
+        let comparisons = if nobody_chose { vec![of_points] } else { comparisons };
+        let (served, others): (Vec<_>, Vec<_>) = comparisons.into_iter().partition(|wanted| maps.serve(*wanted));
+        match others.first() {
+            Some(other) if self.kernel != Some(Kernel::All) || served.is_empty() => {
+                let other = other.name();
+                Err(Wrong::file(
+                    file,
+                    if maps.serve(of_points) {
+                        format!("a map of surveyed points, for knn, where {other} wants one of a lattice")
+                    } else {
+                        format!(
+                            "a map of a lattice, for gp and gp-walk, where {other} wants one of surveyed points (ble map --surveyed)"
+                        )
+                    },
+                ))
+            }
+            Some(_) | None => Ok(served),
+        }
+    }
+
     fn comparisons(&self) -> Result<Vec<Comparison>, Wrong> {
         let of_neighbours = self.k.is_some() || self.weighted;
         let usual = if of_neighbours || self.particle_filter { Kernel::Knn } else { Kernel::GpWalk };
@@ -189,15 +266,5 @@ impl Arguments {
     fn name(&self, comparison: Comparison) -> String {
         let filtered = self.particle_filter && comparison != Comparison::Walk;
         format!("{}{}", if filtered { "fp_" } else { "" }, comparison.name())
-    }
-}
-
-/// Tells of beacons that the survey does not have.
-fn tell_strange(survey: &Survey, captures: &[Capture]) {
-    let heard = captures.iter().flat_map(|capture| &capture.samples).map(|sample| &sample.beacon);
-    let strange: std::collections::BTreeSet<&String> = heard.filter(|name| !survey.beacons.contains(name)).collect();
-    if !strange.is_empty() {
-        let names: Vec<&str> = strange.into_iter().map(String::as_str).collect();
-        crate::commands::tell(&format!("heard, but not in the survey: {}\n", names.join(", ")));
     }
 }

@@ -3,22 +3,25 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use host_tools::ble::files::read_stays;
-use host_tools::ble::fingerprint::{Comparison, Grid, Setup, chart, held_out, process, spread};
+use host_tools::ble::fingerprint::{Comparison, Grid, Making, Maps, Setup, held_out, spread};
 use host_tools::{Statistics, Wrong, output};
-use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map};
+use positioning_core::ble::fingerprint::{Fault, MAX_NODE_POINTS, Map};
 
 use super::fingerprint::Averages;
 use super::{Place, survey_of};
 use crate::commands::{print_json, tell, write};
 use crate::progress::Progress;
 
+/// Points of larger surveys are found block by block.
+const MOST_FOLDS: usize = 64;
+
 /// Make a map of levels for nodes, and say how good it is
 ///
 /// Of a survey, a lattice of levels between its points; with --beacons and --walls one that is predicted where the survey is thin: path
 /// loss along rays through walls, and what the points say beside. --survey-points takes only so many points, spread evenly, and tells how
-/// well the others are found; without it, each point is found by the others.
+/// well the others are found; without it, each point is found by the others, of more than 64 points each block of them by the other blocks.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza ble map --fingerprints fingerprints.csv --out room.map\n  \
                         baliza ble map --fingerprints fingerprints.csv --out room.map --survey-points 8 --beacons beacons.csv --walls walls.csv")]
@@ -79,27 +82,29 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let kept = arguments.survey_points.map(|count| spread(&survey, count.into()));
     let is_kept = |point: usize| kept.as_ref().is_none_or(|kept| kept.contains(&point));
     let thin = survey.only(is_kept);
-    let bytes = if arguments.surveyed { thin.map() } else { chart(&thin, &process(&thin, plan, None)?, grid) };
-    let bytes = bytes.context("the survey makes no map")?;
-    let (map, _) = Map::decode(&bytes)?;
-
-    let fold = |point: usize| match kept {
-        Some(_) => (!is_kept(point)).then_some(0),
-        None => Some(point),
-    };
-    let setup = Setup { average, grid, plan, ..Setup::default() };
     let comparison =
         if arguments.surveyed { Comparison::Nearest { k: 5, weighted: true } } else { Comparison::Process };
-    let progress = Progress::new(if kept.is_some() { 1 } else { stays.len() });
+    let (making, setup) = (Making { grid, plan }, Setup { average, ..Setup::default() });
+    let wrong = |fault: Fault| Wrong::line(&arguments.fingerprints, 1, fault.to_string());
+    let maps = Maps::of(&thin, making, &[comparison], None).map_err(wrong)?;
+    let bytes = maps.bytes(comparison).unwrap_or_default();
+    let (map, _) = Map::decode(bytes)?;
+
+    let folds = stays.len().min(MOST_FOLDS);
+    let fold = |point: usize| match kept {
+        Some(_) => (!is_kept(point)).then_some(0),
+        None => Some(point * folds / stays.len()),
+    };
+    let progress = Progress::new(if kept.is_some() { 1 } else { folds });
     let errors: Vec<f64> = if stays.len() > 1 {
-        let held = held_out(&stays, &setup, &[comparison], fold, || progress.step())?;
+        let held = held_out(&stays, making, &setup, &[comparison], fold, || progress.step()).map_err(wrong)?;
         held.solved.into_iter().flatten().filter_map(|solved| solved.error_m).collect()
     } else {
         Vec::new()
     };
     drop(progress);
     let figures = Statistics::of(&errors);
-    write(&arguments.out, &bytes)?;
+    write(&arguments.out, bytes)?;
     let summary = Summary {
         points: map.points(),
         bytes: bytes.len(),
@@ -125,8 +130,11 @@ impl Summary {
         }
         let _ = writeln!(text, "beacons in their order: {}", self.beacons.join(", "));
         if let Some((mae_m, rmse_m)) = self.mae_m.zip(self.rmse_m) {
-            let which =
-                if arguments.survey_points.is_some() { "the other points" } else { "each point, by the others" };
+            let which = match arguments.survey_points {
+                Some(_) => "the other points",
+                None if self.found_points <= MOST_FOLDS => "each point, by the others",
+                None => "each block of points, by the others",
+            };
             let _ = writeln!(text, "{which}: {} found, MAE {mae_m:.2} m, RMSE {rmse_m:.2} m", self.found_points);
         }
         text

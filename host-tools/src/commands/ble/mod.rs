@@ -32,16 +32,59 @@ pub fn run(command: &Command) -> Result<()> {
     }
 }
 
+/// Names of beacons or rooms, with commas.
+#[derive(Clone, Debug)]
+struct Names(Vec<String>);
+
+impl Names {
+    fn parse(text: &str) -> Result<Self, String> {
+        let names: Vec<String> = text.split(',').map(|name| name.trim().to_owned()).collect();
+        match names.iter().enumerate().find(|(at, name)| name.is_empty() || names[..*at].contains(name)) {
+            Some((_, name)) if name.is_empty() => Err("a name is empty".to_owned()),
+            Some((_, name)) => Err(format!("{name:?} stands twice")),
+            None => Ok(Self(names)),
+        }
+    }
+
+    /// The names, which must be so many.
+    fn of(&self, flag: &'static str, what: &str, count: usize) -> Result<Vec<String>, Wrong> {
+        let names = self.0.len();
+        if names == count {
+            Ok(self.0.clone())
+        } else {
+            Err(Wrong::flag(flag, format!("{names} names of {count} {what}")))
+        }
+    }
+}
+
+/// The bytes of a map or a model.
+fn read_bytes(file: &Path) -> Result<Vec<u8>, Wrong> {
+    std::fs::read(file).map_err(|error| Wrong::file(file, format!("cannot open it: {error}")))
+}
+
+/// Names in a sentence.
+fn listed(names: BTreeSet<&str>) -> String {
+    names.into_iter().collect::<Vec<_>>().join(", ")
+}
+
+fn heard(captures: &[Capture]) -> BTreeSet<&str> {
+    captures.iter().flat_map(|capture| &capture.samples).map(|sample| sample.beacon.as_str()).collect()
+}
+
+/// Tells of beacons that were heard and are none of these.
+fn tell_strange(known: &[impl AsRef<str>], captures: &[Capture], place: &str) {
+    let known: BTreeSet<&str> = known.iter().map(AsRef::as_ref).collect();
+    let strange: BTreeSet<&str> = heard(captures).difference(&known).copied().collect();
+    if !strange.is_empty() {
+        super::tell(&format!("heard, but not on {place}: {}\n", listed(strange)));
+    }
+}
+
 /// Tells of what was heard and is not on the map, and of what is on the map and was never heard.
 fn tell_unknown(beacons: &[Beacon], captures: &[Capture]) {
-    let heard: BTreeSet<&str> =
-        captures.iter().flat_map(|capture| &capture.samples).map(|sample| sample.beacon.as_str()).collect();
-    let known: BTreeSet<&str> = beacons.iter().map(|beacon| beacon.name.as_str()).collect();
-    let listed = |names: BTreeSet<&str>| names.into_iter().collect::<Vec<_>>().join(", ");
-    let strange: BTreeSet<&str> = heard.difference(&known).copied().collect();
-    if !strange.is_empty() {
-        super::tell(&format!("heard, but not on the map: {}\n", listed(strange)));
-    }
+    let names: Vec<&str> = beacons.iter().map(|beacon| beacon.name.as_str()).collect();
+    tell_strange(&names, captures, "the map");
+    let (known, heard) = (BTreeSet::from_iter(names), heard(captures));
     let mute: BTreeSet<&str> = known.difference(&heard).copied().collect();
     if !mute.is_empty() {
         super::tell(&format!("on the map, but never heard: {}\n", listed(mute)));
@@ -59,8 +102,8 @@ struct Place {
     /// Beacons whose places are known: CSV with beacon,x_m,y_m; levels are then expected to follow path loss from them
     #[arg(long, value_name = "FILE")]
     beacons: Option<PathBuf>,
-    /// Walls, which take from levels and are drawn: CSV with the corners of an outline, x_m,y_m, or with x1_m,y1_m,x2_m,y2_m and, where
-    /// known, attenuation_db
+    /// Walls, which nobody walks through, which take from the levels of --beacons and are drawn: CSV with the corners of an outline,
+    /// x_m,y_m, or with x1_m,y1_m,x2_m,y2_m and, where known, attenuation_db
     #[arg(long, value_name = "FILE")]
     walls: Option<PathBuf>,
 }

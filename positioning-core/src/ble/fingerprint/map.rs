@@ -120,6 +120,12 @@ impl<'a> Map<'a> {
         self.bytes
     }
 
+    /// The place that its coordinates count from, metres, and the map about it: a site grid that begins far away costs no digits of an
+    /// `f32` then.
+    pub fn about_its_origin(self) -> ([f64; 2], Self) {
+        (self.origin_cm.map(|cm| f64::from(cm) / 100.0), Self { origin_cm: [0; 2], ..self })
+    }
+
     /// How many points it has; at least one.
     pub fn points(&self) -> usize {
         self.points.len() / self.stride()

@@ -37,8 +37,21 @@ pub struct Vicinity<T> {
     pub nearest: usize,
     /// Its distance, dB.
     pub distance_db: T,
+    /// By how much the scan is louder than the neighbours, weighted as they are, where the receiver's offset is unknown, dB.
+    pub offset_db: T,
     /// How many beacons of the map are heard.
     pub heard: usize,
+}
+
+/// A point that is near so far.
+struct Neighbour<T> {
+    /// The square of its distance, in the map's half decibels.
+    square: T,
+    /// Its place in the map.
+    index: usize,
+    units: [u8; 2],
+    /// What the scan differs by from it, all beacons together.
+    sum: T,
 }
 
 impl<T: Real> Nearest<T> {
@@ -61,7 +74,7 @@ impl<T: Real> Nearest<T> {
         };
         let most = self.neighbours.clamp(1, MAX_NEIGHBOURS);
         // Sorted, the nearest first.
-        let mut near: Vec<(T, usize, [u8; 2]), MAX_NEIGHBOURS> = Vec::new();
+        let mut near: Vec<Neighbour<T>, MAX_NEIGHBOURS> = Vec::new();
         let mut farthest = T::of(f64::INFINITY);
         for (index, row) in map.rows().enumerate() {
             let (mut sum, mut square) = (T::ZERO, T::ZERO);
@@ -76,30 +89,33 @@ impl<T: Real> Nearest<T> {
                 if near.len() == most {
                     near.pop();
                 }
-                let at = near.iter().position(|(other, ..)| square < *other).unwrap_or(near.len());
+                let at = near.iter().position(|other| square < other.square).unwrap_or(near.len());
                 // There is room: at most 15, and the farthest is gone.
-                let _ = near.insert(at, (square, index, row.units));
+                let _ = near.insert(at, Neighbour { square, index, units: row.units, sum });
                 if near.len() == most {
-                    farthest = near.last().map_or(farthest, |(square, ..)| *square);
+                    farthest = near.last().map_or(farthest, |last| last.square);
                 }
             }
         }
-        self.mean(map, &near, codes.count).ok_or(NoPosition::Unheard)
+        self.mean(map, &near, share, codes.count).ok_or(NoPosition::Unheard)
     }
 
-    fn mean(&self, map: &Map<'_>, near: &[(T, usize, [u8; 2])], heard: usize) -> Option<Vicinity<T>> {
-        let &(square, nearest, _) = near.first()?;
+    fn mean(&self, map: &Map<'_>, near: &[Neighbour<T>], share: T, heard: usize) -> Option<Vicinity<T>> {
+        let &Neighbour { square, index: nearest, .. } = near.first()?;
         let neighbours = || {
-            near.iter().map(|&(square, _, units)| {
-                let weight = if self.weighted { T::ONE / square.at_least(T::of(LEAST_SQUARE)) } else { T::ONE };
-                (weight, units.map(|units| T::count(units.into())))
+            near.iter().map(|near| {
+                let weight = if self.weighted { T::ONE / near.square.at_least(T::of(LEAST_SQUARE)) } else { T::ONE };
+                (weight, near.units.map(|units| T::count(units.into())))
             })
         };
-        let (mut total, mut mean) = (T::ZERO, [T::ZERO; 2]);
-        for (weight, [x, y]) in neighbours() {
+        let (mut total, mut mean, mut apart) = (T::ZERO, [T::ZERO; 2], T::ZERO);
+        for ((weight, [x, y]), near) in neighbours().zip(near) {
             total += weight;
             mean = [mean[0] + weight * x, mean[1] + weight * y];
+            apart += weight * near.sum;
         }
+        // Codes are half decibels, and count downward.
+        let offset_db = T::of(-0.5) * share * apart / total;
         let [x, y] = mean.map(|sum| sum / total);
         let mut scatter = [T::ZERO; 3];
         for (weight, [px, py]) in neighbours() {
@@ -114,7 +130,7 @@ impl<T: Real> Nearest<T> {
         let within = T::of(1.0 / 12.0);
         let scatter = [xx + within, xy, yy + within].map(|sum| sum * square_m2);
         let distance_db = T::of(0.5) * square.at_least(T::ZERO).sqrt();
-        Some(Vicinity { position: map.place([x, y]), scatter, nearest, distance_db, heard })
+        Some(Vicinity { position: map.place([x, y]), scatter, nearest, distance_db, offset_db, heard })
     }
 }
 
@@ -164,6 +180,10 @@ mod tests {
         // By hand: 3 · 8² − 24² ⁄ (3 + ¹⁄₉) = 192 − 185.143 = 6.857 dB².
         assert_eq!(found.nearest, 1);
         assert!((found.distance_db.powi(2) - 6.857).abs() < 0.001, "{found:?}");
+        // The offset of the nearest one is −24 ⁄ (3 + ¹⁄₉) = −7.714 dB; nobody asks for it where it is known.
+        let one = Nearest { offset: 3.0, neighbours: 1, ..PLAIN }.locate(&map, &scan).expect("found");
+        assert!((one.offset_db + 7.714).abs() < 0.001, "{one:?}");
+        assert_eq!(PLAIN.locate(&map, &scan).expect("found").offset_db, 0.0);
     }
 
     #[test]

@@ -1,14 +1,15 @@
 //! Where a receiver that walks is, from scan to scan: a Bayes filter over the points of a lattice.
 //!
-//! Between scans the belief spreads to the neighbours of each point, as it does on a random walk; a scan multiplies it by its
-//! likelihood. Fading stands still with the receiver, so that scans in quick succession err alike: each counts for the share of the
-//! fading's own time that has passed since the last.
+//! Between scans the belief spreads to the neighbours of each point, as it does on a random walk, but not through walls; a scan
+//! multiplies it by its likelihood. Fading stands still with the receiver, so that scans in quick succession err alike: each counts for
+//! the share of the fading's own time that has passed since the last.
 
 use heapless::Vec;
 
 use super::lattice::{Likelihood, Moments, Posterior, Receiver};
 use super::{MAX_NODE_POINTS, Map, NoPosition};
 use crate::Real;
+use crate::ble::path_loss::Wall;
 
 /// A pass moves at most so much of a point's belief to each neighbour.
 const MOST_A_PASS: f64 = 0.2;
@@ -52,7 +53,8 @@ impl<T: Real, const N: usize> Walk<T, N> {
     }
 
     /// Takes the scan of `now_us`. The map is a lattice whose points stand column by column; another one than before, or a clock that
-    /// was set back, starts anew. A scan that is refused changes nothing.
+    /// was set back, starts anew. Belief does not spread through walls, in the map's metres; where the scans insist, a receiver is found
+    /// again behind one all the same. A scan that is refused changes nothing.
     ///
     /// # Errors
     /// See [`NoPosition`].
@@ -62,6 +64,7 @@ impl<T: Real, const N: usize> Walk<T, N> {
         scan: &[Option<T>],
         receiver: &Receiver<T>,
         motion: &Motion<T>,
+        walls: &[Wall<T>],
         now_us: u64,
     ) -> Result<Posterior<T>, NoPosition> {
         let likelihood = Likelihood::new(map, scan, receiver)?;
@@ -70,7 +73,7 @@ impl<T: Real, const N: usize> Walk<T, N> {
             return Err(NoPosition::TooManyPoints);
         }
         let known = self.belief.len() == points && now_us >= self.at_us;
-        let share = if known { self.spread(map, motion, now_us) } else { self.start(points) };
+        let share = if known { self.spread(map, motion, walls, now_us) } else { self.start(points) };
         self.at_us = now_us;
         let uniform = T::of(LOST) / T::count(points);
         let mut top: Option<T> = None;
@@ -107,7 +110,7 @@ impl<T: Real, const N: usize> Walk<T, N> {
     }
 
     /// Lets the belief walk until `now_us`; for how much a scan then counts.
-    fn spread(&mut self, map: &Map<'_>, motion: &Motion<T>, now_us: u64) -> T {
+    fn spread(&mut self, map: &Map<'_>, motion: &Motion<T>, walls: &[Wall<T>], now_us: u64) -> T {
         let passed_us = u32::try_from(now_us.saturating_sub(self.at_us)).unwrap_or(u32::MAX);
         let passed_s = T::of(1.0e-6) * T::count(passed_us as usize);
         // A share s to each of two neighbours along an axis is a variance of 2 s units².
@@ -121,26 +124,34 @@ impl<T: Real, const N: usize> Walk<T, N> {
         }
         let share = moved / T::count(passes);
         for _ in 0..passes {
-            self.pass(map, share);
+            self.pass(map, walls, share);
         }
         let counts = passed_s / motion.fading_s;
         if counts < T::ONE { counts } else { T::ONE }
     }
 
-    /// Neighbours give each other a share of their belief. What would leave the lattice stays.
-    fn pass(&mut self, map: &Map<'_>, share: T) {
+    /// Neighbours give each other a share of their belief. What would leave the lattice, or go through a wall, stays.
+    fn pass(&mut self, map: &Map<'_>, walls: &[Wall<T>], share: T) {
+        let place = |units: [u8; 2]| map.place(units.map(|units| T::count(units.into())));
+        let is_open = |a: [u8; 2], b: [u8; 2]| {
+            walls.is_empty() || {
+                let (a, b) = (place(a), place(b));
+                !walls.iter().any(|wall| wall.parts(a, b))
+            }
+        };
         self.next.clone_from(&self.belief);
         let mut beside = map.rows().enumerate().peekable();
         let mut after = map.rows().skip(1);
         for (index, row) in map.rows().enumerate() {
             let [x, y] = row.units;
-            let above = after.next().is_some_and(|next| next.units[0] == x && y.checked_add(1) == Some(next.units[1]));
-            if above {
+            let above = after.next().filter(|next| next.units[0] == x && y.checked_add(1) == Some(next.units[1]));
+            if above.is_some_and(|above| is_open(row.units, above.units)) {
                 self.exchange(index, index + 1, share);
             }
             let Some(right) = x.checked_add(1) else { continue };
             while beside.next_if(|(_, other)| other.units < [right, y]).is_some() {}
-            if let Some(&(other, _)) = beside.peek().filter(|(_, other)| other.units == [right, y]) {
+            let beside = beside.peek().filter(|(_, other)| other.units == [right, y]);
+            if let Some(&(other, _)) = beside.filter(|(_, other)| is_open(row.units, other.units)) {
                 self.exchange(index, other, share);
             }
         }
@@ -176,12 +187,12 @@ mod tests {
         let bytes = row_of(&[-60.0, -66.0], 2.0);
         let (map, _) = Map::decode(&bytes).expect("a map");
         let mut walk = Walk::<f64, 2>::new();
-        let first = walk.step(&map, &[Some(-60.0)], &receiver(), &STILL, 5_000_000).expect("found");
+        let first = walk.step(&map, &[Some(-60.0)], &receiver(), &STILL, &[], 5_000_000).expect("found");
         assert!((first.position[0] - 0.238_406).abs() < 1e-5, "{first:?}");
-        let second = walk.step(&map, &[Some(-60.0)], &receiver(), &STILL, 5_500_000).expect("found");
+        let second = walk.step(&map, &[Some(-60.0)], &receiver(), &STILL, &[], 5_500_000).expect("found");
         assert!((second.position[0] / 2.0 - 0.047_58).abs() < 1e-4, "{second:?}");
         // The clock is set back: anew.
-        let third = walk.step(&map, &[Some(-60.0)], &receiver(), &STILL, 0).expect("found");
+        let third = walk.step(&map, &[Some(-60.0)], &receiver(), &STILL, &[], 0).expect("found");
         assert!((third.position[0] - 0.238_406).abs() < 1e-5, "{third:?}");
     }
 
@@ -195,8 +206,8 @@ mod tests {
         let (map, _) = Map::decode(&bytes).expect("a map");
         let mut walk = Walk::<f64, 41>::new();
         let motion = Motion { spread_m: 0.5, fading_s: 1.0e9 };
-        walk.step(&map, &[Some(-40.0)], &receiver(), &motion, 0).expect("found");
-        let later = walk.step(&map, &[Some(-40.0)], &receiver(), &motion, 1_000_000).expect("found");
+        walk.step(&map, &[Some(-40.0)], &receiver(), &motion, &[], 0).expect("found");
+        let later = walk.step(&map, &[Some(-40.0)], &receiver(), &motion, &[], 1_000_000).expect("found");
         assert!((later.position[0] - 10.0).abs() < 0.01, "{later:?}");
         let lost = LOST * 0.25 * (41.0 * 41.0 - 1.0) / 12.0;
         assert!((later.covariance[0] - 0.25 / 12.0 - (0.25 + lost)).abs() < 0.01, "{later:?}");
@@ -214,9 +225,44 @@ mod tests {
         let bytes = super::super::encode(&points, &[1], &[-95.0], Some(1.0), &mut buffer).expect("encoded");
         let (map, _) = Map::decode(bytes).expect("a map");
         let mut walk = Walk::<f64, 5> { belief: Vec::from_array([1.0, 0.0, 0.0, 0.0, 0.0]), ..Walk::new() };
-        walk.pass(&map, 0.1);
+        walk.pass(&map, &[], 0.1);
         let expected = [0.8, 0.1, 0.0, 0.1, 0.0];
         assert!(walk.belief.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{:?}", walk.belief);
+        // A wall through (1, 0), which is on its left: nothing comes to (2, 0), and the other four share all.
+        let walls = [Wall { ends: [[1.0, -1.0], [1.0, 3.0]], attenuation: 0.0 }];
+        let mut walk = Walk::<f64, 5> { belief: Vec::from_array([1.0, 0.0, 0.0, 0.0, 0.0]), ..Walk::new() };
+        for _ in 0..200 {
+            walk.pass(&map, &walls, 0.1);
+        }
+        let expected = [0.25, 0.25, 0.25, 0.25, 0.0];
+        assert!(walk.belief.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-4), "{:?}", walk.belief);
+    }
+
+    #[test]
+    fn a_walker_does_not_pass_a_wall() {
+        // A corridor of eleven points, 1 m apart, alike on both sides of its middle: levels fall from −50 there by 4 dB a metre. The
+        // belief is put to x = 2, the receiver comes up to the middle and goes back to −62. Without a wall both ends are as likely, and
+        // the mean is the middle; with a wall at x = 5.5 it is x = 2, where −62 is.
+        let levels: std::vec::Vec<f64> = (0..11).map(|x| -50.0 - 4.0 * f64::from((x - 5_i32).abs())).collect();
+        let bytes = row_of(&levels, 1.0);
+        let (map, _) = Map::decode(&bytes).expect("a map");
+        let goes = |walls: &[Wall<f64>]| {
+            let mut walk = Walk::<f64, 11>::new();
+            walk.step(&map, &[Some(-62.0)], &receiver(), &STILL, walls, 0).expect("found");
+            for (x, belief) in walk.belief.iter_mut().enumerate() {
+                *belief = if x == 2 { 1.0 } else { 0.0 };
+            }
+            let motion = Motion { spread_m: 1.0, fading_s: 1.0 };
+            let way = [-62.0, -58.0, -54.0, -50.0, -50.0, -50.0, -54.0, -58.0, -62.0, -62.0];
+            let scans = way.into_iter().zip(1..);
+            let found = scans.map(|(level, second)| {
+                walk.step(&map, &[Some(level)], &receiver(), &motion, walls, second * 1_000_000).expect("found")
+            });
+            found.last().expect("some").position[0]
+        };
+        let (open, walled) = (goes(&[]), goes(&[Wall { ends: [[5.5, 0.0], [5.5, 2.0]], attenuation: 0.0 }]));
+        assert!((open - 5.0).abs() < 1.0, "{open}");
+        assert!((walled - 2.0).abs() < 0.5, "{walled}");
     }
 
     #[test]
@@ -225,13 +271,15 @@ mod tests {
         let (map, _) = Map::decode(&bytes).expect("a map");
         let mut walk = Walk::<f64, 2>::new();
         let motion = Motion::default();
-        walk.step(&map, &[Some(-60.0)], &receiver(), &motion, 0).expect("found");
+        walk.step(&map, &[Some(-60.0)], &receiver(), &motion, &[], 0).expect("found");
         let before = walk.belief.clone();
-        assert_eq!(walk.step(&map, &[Some(f64::NAN)], &receiver(), &motion, 9), Err(NoPosition::Unheard));
+        assert_eq!(walk.step(&map, &[Some(f64::NAN)], &receiver(), &motion, &[], 9), Err(NoPosition::Unheard));
         assert_eq!((walk.belief.clone(), walk.at_us), (before, 0));
         let odd = Motion { spread_m: f64::NAN, fading_s: f64::NAN };
-        assert!(walk.step(&map, &[Some(-60.0)], &receiver(), &odd, u64::MAX).expect("found").position[0].is_finite());
+        assert!(
+            walk.step(&map, &[Some(-60.0)], &receiver(), &odd, &[], u64::MAX).expect("found").position[0].is_finite()
+        );
         let mut small = Walk::<f64, 1>::new();
-        assert_eq!(small.step(&map, &[Some(-60.0)], &receiver(), &motion, 0), Err(NoPosition::TooManyPoints));
+        assert_eq!(small.step(&map, &[Some(-60.0)], &receiver(), &motion, &[], 0), Err(NoPosition::TooManyPoints));
     }
 }

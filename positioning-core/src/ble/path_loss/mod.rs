@@ -98,6 +98,15 @@ impl<T: Real> Wall<T> {
         let [a, b] = self.ends;
         side(a, b, from) * side(a, b, to) < T::ZERO && side(from, to, a) * side(from, to, b) < T::ZERO
     }
+
+    /// Whether the two points are on different sides of the wall. A point on it is on one of its sides, and the end of a wall belongs to
+    /// one of the sides of a way past it: nothing slips through by steps of which one ends on the wall, nor where two walls meet.
+    pub fn parts(&self, from: [T; 2], to: [T; 2]) -> bool {
+        let is_left =
+            |a: [T; 2], b: [T; 2], p: [T; 2]| (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) >= T::ZERO;
+        let [a, b] = self.ends;
+        is_left(a, b, from) != is_left(a, b, to) && is_left(from, to, a) != is_left(from, to, b)
+    }
 }
 
 /// What the walls between two points take together, dB: the sum of (2).
@@ -138,6 +147,22 @@ mod tests {
             assert!(!PathLoss { deviation: wrong, ..BEACON_6 }.is_sane());
         }
         assert!(!PathLoss { level_1m: f64::NAN, ..BEACON_6 }.is_sane());
+    }
+
+    #[test]
+    fn a_barrier_has_no_hole_on_it_nor_where_walls_meet() {
+        let barrier = |ends| Wall { ends, attenuation: 0.0 };
+        let wall = barrier([[1.0, 0.0], [1.0, 2.0]]);
+        // Two steps, the first of which ends on the wall: one of them goes through, whichever way.
+        for way in [[0.5, 1.0, 1.5], [1.5, 1.0, 0.5]] {
+            let passed = way.windows(2).filter(|step| wall.parts([step[0], 1.0], [step[1], 1.0])).count();
+            assert_eq!(passed, 1, "{way:?}");
+        }
+        // Past the joint of two walls, and around their ends.
+        let both = [wall, barrier([[1.0, 2.0], [1.0, 4.0]])];
+        let passed = |y: f64| both.iter().filter(|wall| wall.parts([0.5, y], [1.5, y])).count();
+        assert_eq!((passed(1.0), passed(2.0), passed(3.0), passed(-0.1), passed(4.1)), (1, 1, 1, 0, 0));
+        assert!(!wall.parts([f64::NAN, 1.0], [1.5, 1.0]));
     }
 
     #[test]

@@ -1,0 +1,123 @@
+//! The maps that comparisons read: made of a survey, only those that are asked for, or read from a file.
+
+use std::collections::BTreeSet;
+
+use positioning_core::ble::fingerprint::{Fault, Map};
+
+use super::chart::{Grid, chart};
+use super::comparison::Comparison;
+use super::process::{Kernel, Process};
+use super::survey::Survey;
+use super::trend::{Plan, Trend};
+use crate::ble::files::Capture;
+
+/// How maps are made.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Making<'a> {
+    /// The lattice of the process.
+    pub grid: Grid,
+    /// Levels are expected to follow path loss from these beacons through these walls, where nothing was measured nearby; without a
+    /// plan, to be the same everywhere.
+    pub plan: Option<&'a Plan>,
+}
+
+/// Maps of one place, as a node reads them.
+#[derive(Clone, Debug)]
+pub struct Maps {
+    /// The names of the beacons, in the maps' order.
+    beacons: Vec<String>,
+    /// Surveyed points.
+    points: Option<Vec<u8>>,
+    /// A process on a lattice, and its kernel where it was made here.
+    lattice: Option<(Vec<u8>, Option<Kernel>)>,
+}
+
+impl Maps {
+    /// The maps of a survey that these comparisons read; the search for the process' kernel begins at `guess`.
+    ///
+    /// # Errors
+    /// The survey makes no map.
+    pub fn of(
+        survey: &Survey,
+        making: Making,
+        comparisons: &[Comparison],
+        guess: Option<Kernel>,
+    ) -> Result<Self, Fault> {
+        let wants_lattice = |comparison: &Comparison| comparison.wants_lattice();
+        let points = (!comparisons.iter().all(wants_lattice)).then(|| survey.map()).transpose()?;
+        let lattice = || {
+            let process = process(survey, making.plan, guess)?;
+            Ok((chart(survey, &process, making.grid)?, Some(process.kernel())))
+        };
+        let lattice = comparisons.iter().any(wants_lattice).then(lattice).transpose()?;
+        Ok(Self { beacons: survey.beacons.clone(), points, lattice })
+    }
+
+    /// The map in a file's bytes, whose beacons have these names, in its order.
+    ///
+    /// # Errors
+    /// The bytes are no map, or not one alone.
+    pub fn read(bytes: Vec<u8>, beacons: Vec<String>) -> Result<Self, Fault> {
+        let (map, rest) = Map::decode(&bytes)?;
+        if !rest.is_empty() {
+            return Err(Fault::Corrupt);
+        }
+        Ok(if map.has_deviations() {
+            Self { beacons, points: None, lattice: Some((bytes, None)) }
+        } else {
+            Self { beacons, points: Some(bytes), lattice: None }
+        })
+    }
+
+    /// The names of the beacons, in the maps' order.
+    pub fn beacons(&self) -> &[String] {
+        &self.beacons
+    }
+
+    /// The kernel of the process, where it was made here.
+    pub fn kernel(&self) -> Option<Kernel> {
+        self.lattice.as_ref().and_then(|(_, kernel)| *kernel)
+    }
+
+    /// Whether the map that a comparison reads is there.
+    pub fn serve(&self, comparison: Comparison) -> bool {
+        self.bytes(comparison).is_some()
+    }
+
+    /// The map that a comparison reads.
+    ///
+    /// # Errors
+    /// It was not made, or not read.
+    pub(super) fn map(&self, comparison: Comparison) -> Result<Map<'_>, Fault> {
+        Map::decode(self.bytes(comparison).ok_or(Fault::Missing)?).map(|(map, _)| map)
+    }
+
+    /// The bytes of the map that a comparison reads, where it is there.
+    pub fn bytes(&self, comparison: Comparison) -> Option<&[u8]> {
+        if comparison.wants_lattice() {
+            self.lattice.as_ref().map(|(bytes, _)| bytes.as_slice())
+        } else {
+            self.points.as_deref()
+        }
+    }
+}
+
+/// The names of a map's beacons, which has numbers of them alone: as captures spell these numbers, else as they are.
+pub fn names_of(map: &Map, captures: &[Capture]) -> Vec<String> {
+    let heard: BTreeSet<&String> =
+        captures.iter().flat_map(|capture| &capture.samples).map(|sample| &sample.beacon).collect();
+    let name = |identity: u16| {
+        let spelt = heard.iter().find(|name| name.parse() == Ok(identity));
+        spelt.map_or_else(|| identity.to_string(), |name| (*name).clone())
+    };
+    map.identities().map(name).collect()
+}
+
+/// The process of a survey, about what its plan lets expect.
+///
+/// # Errors
+/// Nothing is heard anywhere.
+fn process(survey: &Survey, plan: Option<&Plan>, guess: Option<Kernel>) -> Result<Process, Fault> {
+    let trends = plan.map_or_else(|| Trend::levels(survey), |plan| Trend::rays(survey, plan));
+    Process::fit(survey, trends, guess).ok_or(Fault::Invalid)
+}
