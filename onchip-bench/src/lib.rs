@@ -26,5 +26,6 @@ pub mod cases;
 #[cfg(feature = "image")]
 pub mod instrument;
 pub mod response;
+pub mod rooms;
 pub mod step;
 pub mod walk;

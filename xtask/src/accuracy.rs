@@ -1,15 +1,13 @@
-//! How accurate the methods are: runs `baliza` on the thesis' simulation, on recordings and on recorded impulse responses, and takes
-//! its tables and its figure into `docs/performance.md`.
+//! How accurate the methods are: runs `baliza` on the thesis' simulation, on recordings, on recorded impulse responses and on a recorded
+//! floor's rooms, and makes tables of it.
 
-use std::env;
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 
-use anyhow::{Context, Result, bail};
+use anyhow::Result;
 use serde::Deserialize;
 
-use crate::{document, root};
+use crate::baliza::{baliza, files, json, name, ranges, recording, scratch};
+use crate::bench::Made;
 
 /// One method on one recording, as `baliza solve --json` prints it.
 #[derive(Clone, Debug, Deserialize)]
@@ -21,93 +19,46 @@ struct Score {
     p90_m: Option<f64>,
 }
 
-/// Remakes the tables of accuracy; the one of recordings only where there are recordings.
-pub fn bench() -> Result<()> {
-    let file = root().join("docs/performance.md");
+/// The thesis' simulation, and its figure.
+pub fn thesis() -> Result<Option<Made>> {
     let table = baliza(["bench", "thesis", "--points", "3000", "--seed", "1", "--plot", "docs/thesis.svg"])?;
-    println!("{table}");
-    document::remake(&file, "thesis", &table)?;
-
-    match sight()? {
-        Some(table) => {
-            println!("{table}");
-            document::remake(&file, "nlos", &table)?;
-        }
-        None => println!("no impulse responses: the table of line of sight stays as it is"),
-    }
-
-    let floor = data().join("linde_floor/fingerprints.csv");
-    if floor.is_file() {
-        let arguments = ["ble", "rooms", "--leave-one-out", "--fingerprints"].map(OsStr::new);
-        let table = baliza(arguments.into_iter().chain([floor.as_os_str()]))?;
-        println!("{table}");
-        document::remake(&file, "rooms", &table)?;
-    } else {
-        println!("no recorded floor: the table of rooms stays as it is");
-    }
-
-    let folders = recordings();
-    if folders.is_empty() {
-        println!("no recordings: BALIZA_DATA names no folder with some, and their table stays as it is");
-        return Ok(());
-    }
-    let scores = folders.iter().map(|folder| Ok((name(folder), solve(folder)?))).collect::<Result<Vec<_>>>()?;
-    let table = side_by_side(&scores);
-    println!("{table}");
-    document::remake(&file, "recordings", &table)
+    Ok(Made::one("thesis", table))
 }
 
-/// What tells blocked ranges from direct ones in a recorded flat, and how far corrections learnt there carry; `None` without it.
-fn sight() -> Result<Option<String>> {
-    let responses = data().join("apartment_cir/cir.csv");
-    if !responses.is_file() {
-        return Ok(None);
-    }
-    let folder = root().join("target");
-    std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
-    let model = folder.join("nlos.model");
-    let responses = [OsStr::new("--cir"), responses.as_os_str()];
-    let begin = |command| [OsStr::new("nlos"), OsStr::new(command)].into_iter().chain(responses);
-    let train = [OsStr::new("--folds"), OsStr::new("file"), OsStr::new("--out"), model.as_os_str()];
+/// The rooms of a recorded floor.
+pub fn rooms() -> Result<Option<Made>> {
+    let Some(floor) = recording("linde_floor") else { return Ok(None) };
+    let words = ["ble", "rooms", "--leave-one-out", "--fingerprints"].map(PathBuf::from);
+    let table = baliza(words.into_iter().chain([floor.join("fingerprints.csv")]))?;
+    Ok(Made::one("rooms", table))
+}
+
+/// What tells blocked ranges from direct ones in a recorded flat, and how far corrections learnt there carry.
+pub fn sight() -> Result<Option<Made>> {
+    let Some(flat) = recording("apartment_cir") else { return Ok(None) };
+    let begin = |command: &str| ["nlos", command, "--cir"].map(PathBuf::from).into_iter().chain([flat.join("cir.csv")]);
+    let train = ["--folds", "file", "--out"].map(PathBuf::from).into_iter().chain([scratch("nlos.model")?]);
     let mut tables = baliza(begin("train").chain(train))?;
     // The other building, where it is there.
-    let other = data().join("leiria_128_los_pos1");
-    let [anchors, ranges, truth] = ["anchors.csv", "ranges.csv", "truth.csv"].map(|name| other.join(name));
-    let files = [("--anchors", &anchors), ("--ranges", &ranges), ("--truth", &truth)];
-    let files = files.iter().filter(|_| other.is_dir());
-    let files = files.flat_map(|(option, file)| [OsStr::new(option), file.as_os_str()]);
+    let other = recording("leiria_128_los_pos1").map(|folder| files(&folder)).unwrap_or_default();
     tables.push('\n');
-    tables += &baliza(begin("mitigation").chain(files))?;
-    Ok(Some(tables))
+    tables += &baliza(begin("mitigation").chain(other))?;
+    Ok(Made::one("nlos", tables))
 }
 
-/// Where recordings lie: in `BALIZA_DATA`, or beside the repository.
-pub fn data() -> PathBuf {
-    env::var_os("BALIZA_DATA").map_or_else(|| root().join("../shared/data"), PathBuf::from)
+/// Every method on every recording, in the plane.
+pub fn recorded() -> Result<Option<Made>> {
+    let folders = ranges();
+    if folders.is_empty() {
+        return Ok(None);
+    }
+    let scores = folders.iter().map(|folder| Ok((name(folder), solve(folder)?))).collect::<Result<Vec<_>>>()?;
+    Ok(Made::one("recordings", side_by_side(&scores)))
 }
 
-/// The folders that hold a recording.
-pub fn recordings() -> Vec<PathBuf> {
-    let data = data();
-    let files = ["anchors.csv", "ranges.csv", "truth.csv"];
-    let entries = data.read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut folders: Vec<_> = entries.filter(|folder| files.iter().all(|file| folder.join(file).is_file())).collect();
-    folders.sort();
-    folders
-}
-
-pub fn name(folder: &Path) -> String {
-    folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-/// Every method on one recording, in the plane.
 fn solve(folder: &Path) -> Result<Vec<Score>> {
-    let [anchors, ranges, truth] = ["anchors.csv", "ranges.csv", "truth.csv"].map(|name| folder.join(name));
-    let files = [("--anchors", &anchors), ("--ranges", &ranges), ("--truth", &truth)];
-    let files = files.iter().flat_map(|(option, file)| [OsStr::new(option), file.as_os_str()]);
-    let rest = ["--dims", "2", "--height-from-truth", "--method", "all", "--json"].map(OsStr::new);
-    let printed = baliza([OsStr::new("solve")].into_iter().chain(files).chain(rest))?;
-    serde_json::from_str(&printed).context("baliza prints something else")
+    let words = ["solve", "--dims", "2", "--height-from-truth", "--method", "all", "--json"].map(PathBuf::from);
+    json(words.into_iter().chain(files(folder)))
 }
 
 /// A row a method, a column a recording.
@@ -139,17 +90,6 @@ fn cell(score: &Score) -> String {
         missing => format!(", {missing} without a fix"),
     };
     format!("{} ({}{missing})", metres(score.rmse_m), metres(score.p90_m))
-}
-
-/// What `baliza` prints with these arguments.
-pub fn baliza(arguments: impl IntoIterator<Item: AsRef<OsStr>>) -> Result<String> {
-    let mut command = Command::new("cargo");
-    command.args(["run", "--quiet", "--release", "--package", "host-tools", "--bin", "baliza", "--"]);
-    let output = command.args(arguments).current_dir(root()).stderr(Stdio::inherit()).output()?;
-    if !output.status.success() {
-        bail!("{command:?}: {}", output.status);
-    }
-    Ok(String::from_utf8(output.stdout)?)
 }
 
 #[cfg(test)]

@@ -1,14 +1,14 @@
 //! How good positions by the levels of Bluetooth beacons are: runs `baliza bench linde`, and `baliza calibrate path-loss` and `baliza ble solve` on
-//! the room of A. Linde Cerezo's thesis, and takes the tables into `docs/performance.md`.
+//! the room of A. Linde Cerezo's thesis, and makes tables of it.
 
-use std::ffi::OsStr;
 use std::fmt::Write;
+use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use serde::Deserialize;
 
-use crate::accuracy::{baliza, data};
-use crate::{document, root};
+use crate::baliza::{baliza, json, recording, scratch};
+use crate::bench::Made;
 
 /// Where the room's beacons are: tables 4.1 and 4.2, with beacons 6 and 8 exchanged, as their path losses of table 4.3 show.
 const ROOM: &str = "beacon,x_m,y_m\n1,0.45,3.22\n2,5.25,1.63\n6,3.70,6.55\n7,6.88,3.73\n8,2.30,0.12\n";
@@ -23,37 +23,28 @@ struct Score {
     nees: Option<f64>,
 }
 
-/// Remakes the tables of beacons; the one of the recorded room only where there is the recording.
-pub fn bench() -> Result<()> {
-    let file = root().join("docs/performance.md");
-    let simulated = baliza(["bench", "linde", "--seed", "1", "--plot", "docs/linde.svg"])?;
-    println!("{simulated}");
-    document::remake(&file, "linde", &simulated)?;
-    let room = data().join("linde_room");
-    if !room.is_dir() {
-        println!("no recording linde_room: its table stays as it is");
-        return Ok(());
-    }
-    let folder = root().join("target");
-    let [beacons, calibrated] = ["room-beacons.csv", "room-calibrated.csv"].map(|name| folder.join(name));
-    std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+/// The simulation of the thesis' annex, and its figure.
+pub fn linde() -> Result<Option<Made>> {
+    Ok(Made::one("linde", baliza(["bench", "linde", "--seed", "1", "--plot", "docs/linde.svg"])?))
+}
+
+/// The recorded room: its path losses, and its targets by them.
+pub fn by_path_loss() -> Result<Option<Made>> {
+    let Some(room) = recording("linde_room") else { return Ok(None) };
+    let (beacons, calibrated) = (scratch("room-beacons.csv")?, scratch("room-calibrated.csv")?);
     std::fs::write(&beacons, ROOM).with_context(|| format!("cannot write {}", beacons.display()))?;
-    let [fingerprints, targets] = ["fingerprints.csv", "targets.csv"].map(|name| room.join(name));
-    let word = OsStr::new;
-    let losses = baliza(
-        [word("calibrate"), word("path-loss"), word("--beacons"), beacons.as_os_str(), word("--fingerprints")]
+    let words = |words: &str| words.split(' ').map(PathBuf::from).collect::<Vec<_>>();
+    let file = |option: &str, file: PathBuf| [PathBuf::from(option), file];
+    let losses = baliza(words("calibrate path-loss").into_iter().chain(file("--beacons", beacons)).chain(
+        file("--fingerprints", room.join("fingerprints.csv")).into_iter().chain(file("--out", calibrated.clone())),
+    ))?;
+    let scores: Vec<Score> = json(
+        words("ble solve --json")
             .into_iter()
-            .chain([fingerprints.as_os_str(), word("--out"), calibrated.as_os_str()]),
+            .chain(file("--beacons", calibrated))
+            .chain(file("--rssi", room.join("targets.csv"))),
     )?;
-    let solved = baliza(
-        [word("ble"), word("solve"), word("--beacons"), calibrated.as_os_str(), word("--rssi"), targets.as_os_str()]
-            .into_iter()
-            .chain([word("--json")]),
-    )?;
-    let scores: Vec<Score> = serde_json::from_str(&solved).context("baliza prints something else")?;
-    let table = format!("{losses}\n{}", table(&scores)?);
-    println!("{table}");
-    document::remake(&file, "beacons by path loss", &table)
+    Ok(Made::one("beacons by path loss", format!("{losses}\n{}", table(&scores)?)))
 }
 
 fn table(scores: &[Score]) -> Result<String> {

@@ -1,14 +1,15 @@
-//! How good comparisons with fingerprints are: runs `baliza ble fingerprint` and `baliza ble map` on recorded surveys, and takes their
-//! tables into `docs/performance.md`.
+//! How good comparisons with fingerprints are: runs `baliza ble fingerprint` and `baliza ble map` on recorded surveys, and makes tables
+//! of it.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 
 use anyhow::{Context, Result};
 use serde::Deserialize;
+use serde::de::DeserializeOwned;
 
-use crate::accuracy::{baliza, data};
-use crate::{document, root};
+use crate::baliza::{json, recording, scratch};
+use crate::bench::Made;
 
 /// One method, as `baliza ble fingerprint --json` prints it; `ble map` prints the errors alone.
 #[derive(Clone, Debug, Deserialize)]
@@ -48,28 +49,16 @@ const MAPS: [(&str, &str, [u32; 4]); 5] = [
     ("kolakowski", "--beacons {beacons.csv --walls {walls.csv", [8, 15, 30, 60]),
 ];
 
-/// Remakes the tables, where the recordings are.
-pub fn bench() -> Result<()> {
-    let folders = COLUMNS.iter().map(|(_, folder, _)| folder).chain(MAPS.iter().map(|(folder, ..)| folder));
-    if !folders.into_iter().all(|folder| data().join(folder).is_dir()) {
-        println!("no recorded surveys: the tables of fingerprints stay as they are");
-        return Ok(());
+/// Every comparison on every survey.
+pub fn comparisons() -> Result<Option<Made>> {
+    if !are_there(COLUMNS.iter().map(|(_, folder, _)| *folder)) {
+        return Ok(None);
     }
-    let file = root().join("docs/performance.md");
-    for (name, table) in [("fingerprints", comparisons()?), ("predicted maps", maps()?)] {
-        println!("{table}");
-        document::remake(&file, name, &table)?;
-    }
-    Ok(())
-}
-
-fn comparisons() -> Result<String> {
     let mut table = String::from("| MAE (RMSE), m | the thesis |");
     let mut scores: Vec<BTreeMap<String, String>> = Vec::new();
     for (title, folder, arguments) in COLUMNS {
         table += &format!(" {title} |");
-        let printed = run("fingerprint --kernel all --json", folder, arguments)?;
-        let rows: Vec<Score> = serde_json::from_str(&printed).context("baliza prints something else")?;
+        let rows: Vec<Score> = run("fingerprint --kernel all --json", folder, arguments)?;
         // What goes through the particle filter has a name that says so.
         let named = rows.iter().map(|row| (row.method.trim_start_matches("fp_").to_owned(), cell(row)));
         scores.push(named.collect());
@@ -84,12 +73,35 @@ fn comparisons() -> Result<String> {
         }
         table.push('\n');
     }
-    Ok(table)
+    Ok(Made::one("fingerprints", table))
 }
 
-fn maps() -> Result<String> {
+/// A recorded walk with its floor plan and without.
+pub fn barriers() -> Result<Option<Made>> {
+    let walk = "kolakowski";
+    if !are_there([walk]) {
+        return Ok(None);
+    }
+    let mut table = String::from("| MAE (RMSE), m | walls unknown | walls are barriers |\n|---|---:|---:|\n");
+    for kernel in ["gp-walk", "gp --particle-filter", "knn --weighted --particle-filter"] {
+        let command = format!("fingerprint --json --hold-out 5 --block 100 --kernel {kernel}");
+        let score = |walls| -> Result<String> {
+            let rows: Vec<Score> = run(&command, walk, walls)?;
+            Ok(cell(rows.first().context("no score")?))
+        };
+        let (open, walled) = (score("")?, score("--walls {walls.csv")?);
+        table += &format!("| `--kernel {kernel}` | {open} | {walled} |\n");
+    }
+    Ok(Made::one("walls as barriers", table))
+}
+
+/// Maps of few points.
+pub fn maps() -> Result<Option<Made>> {
+    if !are_there(MAPS.iter().map(|(folder, ..)| *folder)) {
+        return Ok(None);
+    }
     let mut table = String::from("| recording | known beside | MAE of the others (RMSE), m |\n|---|---|---|\n");
-    let out = root().join("target/few.map");
+    let out = scratch("few.map")?;
     for (folder, known, points) in MAPS {
         let beside = match known.matches("--").count() {
             0 => "nothing",
@@ -98,25 +110,27 @@ fn maps() -> Result<String> {
         };
         let cells = points.map(|count| {
             let map = format!("map --survey-points {count} --json --out {}", out.display());
-            let score: Score =
-                serde_json::from_str(&run(&map, folder, known)?).context("baliza prints something else")?;
-            Ok(format!("{count} points: {}", cell(&score)))
+            Ok(format!("{count} points: {}", cell(&run(&map, folder, known)?)))
         });
         let cells = cells.into_iter().collect::<Result<Vec<_>>>()?;
         table += &format!("| {folder} | {beside} | {} |\n", cells.join("; "));
     }
-    Ok(table)
+    Ok(Made::one("predicted maps", table))
 }
 
-/// `baliza ble` with a recording's survey.
-fn run(command: &str, folder: &str, arguments: &str) -> Result<String> {
-    let folder = data().join(folder);
+fn are_there(folders: impl IntoIterator<Item = &'static str>) -> bool {
+    folders.into_iter().all(|folder| recording(folder).is_some())
+}
+
+/// What `baliza ble` makes of a recording's survey.
+fn run<T: DeserializeOwned>(command: &str, folder: &str, arguments: &str) -> Result<T> {
+    let folder = recording(folder).context("no such recording")?;
     let argument = |word: &str| match word.strip_prefix('{') {
         Some(file) => folder.join(file).into_os_string(),
         None => OsString::from(word),
     };
     let words = format!("ble {command} --fingerprints {{fingerprints.csv {arguments}");
-    baliza(words.split_whitespace().map(argument))
+    json(words.split_whitespace().map(argument))
 }
 
 fn cell(score: &Score) -> String {

@@ -1,7 +1,9 @@
 //! The project's own chores: `cargo xtask --help`.
 
 mod accuracy;
+mod baliza;
 mod beacons;
+mod bench;
 mod chip;
 mod ci;
 mod document;
@@ -59,13 +61,17 @@ enum Chore {
         /// Which node.
         node: Node,
     },
-    /// Measure what every positioning method costs on the chip (instructions, stack, code, in QEMU) and how accurate it is, simulate
-    /// whole nodes, and remake the tables of docs/performance.md.
+    /// Remake the tables and figures of docs/performance.md and docs/simulation.md that simulations, recordings and QEMU make: all, or those
+    /// that are named. `cargo xtask firmware --document` makes that of the images.
     ///
-    /// Recordings are looked for in the folder that BALIZA_DATA names: each a folder with anchors.csv, ranges.csv and truth.csv.
+    /// Recordings are looked for in the folder that BALIZA_DATA names, else in ../shared/data; tables of those that are not there stay as
+    /// they are. All together take some twenty minutes.
     Bench {
-        /// Only measure the cost and compare it with the budgets: write nothing.
-        #[arg(long)]
+        /// Which.
+        #[arg(value_name = "TABLE", value_parser = clap::builder::PossibleValuesParser::new(bench::names()))]
+        tables: Vec<String>,
+        /// Only measure the cost on the chip and compare it with the budgets: write nothing.
+        #[arg(long, conflicts_with = "tables")]
         check: bool,
     },
 }
@@ -92,16 +98,8 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::NoStd => no_std(),
         Chore::Firmware(arguments) => firmware::run(arguments),
         Chore::Qemu { node: Node::Tag } => qemu_tag::run(),
-        Chore::Bench { check: true } => onchip::check(),
-        Chore::Bench { check: false } => {
-            let cost = onchip::bench();
-            accuracy::bench()?;
-            tracks::bench()?;
-            beacons::bench()?;
-            fingerprints::bench()?;
-            simulation::bench()?;
-            cost
-        }
+        Chore::Bench { check: true, .. } => onchip::check(),
+        Chore::Bench { check: false, tables } => bench::run(tables),
     }
 }
 

@@ -1,14 +1,12 @@
-//! How fast and how accurate whole nodes are: runs `baliza simulate` and takes its figures into `docs/performance.md`.
+//! How fast and how accurate whole nodes are: runs `baliza simulate` and makes tables of it.
 
-use std::env::consts::EXE_EXTENSION;
-use std::process::Command;
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use serde::Deserialize;
 
-use crate::accuracy::baliza;
-use crate::{document, root, target_directory};
+use crate::baliza::{binary, json};
+use crate::bench::Made;
 
 /// What `baliza simulate --json` prints, as far as the table has it.
 #[derive(Clone, Debug, Deserialize)]
@@ -31,24 +29,75 @@ const ROWS: [[&str; 3]; 7] = [
     ["1,000 tags at 10 Hz, 200 anchors", "--tags 1000 --anchors 200 --rate 10 --level air --seconds 10", ""],
 ];
 
-/// Remakes the table of simulations.
-pub fn bench() -> Result<()> {
-    // Built before any time is taken, and run without cargo, which takes some of its own.
-    baliza(["--version"])?;
-    let binary = target_directory().join("release").join("baliza").with_extension(EXE_EXTENSION);
+/// What `baliza simulate --json` prints of a scenario with beacons, as far as the table has it.
+#[derive(Clone, Debug, Deserialize)]
+struct Scenario {
+    fixes_per_s: f64,
+    rmse_m: Option<f64>,
+    bluetooth: Option<Bluetooth>,
+}
+
+/// Positions by anchors, and by beacons alone.
+#[derive(Clone, Debug, Deserialize)]
+struct Bluetooth {
+    by_anchors: Errors,
+    by_beacons: Errors,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+struct Errors {
+    rmse_m: Option<f64>,
+}
+
+/// Scenarios with anchors and beacons, and what they are.
+const SCENARIOS: [[&str; 2]; 4] = [
+    ["beacons.toml", "six beacons around 12 m × 8 m"],
+    ["anchors.toml", "four anchors in the same room"],
+    ["both.toml", "both"],
+    ["leaving.toml", "from four anchors behind steel and concrete to eight beacons"],
+];
+/// Each is simulated with these seeds.
+const SEEDS: [&str; 3] = ["1", "2", "3"];
+
+/// Tags among anchors and beacons.
+pub fn scenarios() -> Result<Option<Made>> {
+    let mut table = String::from("| scenario | positions a second | by anchors | by beacons |\n|---|---:|---:|---:|\n");
+    for [file, what] in SCENARIOS {
+        let path = format!("examples/{file}");
+        let run = |seed| json(["simulate", "--json", "--scenario", path.as_str(), "--seed", seed]);
+        let runs = SEEDS.into_iter().map(run).collect::<Result<Vec<Scenario>>>()?;
+        table += &scenario(file, what, &runs);
+    }
+    Ok(Made::one("scenarios", table))
+}
+
+/// The seeds' errors side by side; nothing where no seed has a position.
+fn scenario(file: &str, what: &str, runs: &[Scenario]) -> String {
+    let errors = |of: fn(&Scenario) -> Option<f64>| {
+        let metres = |metres: f64| if metres < 0.1 { format!("{metres:.3}") } else { format!("{metres:.2}") };
+        let errors = runs.iter().map(|run| of(run).map_or_else(|| "–".to_owned(), metres)).collect::<Vec<_>>();
+        if errors.iter().all(|error| error == "–") { String::new() } else { errors.join(", ") }
+    };
+    let anchors = errors(|run| run.bluetooth.as_ref().map_or(run.rmse_m, |bluetooth| bluetooth.by_anchors.rmse_m));
+    let beacons = errors(|run| run.bluetooth.as_ref().and_then(|bluetooth| bluetooth.by_beacons.rmse_m));
+    let rate = runs.iter().map(|run| run.fixes_per_s).sum::<f64>() / runs.len() as f64;
+    format!("| `{file}`: {what} | {rate:.1} | {anchors} | {beacons} |\n")
+}
+
+/// Rooms with tags and anchors.
+pub fn rooms() -> Result<Option<Made>> {
     let mut table = String::from(
         "| what | `baliza simulate …` | positions a second | error P50, P90, m | on the air | times real time | others \
          |\n|---|---|---:|---:|---:|---:|---|\n",
     );
+    // Built before any time is taken.
+    binary()?;
     for [what, arguments, others] in ROWS {
         let begun = Instant::now();
-        let output = Command::new(&binary).args(["simulate", "--json"]).args(arguments.split(' ')).output()?;
-        let took_s = begun.elapsed().as_secs_f64();
-        let summary: Summary = serde_json::from_slice(&output.stdout).context("baliza prints something else")?;
-        table += &row(what, arguments, others, &summary, took_s);
+        let summary: Summary = json(["simulate", "--json"].into_iter().chain(arguments.split(' ')))?;
+        table += &row(what, arguments, others, &summary, begun.elapsed().as_secs_f64());
     }
-    println!("{table}");
-    document::remake(&root().join("docs/performance.md"), "simulation", &table)
+    Ok(Made::one("simulation", table))
 }
 
 fn row(what: &str, arguments: &str, others: &str, summary: &Summary, took_s: f64) -> String {
@@ -73,5 +122,21 @@ mod tests {
             Summary { seconds: 10.0, fixes_per_s: 123.4, p50_m: Some(0.0312), p90_m: None, airtime_share: 0.456 };
         let expected = "| one | `--tags 1` | 123 | 0.031, – | 46 % | 20.0 | none |\n";
         assert_eq!(row("one", "--tags 1", "none", &summary, 0.5), expected);
+    }
+
+    #[test]
+    fn a_scenario_has_the_errors_of_all_seeds() {
+        let run = |by_anchors, by_beacons| Scenario {
+            fixes_per_s: 2.04,
+            rmse_m: Some(9.0),
+            bluetooth: Some(Bluetooth {
+                by_anchors: Errors { rmse_m: by_anchors },
+                by_beacons: Errors { rmse_m: by_beacons },
+            }),
+        };
+        let row = scenario("a.toml", "a room", &[run(None, Some(2.017)), run(None, None)]);
+        assert_eq!(row, "| `a.toml`: a room | 2.0 |  | 2.02, – |\n");
+        let alone = Scenario { bluetooth: None, rmse_m: Some(0.0303), ..run(None, None) };
+        assert_eq!(scenario("a.toml", "a room", &[alone]), "| `a.toml`: a room | 2.0 | 0.030 |  |\n");
     }
 }

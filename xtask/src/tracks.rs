@@ -1,14 +1,12 @@
-//! How good tracks are: runs `baliza track`, `bench garcia`, `bench barral` and `bench fusion`, and takes their tables and figures into
-//! `docs/performance.md`.
+//! How good tracks are: runs `baliza track`, `bench garcia`, `bench barral` and `bench fusion`, and makes tables of it.
 
-use std::ffi::OsStr;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use serde::Deserialize;
 
-use crate::accuracy::{baliza, name, recordings};
-use crate::{document, root};
+use crate::baliza::{baliza, files, json, name, ranges};
+use crate::bench::Made;
 
 /// One recording, as `baliza track --consistency --json` prints it.
 #[derive(Clone, Debug, Deserialize)]
@@ -34,28 +32,31 @@ const ROWS: [(&str, &[&str], &[&str]); 6] = [
     ("`baliza track --dims 3`", &["track", "--consistency"], &SPACE),
 ];
 
-/// The tables of the fusion, and the commands that make them.
-const FUSION: [(&str, &[&str]); 2] = [
-    ("fusion", &["bench", "fusion", "--seed", "1"]),
-    ("fusion sweep", &["bench", "fusion", "--seed", "1", "--sweep", "--walks", "8"]),
-];
+/// Differences of arrival, and their figure.
+pub fn garcia() -> Result<Option<Made>> {
+    Ok(Made::one("garcia", baliza(["bench", "garcia", "--seed", "1", "--plot", "docs/garcia.svg"])?))
+}
 
-/// Remakes the tables; the one of recordings only where there are recordings.
-pub fn bench() -> Result<()> {
-    let file = root().join("docs/performance.md");
-    for (name, figure) in [("garcia", "docs/garcia.svg"), ("barral", "docs/barral.svg")] {
-        let table = baliza(["bench", name, "--seed", "1", "--plot", figure])?;
-        println!("{table}");
-        document::remake(&file, name, &table)?;
-    }
-    for (name, arguments) in FUSION {
-        let table = baliza(arguments.iter().copied())?;
-        println!("{table}");
-        document::remake(&file, name, &table)?;
-    }
-    let folders = recordings();
+/// Ranges, blocked ones among them, and their figure.
+pub fn barral() -> Result<Option<Made>> {
+    Ok(Made::one("barral", baliza(["bench", "barral", "--seed", "1", "--plot", "docs/barral.svg"])?))
+}
+
+/// Anchors and beacons.
+pub fn fusion() -> Result<Option<Made>> {
+    Ok(Made::one("fusion", baliza(["bench", "fusion", "--seed", "1"])?))
+}
+
+/// The same under other conditions.
+pub fn sweep() -> Result<Option<Made>> {
+    Ok(Made::one("fusion sweep", baliza(["bench", "fusion", "--seed", "1", "--sweep", "--walks", "8"])?))
+}
+
+/// The engine on every recording.
+pub fn recorded() -> Result<Option<Made>> {
+    let folders = ranges();
     if folders.is_empty() {
-        return Ok(());
+        return Ok(None);
     }
     let mut table = String::from("| RMSE (P90), m; inside 1σ; NEES |");
     let columns = folders.iter().map(|folder| format!(" {} |", name(folder))).collect::<String>();
@@ -64,18 +65,13 @@ pub fn bench() -> Result<()> {
         let cells = folders.iter().map(|folder| Ok(format!(" {} |", cell(&score(folder, arguments, space)?))));
         table += &format!("| {title} |{}\n", cells.collect::<Result<String>>()?);
     }
-    println!("{table}");
-    document::remake(&file, "tracks", &table)
+    Ok(Made::one("tracks", table))
 }
 
 /// One command on one recording.
 fn score(folder: &Path, arguments: &[&str], space: &[&str]) -> Result<Score> {
-    let [anchors, ranges, truth] = ["anchors.csv", "ranges.csv", "truth.csv"].map(|name| folder.join(name));
-    let files = [("--anchors", &anchors), ("--ranges", &ranges), ("--truth", &truth)];
-    let files = files.iter().flat_map(|(option, file)| [OsStr::new(option), file.as_os_str()]);
-    let rest = space.iter().chain(&["--json"]).map(OsStr::new);
-    let printed = baliza(arguments.iter().map(OsStr::new).chain(files).chain(rest))?;
-    let scores: Vec<Score> = serde_json::from_str(&printed).context("baliza prints something else")?;
+    let words = arguments.iter().chain(space).chain(&["--json"]).map(PathBuf::from);
+    let scores: Vec<Score> = json(words.chain(files(folder)))?;
     scores.into_iter().next().context("baliza prints no score")
 }
 

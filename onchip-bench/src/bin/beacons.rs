@@ -1,4 +1,4 @@
-//! Image: what levels of Bluetooth beacons cost: an advert, a scan, and every way from levels to a position.
+//! Image: what levels of Bluetooth beacons cost: an advert, a scan, every way from levels to a position, and rooms.
 #![no_std]
 #![no_main]
 // The entry macros make a public function without documentation.
@@ -8,6 +8,7 @@ use core::hint::black_box;
 
 use onchip_bench::beacons::{Measure, for_each, fused};
 use onchip_bench::instrument::Instrument;
+use onchip_bench::rooms;
 use semihosting::println;
 
 struct Costs(Instrument);
@@ -30,6 +31,7 @@ fn main() -> ! {
     let mut costs = Costs(instrument);
     fused(&mut costs);
     for_each(&mut costs);
+    rooms::for_each(&mut costs);
     println!("done");
     semihosting::process::exit(0)
 }

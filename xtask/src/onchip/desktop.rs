@@ -2,7 +2,7 @@
 
 use anyhow::{Result, ensure};
 use onchip_bench::cases::{ANCHORS, EPOCHS, Epoch};
-use onchip_bench::{beacons, response};
+use onchip_bench::{beacons, response, rooms};
 use positioning_core::nlos::Feature;
 use positioning_core::{Constraints, Method, solve};
 
@@ -63,6 +63,7 @@ pub fn compare_beacons(chip: &Printed) -> Result<()> {
     let mut here = Here(Vec::new());
     beacons::fused(&mut here);
     beacons::for_each(&mut here);
+    rooms::for_each(&mut here);
     let same = |(there, (what, value)): (&Call, &(String, f32))| {
         there.what == *what && (value - there.value).abs() <= TOLERANCE_M
     };

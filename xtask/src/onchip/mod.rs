@@ -10,9 +10,10 @@ mod tables;
 
 use anyhow::{Result, ensure};
 
+use crate::bench::Made;
 use crate::chip::Chip;
 use crate::toolchain::Toolchain;
-use crate::{document, qemu, root, succeed};
+use crate::{qemu, succeed};
 use printed::Printed;
 use size::Sizes;
 
@@ -39,21 +40,25 @@ struct Measured {
 
 /// Measures on every chip and prints the tables. An error where a figure is over its budget.
 pub fn check() -> Result<()> {
-    Tables::measure()?.judge()
+    let Tables { costs, budgets, algebra, frames, sight, beacons, engine, within } = Tables::measure()?;
+    println!("{costs}{frames}{sight}{beacons}{engine}{algebra}{budgets}");
+    ensure!(within, "a figure is over its budget: see the last table above");
+    Ok(())
 }
 
-/// The same, and remakes the tables of the document.
-pub fn bench() -> Result<()> {
-    let tables = Tables::measure()?;
-    let file = root().join("docs/performance.md");
-    document::remake(&file, "cost on the chip", &tables.costs)?;
-    document::remake(&file, "budgets", &tables.budgets)?;
-    document::remake(&file, "frames", &tables.frames)?;
-    document::remake(&file, "sight on the chip", &tables.sight)?;
-    document::remake(&file, "beacons on the chip", &tables.beacons)?;
-    document::remake(&file, "engine", &tables.engine)?;
-    document::remake(&file, "libraries", &tables.algebra)?;
-    tables.judge()
+/// The tables of the document.
+pub fn made() -> Result<Option<Made>> {
+    let Tables { costs, budgets, algebra, frames, sight, beacons, engine, within } = Tables::measure()?;
+    let tables = vec![
+        ("cost on the chip", costs),
+        ("frames", frames),
+        ("sight on the chip", sight),
+        ("beacons on the chip", beacons),
+        ("engine", engine),
+        ("libraries", algebra),
+        ("budgets", budgets),
+    ];
+    Ok(Made::of(tables, (!within).then_some("a figure is over its budget: see the last table above")))
 }
 
 /// The tables, and whether all budgets are kept.
@@ -78,13 +83,7 @@ impl Tables {
         let sight = tables::sight(&measured)?;
         let beacons = tables::beacons(&measured)?;
         let engine = measured.iter().map(engine::table).collect::<String>();
-        println!("{costs}{frames}{sight}{beacons}{engine}{algebra}{budgets}");
         Ok(Self { costs, budgets, algebra, frames, sight, beacons, engine, within })
-    }
-
-    fn judge(&self) -> Result<()> {
-        ensure!(self.within, "a figure is over its budget: see the last table above");
-        Ok(())
     }
 }
 

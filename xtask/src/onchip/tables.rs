@@ -161,6 +161,9 @@ pub fn beacons(measured: &[Measured]) -> Result<String> {
                 ("map", "checking a map of 200 points × 12 beacons, once"),
                 ("lattice", "the posterior over 200 points × 12 beacons"),
                 ("walk", "a step of the walk over them"),
+                ("rooms-svm", "one of 5 rooms by 12 beacons, support vector machine"),
+                ("rooms-nearest", "the same, 3 nearest of 40 fingerprints"),
+                ("rooms-presence", "the answer that does not flap, a step"),
                 ("fusion", "a step of the fusion: 256 particles, 4 ranges and 10 adverts of 5 beacons"),
             ];
             known

@@ -1,0 +1,78 @@
+//! Runs of `baliza`, and the recordings that it runs on.
+
+use std::env::{self, consts::EXE_EXTENSION};
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::OnceLock;
+
+use anyhow::{Context, Result, bail};
+use serde::de::DeserializeOwned;
+
+use crate::{root, succeed, target_directory};
+
+/// What `baliza` prints with these arguments. It is built before the first run, and told of on standard error.
+pub fn baliza(arguments: impl IntoIterator<Item: AsRef<OsStr>>) -> Result<String> {
+    let mut command = Command::new(binary()?);
+    command.args(arguments).current_dir(root());
+    let words: Vec<_> = command.get_args().map(|word| word.to_string_lossy().into_owned()).collect();
+    eprintln!("baliza {}", words.join(" "));
+    let output = command.stderr(Stdio::inherit()).output()?;
+    if !output.status.success() {
+        bail!("{command:?}: {}", output.status);
+    }
+    Ok(String::from_utf8(output.stdout)?)
+}
+
+/// The JSON that `baliza` prints.
+pub fn json<T: DeserializeOwned>(arguments: impl IntoIterator<Item: AsRef<OsStr>>) -> Result<T> {
+    serde_json::from_str(&baliza(arguments)?).context("baliza prints something else")
+}
+
+/// The program, built once: cargo would look at all sources again for each of a hundred runs, and take a time that some tables measure.
+pub fn binary() -> Result<PathBuf> {
+    static BUILT: OnceLock<()> = OnceLock::new();
+    if BUILT.get().is_none() {
+        let mut cargo = Command::new("cargo");
+        cargo.args(["build", "--release", "--package", "host-tools", "--bin", "baliza"]).current_dir(root());
+        succeed(&mut cargo)?;
+        BUILT.get_or_init(|| ());
+    }
+    Ok(target_directory().join("release").join("baliza").with_extension(EXE_EXTENSION))
+}
+
+/// A recording: a folder in the one that `BALIZA_DATA` names, or beside the repository; `None` where it is not there.
+pub fn recording(name: &str) -> Option<PathBuf> {
+    Some(data().join(name)).filter(|folder| folder.is_dir())
+}
+
+/// The folders that hold recorded ranges, the anchors and the truth.
+pub fn ranges() -> Vec<PathBuf> {
+    let files = ["anchors.csv", "ranges.csv", "truth.csv"];
+    let entries = data().read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut folders: Vec<_> = entries.filter(|folder| files.iter().all(|file| folder.join(file).is_file())).collect();
+    folders.sort();
+    folders
+}
+
+/// The arguments that name a folder's recorded ranges, the anchors and the truth.
+pub fn files(folder: &Path) -> Vec<PathBuf> {
+    let options = [("--anchors", "anchors.csv"), ("--ranges", "ranges.csv"), ("--truth", "truth.csv")];
+    options.into_iter().flat_map(|(option, file)| [PathBuf::from(option), folder.join(file)]).collect()
+}
+
+/// What a folder is called.
+pub fn name(folder: &Path) -> String {
+    folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// A file among those that builds make, for what one run writes and another reads.
+pub fn scratch(name: &str) -> Result<PathBuf> {
+    let folder = target_directory();
+    std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    Ok(folder.join(name))
+}
+
+fn data() -> PathBuf {
+    env::var_os("BALIZA_DATA").map_or_else(|| root().join("../shared/data"), PathBuf::from)
+}
