@@ -117,6 +117,152 @@ fn a_map_is_what_a_node_reads() {
     assert_eq!(map.levels::<f64>(1).collect::<Vec<_>>(), [Some(-80.0), Some(-60.0)]);
 }
 
+/// The summaries of a run.
+fn figures(folder: &Folder, arguments: &str) -> serde_json::Value {
+    folder.run(&format!("ble fingerprint {arguments} --json")).ok().json()
+}
+
+#[test]
+fn a_map_that_was_written_finds_what_its_survey_finds() {
+    // The same room on a site grid that begins a hundred kilometres away.
+    let far = |text: &str| text.replace(",0,0,", ",100000,200000,").replace(",10,0,", ",100010,200000,");
+    let far = |text: &str| far(text).replace(",0,10,", ",100000,200010,").replace(",10,10,", ",100010,200010,");
+    let targets = TARGETS.replace(",5,0,", ",100005,200000,").replace(",1,1,", ",100001,200001,");
+    let folders = [room(), Folder::with(&[("survey.csv", &far(SURVEY)), ("targets.csv", &targets)])];
+    for folder in folders {
+        folder.run("ble map --fingerprints survey.csv --out lattice.map").ok();
+        folder.run("ble map --fingerprints survey.csv --out points.map --surveyed").ok();
+        for (map, how) in [
+            ("lattice", "--kernel gp"),
+            ("lattice", "--kernel gp-walk"),
+            ("points", "--k 3"),
+            ("points", "--k 2 --weighted --particle-filter"),
+        ] {
+            let from = |source: &str| figures(&folder, &format!("--{source} --targets targets.csv {how}"));
+            let trained = from("fingerprints survey.csv");
+            assert_eq!(trained, from(&format!("map {map}.map")), "{map} {how}");
+            assert!(trained[0]["mae_m"].as_f64().is_some_and(|mae_m| mae_m < 6.0), "{trained}");
+        }
+        let usual = figures(&folder, "--map points.map --targets targets.csv --kernel all");
+        let names: Vec<&str> =
+            usual.as_array().expect("a list").iter().filter_map(|row| row["method"].as_str()).collect();
+        assert_eq!(names, ["w3nn", "w4nn", "w5nn", "3nn", "4nn", "5nn"]);
+        assert_eq!(figures(&folder, "--map points.map --targets targets.csv")[0]["method"], "w5nn");
+        assert_eq!(figures(&folder, "--map lattice.map --targets targets.csv")[0]["method"], "gp-walk");
+    }
+    let Some(recorded) = recording("linde_room") else { return };
+    let folder = Folder::with(&[]);
+    let [survey, targets] = ["fingerprints.csv", "targets.csv"].map(|file| recorded.join(file).display().to_string());
+    folder.run(&format!("ble map --fingerprints {survey} --out room.map")).ok();
+    let from = |source: &str| figures(&folder, &format!("--{source} --targets {targets} --kernel gp"));
+    assert_eq!(from(&format!("fingerprints {survey}")), from("map room.map"));
+}
+
+#[test]
+fn maps_of_another_kind_or_with_other_names_are_refused() {
+    let folder = room();
+    folder.run("ble map --fingerprints survey.csv --out lattice.map").ok();
+    folder.run("ble map --fingerprints survey.csv --out points.map --surveyed").ok();
+    folder.write("cut.map", &folder.read("lattice.map")[..40]);
+    let refused = |arguments: &str, what: &str| {
+        let run = folder.run(&format!("ble fingerprint --targets targets.csv {arguments}"));
+        assert_eq!((run.code, run.stderr.trim_end()), (Some(2), what), "{arguments}");
+    };
+    refused(
+        "--map lattice.map --k 3",
+        "lattice.map: a map of a lattice, for gp and gp-walk, where 3nn wants one of surveyed points (ble map --surveyed)",
+    );
+    refused(
+        "--map points.map --kernel gp",
+        "points.map: a map of surveyed points, for knn, where gp wants one of a lattice",
+    );
+    refused("--map cut.map", "cut.map: a damaged map");
+    refused("--map survey.csv", "survey.csv: not a map of levels");
+    refused("--map lattice.map --beacon-names 7,8,9", "--beacon-names: 3 names of 2 beacons");
+    // Beacons that are called otherwise are the map's by their minors, or by their names in its order.
+    let named = TARGETS.replace(",7,", ",north,").replace(",8,", ",south,");
+    folder.write("named.csv", named.as_bytes());
+    folder.write("minors.csv", TARGETS.replace(",7,", ",1-7,").replace(",8,", ",1-8,").as_bytes());
+    let wanted = figures(&folder, "--map lattice.map --targets targets.csv");
+    assert_eq!(figures(&folder, "--map lattice.map --targets minors.csv"), wanted);
+    assert_eq!(figures(&folder, "--map lattice.map --targets named.csv --beacon-names north,south"), wanted);
+}
+
+/// A corridor of eleven points, 1 m apart: beacon 7 is alike on both sides of its middle, beacon 8 tells them apart.
+fn corridor() -> String {
+    let mut text = String::from("point,x_m,y_m,beacon,rssi_dbm,t_s\n");
+    for x in 0..=10_i32 {
+        let (alike, falls) = (-50 - 4 * (x - 5).abs(), -50 - 4 * x);
+        text += &format!("{x},{x},1,7,{alike},0\n{x},{x},1,8,{falls},0.1\n");
+    }
+    text
+}
+
+#[test]
+fn a_walker_does_not_pass_a_wall() {
+    // From x = 2, where both beacons are heard, up to the wall at 5.5, where the walker stands for a while, and back to 2. On the way
+    // there is beacon 7 alone, which says as well that the walker goes through the wall to 8. The other walker's levels jump to those
+    // of 8, which only who passes the wall can believe.
+    let way = [2, 2, 3, 4, 5, 5, 5, 5, 5, 5, 4, 3, 2];
+    let walk: Vec<(i32, bool)> = way.into_iter().enumerate().map(|(second, x)| (x, second < 2)).collect();
+    let rssi = |epochs: &[(i32, bool)]| {
+        let mut text = String::from("epoch,t_s,beacon,rssi_dbm\n");
+        for (epoch, (x, both)) in epochs.iter().enumerate() {
+            text += &format!("{epoch},{epoch},7,{}\n", -50 - 4 * (x - 5).abs());
+            if *both {
+                text += &format!("{epoch},{epoch},8,{}\n", -50 - 4 * x);
+            }
+        }
+        text
+    };
+    let jump: Vec<(i32, bool)> = [2, 2, 8, 8, 8, 8].map(|x| (x, true)).to_vec();
+    let folder = Folder::with(&[
+        ("survey.csv", &corridor()),
+        ("walk.csv", &rssi(&walk)),
+        ("jump.csv", &rssi(&jump)),
+        ("walls.csv", "x1_m,y1_m,x2_m,y2_m\n5.5,-9,5.5,1\n5.5,1,5.5,9\n"),
+    ]);
+    let last = |arguments: &str| {
+        let run = folder.run(&format!("ble fingerprint --fingerprints survey.csv --offset-db 0 {arguments}")).ok();
+        *run.numbers("x_m").last().expect("a position")
+    };
+    let walks = "--rssi walk.csv --kernel gp-walk";
+    let (open, walled) = (last(walks), last(&format!("{walks} --walls walls.csv")));
+    assert!((walled - 2.0).abs() < 1.0 && open > walled + 1.0, "{open} {walled}");
+    let jumps = "--rssi jump.csv --k 1 --particle-filter";
+    let (open, walled) = (last(jumps), last(&format!("{jumps} --walls walls.csv")));
+    assert!((open - 8.0).abs() < 1.0 && walled < 5.5, "{open} {walled}");
+}
+
+#[test]
+fn epochs_count_in_order_of_time_and_those_without_one_by_themselves() {
+    let rows = |order: &[i32], timed: bool| {
+        let mut text = String::from("epoch,t_s,beacon,rssi_dbm\n");
+        for x in order {
+            let t_s = if timed { x.to_string() } else { String::new() };
+            text += &format!("e{x},{t_s},7,{}\ne{x},{t_s},8,{}\n", -50 - 4 * (x - 5).abs(), -50 - 4 * x);
+        }
+        text
+    };
+    let truth: String = (1..=8).map(|x| format!("e{x},{x},{x},1\n")).collect();
+    let folder = Folder::with(&[
+        ("survey.csv", &corridor()),
+        ("truth.csv", &format!("epoch,t_s,x_m,y_m\n{truth}")),
+        ("walk.csv", &rows(&[1, 2, 3, 4, 5, 6, 7, 8], true)),
+        ("mixed.csv", &rows(&[5, 1, 8, 2, 7, 3, 6, 4], true)),
+        ("timeless.csv", &rows(&[1, 2, 3, 4, 5, 6, 7, 8], false)),
+    ]);
+    let of = |file: &str, how: &str| {
+        figures(&folder, &format!("--fingerprints survey.csv --rssi {file} --truth truth.csv --kernel {how}"))
+    };
+    for how in ["gp-walk", "knn --particle-filter"] {
+        assert_eq!(of("walk.csv", how), of("mixed.csv", how), "{how}");
+    }
+    // Nothing joins them: each is found as if it were alone.
+    let timeless = of("timeless.csv", "gp-walk");
+    assert!(timeless[0]["mae_m"].as_f64().is_some_and(|mae_m| mae_m < 1.0), "{timeless}");
+}
+
 /// Runs with the recording's files; a name in braces is one of them.
 fn replay(name: &str, arguments: &str) -> Option<Run> {
     let folder = recording(name)?;

@@ -45,6 +45,14 @@ fn a_survey_judges_itself_and_other_stays() {
     );
     assert!(folder.read("m.svg").starts_with(b"<svg"));
 
+    // The model that was written judges as the one that was taught.
+    let of = |source: &str| folder.run(&format!("ble rooms --{source} --targets t.csv --json")).ok().json();
+    let taught = of("fingerprints f.csv");
+    let (first, row) = (&taught["methods"][0], of("model rooms.model"));
+    assert_eq!((&row["methods"][0], row["methods"].as_array().map(Vec::len)), (first, Some(1)));
+    folder.run("ble rooms --fingerprints f.csv --method knn --out knn.model").ok();
+    assert_eq!(&of("model knn.model")["methods"][0], &taught["methods"][1]);
+
     // q heard one beacon, the other reported what is no level; r heard none that is known, in a room that nobody surveyed.
     let json = folder.run("ble rooms --fingerprints f.csv --targets t.csv --json").ok().json();
     assert_eq!(json["rooms"], serde_json::json!(["hall", "attic", "cellar"]));
@@ -66,11 +74,12 @@ fn what_is_wrong_is_said_in_one_line() {
     refused("ble rooms --fingerprints f.csv", "--targets: say what is to be judged: --targets FILE or --leave-one-out");
     refused(
         "ble rooms --fingerprints one.csv --leave-one-out",
-        "one.csv: its points are all in one room: there is nothing to tell apart",
+        "one.csv:1: its points are all in one room: there is nothing to tell apart",
     );
+    refused("ble rooms --model f.csv --targets f.csv", "f.csv: not a model");
     refused(
         "ble rooms --fingerprints f.csv --targets none.csv",
-        "none.csv: point \"p\" has no room: column room is needed",
+        "none.csv:1: point \"p\" has no room: column room is needed",
     );
 }
 

@@ -7,7 +7,7 @@ use positioning_core::ble::fingerprint::{Fault, Map};
 use super::chart::{Grid, chart};
 use super::comparison::Comparison;
 use super::process::{Kernel, Process};
-use super::survey::Survey;
+use super::survey::{Survey, minor};
 use super::trend::{Plan, Trend};
 use crate::ble::files::Capture;
 
@@ -102,12 +102,12 @@ impl Maps {
     }
 }
 
-/// The names of a map's beacons, which has numbers of them alone: as captures spell these numbers, else as they are.
+/// The names of a map's beacons, of which it has numbers alone: what captures call those with these minors, else the numbers.
 pub fn names_of(map: &Map, captures: &[Capture]) -> Vec<String> {
     let heard: BTreeSet<&String> =
         captures.iter().flat_map(|capture| &capture.samples).map(|sample| &sample.beacon).collect();
     let name = |identity: u16| {
-        let spelt = heard.iter().find(|name| name.parse() == Ok(identity));
+        let spelt = heard.iter().find(|name| minor(name) == Some(identity));
         spelt.map_or_else(|| identity.to_string(), |name| (*name).clone())
     };
     map.identities().map(name).collect()

@@ -5,6 +5,7 @@ use std::path::Path;
 use positioning_core::ble::rooms::{MAX_BEACONS, MAX_ROOMS};
 use positioning_core::ble::signal::level;
 
+use super::file::Names;
 use crate::Wrong;
 use crate::ble::files::{Sample, Stay};
 use crate::ble::fingerprint::{self, Average, scan};
@@ -57,7 +58,7 @@ impl Survey {
         let mut survey = Self { beacons, ..Self::default() };
         survey.add(file, stays, window_s, true)?;
         let too_many = |what: &str, count: usize, most: usize| {
-            (count > most).then(|| Wrong::file(file, format!("{count} {what}, where a model holds {most}")))
+            (count > most).then(|| Wrong::line(file, 1, format!("{count} {what}, where a model holds {most}")))
         };
         if let Some(wrong) = too_many("rooms", survey.rooms.len(), MAX_ROOMS)
             .or_else(|| too_many("beacons", survey.beacons.len(), MAX_BEACONS))
@@ -65,10 +66,15 @@ impl Survey {
             return Err(wrong);
         }
         match (survey.rooms.len(), survey.points.len()) {
-            (_, 0) => Err(Wrong::file(file, "none of its levels is one that a receiver can have measured")),
-            (0 | 1, _) => Err(Wrong::file(file, "its points are all in one room: there is nothing to tell apart")),
+            (_, 0) => Err(Wrong::line(file, 1, "none of its levels is one that a receiver can have measured")),
+            (0 | 1, _) => Err(Wrong::line(file, 1, "its points are all in one room: there is nothing to tell apart")),
             (_, _) => Ok(survey),
         }
+    }
+
+    /// The names of a model, without points: what stays are to be found by.
+    pub fn of_names(names: &Names) -> Self {
+        Self { beacons: names.beacons.clone(), rooms: names.rooms.clone(), points: Vec::new() }
     }
 
     /// Stays to be found, with the beacons and rooms of this survey; rooms that it does not know are added behind its own.
@@ -84,7 +90,7 @@ impl Survey {
     fn add(&mut self, file: &Path, stays: &[Stay], window_s: f64, learnt: bool) -> Result<(), Wrong> {
         for stay in stays {
             let Some(room) = &stay.room else {
-                return Err(Wrong::file(file, format!("point {:?} has no room: column room is needed", stay.point)));
+                return Err(Wrong::line(file, 1, format!("point {:?} has no room: column room is needed", stay.point)));
             };
             let known = self.rooms.iter().position(|known| known == room);
             let room = known.unwrap_or_else(|| {
@@ -178,9 +184,9 @@ mod tests {
         let one = stay("p", Some("hall"), &[("2", -60.0, 0.0)]);
         assert_eq!(
             refused(std::slice::from_ref(&one)),
-            "f: its points are all in one room: there is nothing to tell apart"
+            "f:1: its points are all in one room: there is nothing to tell apart"
         );
         let lost = stay("q", None, &[("2", -60.0, 0.0)]);
-        assert_eq!(refused(&[one, lost]), "f: point \"q\" has no room: column room is needed");
+        assert_eq!(refused(&[one, lost]), "f:1: point \"q\" has no room: column room is needed");
     }
 }

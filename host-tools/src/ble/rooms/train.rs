@@ -38,6 +38,15 @@ impl Method {
     }
 }
 
+impl From<&Kind<'_>> for Method {
+    fn from(kind: &Kind) -> Self {
+        match kind {
+            Kind::Svm(_) => Self::Svm,
+            Kind::Nearest(_) => Self::Nearest,
+        }
+    }
+}
+
 /// A trained model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trained {

@@ -1,13 +1,14 @@
 //! `baliza ble rooms`: in which room a stay was.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use clap::ValueEnum;
 use host_tools::ble::files::read_stays;
-use host_tools::ble::rooms::{self, Method, ModelFile, Names, Point, Score, Survey};
+use host_tools::ble::rooms::{self, Method, ModelFile, Names, Point, Score, Survey, Trained};
 use host_tools::{Wrong, output, plot};
+use positioning_core::ble::rooms::Model;
 
 use crate::commands::{self, PictureFile};
 use crate::progress::Progress;
@@ -18,11 +19,15 @@ use crate::progress::Progress;
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza ble rooms --fingerprints fingerprints.csv --targets targets.csv\n  \
                         baliza ble rooms --fingerprints fingerprints.csv --leave-one-out --plot rooms.svg\n  \
-                        baliza ble rooms --fingerprints fingerprints.csv --out rooms.model")]
+                        baliza ble rooms --fingerprints fingerprints.csv --out rooms.model\n  \
+                        baliza ble rooms --model rooms.model --targets targets.csv")]
 pub struct Arguments {
     /// Where was heard what: CSV with point,room,x_m,y_m,beacon,rssi_dbm,t_s
-    #[arg(long, value_name = "FILE")]
-    fingerprints: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "model")]
+    fingerprints: Option<PathBuf>,
+    /// A model that --out has written, and nothing to learn from
+    #[arg(long, value_name = "FILE", requires = "targets", conflicts_with_all = ["fingerprints", "leave_one_out", "method", "out"])]
+    model: Option<PathBuf>,
     /// Stays to be judged: CSV with the same columns
     #[arg(long, value_name = "FILE", conflicts_with = "leave_one_out")]
     targets: Option<PathBuf>,
@@ -131,54 +136,76 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.targets.is_none() && !arguments.leave_one_out && arguments.out.is_none() {
         return Err(Wrong::flag("--targets", "say what is to be judged: --targets FILE or --leave-one-out").into());
     }
-    let window_s = arguments.window_s;
-    let survey = Survey::of_fingerprints(&arguments.fingerprints, &read_stays(&arguments.fingerprints)?, window_s)?;
-    let targets =
-        arguments.targets.as_deref().map(|file| survey.targets(file, &read_stays(file)?, window_s)).transpose()?;
-
-    let method = Method::from(arguments.method);
-    if let Some(file) = &arguments.out {
-        let chosen: Vec<&Point> = survey.points.iter().collect();
-        if let Some(trained) = rooms::train(method, &survey, &chosen)? {
-            let rooms = trained.rooms.iter().map(|room| survey.rooms[*room].clone()).collect();
-            let names = Names { beacons: survey.beacons.clone(), rooms };
-            commands::tell(&format!(
-                "model: {}, {} bytes on a node; beacons {}; rooms {}\n",
-                file.display(),
-                trained.bytes.len(),
-                names.beacons.join(","),
-                names.rooms.join(",")
-            ));
-            commands::write(file, &ModelFile { model: trained.bytes, names }.bytes()?)?;
-        }
-    }
-    let steps = targets.as_ref().map_or(survey.points.len(), |targets| targets.points.len());
-    let progress = Progress::new(steps * Method::ALL.len());
-    let scores = if arguments.leave_one_out || targets.is_some() {
-        let others = Method::ALL.into_iter().filter(|other| *other != method);
-        std::iter::once(method)
-            .chain(others)
-            .map(|method| match &targets {
-                Some(targets) => rooms::score(method, &survey, targets, window_s, || progress.step()),
-                None => rooms::leave_one_out(method, &survey, window_s, || progress.step()),
-            })
-            .collect::<Result<Vec<_>>>()?
-    } else {
-        Vec::new()
+    let (scores, names) = match (&arguments.fingerprints, &arguments.model, &arguments.targets) {
+        (Some(file), _, _) => arguments.learn(file)?,
+        (None, Some(model), Some(targets)) => by_model(model, targets, arguments.window_s)?,
+        (None, _, _) => return Err(Wrong::flag("--fingerprints", "a survey or --model is needed").into()),
     };
-    drop(progress);
     let Some(chosen) = scores.first() else { return Ok(()) };
-    let names = &targets.as_ref().unwrap_or(&survey).rooms;
     if arguments.json {
-        let methods = scores.iter().map(|score| row(score, names, window_s)).collect();
-        commands::print_json(&Document { chosen: row(chosen, names, window_s), methods })?;
+        let row = |score| row(score, &names, arguments.window_s);
+        commands::print_json(&Document { chosen: row(chosen), methods: scores.iter().map(row).collect() })?;
     } else {
-        commands::print(table(&scores, names).as_bytes())?;
+        commands::print(table(&scores, &names).as_bytes())?;
     }
     if let Some(picture) = picture {
-        picture.write_and_tell(plot::confusion(chosen.method.as_str(), names, &chosen.confusion)?)?;
+        picture.write_and_tell(plot::confusion(chosen.method.as_str(), &names, &chosen.confusion)?)?;
     }
     Ok(())
+}
+
+/// The scores of a model that was trained before, and the rooms' names.
+fn by_model(file: &Path, targets: &Path, window_s: f64) -> Result<(Vec<Score>, Vec<String>)> {
+    let ModelFile { model: bytes, names } =
+        ModelFile::parse(&super::read_bytes(file)?).map_err(|what| Wrong::file(file, what))?;
+    let (model, _) = Model::decode(&bytes).map_err(|fault| Wrong::file(file, fault.to_string()))?;
+    let method = Method::from(&model.kind);
+    let targets = Survey::of_names(&names).targets(targets, &read_stays(targets)?, window_s)?;
+    let trained = Trained { bytes, rooms: (0..names.rooms.len()).collect() };
+    let progress = Progress::new(targets.points.len());
+    let score = rooms::judge(method, &trained, &targets, window_s, || progress.step())?;
+    Ok((vec![score], targets.rooms))
+}
+
+impl Arguments {
+    /// The scores of all methods taught by a survey, the chosen one first, and the rooms' names.
+    fn learn(&self, file: &Path) -> Result<(Vec<Score>, Vec<String>)> {
+        let window_s = self.window_s;
+        let survey = Survey::of_fingerprints(file, &read_stays(file)?, window_s)?;
+        let targets =
+            self.targets.as_deref().map(|file| survey.targets(file, &read_stays(file)?, window_s)).transpose()?;
+        let method = Method::from(self.method);
+        self.write(method, &survey)?;
+        if targets.is_none() && !self.leave_one_out {
+            return Ok((Vec::new(), survey.rooms));
+        }
+        let steps = targets.as_ref().map_or(survey.points.len(), |targets| targets.points.len());
+        let progress = Progress::new(steps * Method::ALL.len());
+        let others = Method::ALL.into_iter().filter(|other| *other != method);
+        let scores = std::iter::once(method).chain(others).map(|method| match &targets {
+            Some(targets) => rooms::score(method, &survey, targets, window_s, || progress.step()),
+            None => rooms::leave_one_out(method, &survey, window_s, || progress.step()),
+        });
+        let scores = scores.collect::<Result<Vec<_>>>()?;
+        Ok((scores, targets.unwrap_or(survey).rooms))
+    }
+
+    /// Writes the model of all fingerprints, where it is asked for.
+    fn write(&self, method: Method, survey: &Survey) -> Result<()> {
+        let Some(file) = &self.out else { return Ok(()) };
+        let chosen: Vec<&Point> = survey.points.iter().collect();
+        let Some(trained) = rooms::train(method, survey, &chosen)? else { return Ok(()) };
+        let rooms = trained.rooms.iter().map(|room| survey.rooms[*room].clone()).collect();
+        let names = Names { beacons: survey.beacons.clone(), rooms };
+        commands::tell(&format!(
+            "model: {}, {} bytes on a node; beacons {}; rooms {}\n",
+            file.display(),
+            trained.bytes.len(),
+            names.beacons.join(","),
+            names.rooms.join(",")
+        ));
+        commands::write(file, &ModelFile { model: trained.bytes, names }.bytes()?)
+    }
 }
 
 /// All methods, and the confusion of the first.
