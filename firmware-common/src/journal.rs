@@ -91,7 +91,11 @@ impl<M: RawMutex, const BYTES: usize> Journal<M, BYTES> {
             Condition::NoRecord(_) | Condition::WrongRecord => {
                 log!(error, StateLine(is));
             }
-            Condition::RadioFailed(_) | Condition::ScannerRestarted(_) | Condition::Unused(..) => {
+            Condition::RadioFailed(_)
+            | Condition::ScannerRestarted(_)
+            | Condition::Unused(..)
+            | Condition::BeaconElsewhere(_)
+            | Condition::BeaconDoubled(_) => {
                 log!(warn, StateLine(is));
             }
             Condition::Searching
@@ -100,7 +104,8 @@ impl<M: RawMutex, const BYTES: usize> Journal<M, BYTES> {
             | Condition::Joined(_)
             | Condition::Coordinating
             | Condition::Following(_)
-            | Condition::Advertising => {
+            | Condition::Advertising
+            | Condition::BeaconBelieved(_) => {
                 log!(info, StateLine(is));
             }
         }

@@ -159,6 +159,11 @@ text!(StateLine, |this| this.0;
     Condition::Unused(levels, LevelsFault::Invalid) => ("{} in flash: not for a tag; not used", levels.as_str()),
     Condition::Unused(levels, LevelsFault::OtherBeacons) =>
         ("{} in flash: of beacons that the record does not list; not used", levels.as_str()),
+    Condition::BeaconElsewhere(of) => (
+        "beacon {}-{} is not where, or as loud as, it is listed: {} s of levels; not used", of.major, of.minor, of.seconds
+    ),
+    Condition::BeaconDoubled(of) => ("two senders are beacon {}-{}: {} s of levels; not used", of.major, of.minor, of.seconds),
+    Condition::BeaconBelieved(of) => ("beacon {}-{} agrees again, for {} s", of.major, of.minor, of.seconds),
 );
 
 /// In which room a tag is.

@@ -82,7 +82,11 @@ impl Lights {
     /// From now on this state is shown.
     pub fn show(&mut self, condition: Condition) {
         match condition {
-            Condition::ScannerRestarted(_) | Condition::Unused(..) => {}
+            Condition::ScannerRestarted(_)
+            | Condition::Unused(..)
+            | Condition::BeaconElsewhere(_)
+            | Condition::BeaconDoubled(_)
+            | Condition::BeaconBelieved(_) => {}
             Condition::NoRecord(_)
             | Condition::WrongRecord
             | Condition::Searching
@@ -102,7 +106,12 @@ impl Lights {
         let (state, fault) = match self.shown {
             Condition::NoRecord(_) | Condition::WrongRecord => (false, ms < 500),
             Condition::RadioFailed(_) => (false, ms % 200 < 100),
-            Condition::Searching | Condition::ScannerRestarted(_) | Condition::Unused(..) => (ms < 50, false),
+            Condition::Searching
+            | Condition::ScannerRestarted(_)
+            | Condition::Unused(..)
+            | Condition::BeaconElsewhere(_)
+            | Condition::BeaconDoubled(_)
+            | Condition::BeaconBelieved(_) => (ms < 50, false),
             Condition::Synchronised(_) => (ms < 50 || (200..250).contains(&ms), false),
             Condition::Paired(_)
             | Condition::Joined(_)

@@ -10,6 +10,7 @@ use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use firmware_common::counts::Tally;
 use heapless::Vec;
+use positioning_core::ble::path_loss::PathLoss;
 use ranging::exchange::{self, Difference, Guidance, Range};
 use ranging::native::MAX_ROUND;
 
@@ -48,10 +49,14 @@ pub struct Level {
     pub beacon: u16,
     /// Smoothed, dBm.
     pub level_dbm: f32,
+    /// Its deviation by noise, dB.
+    pub noise_db: f32,
+    /// The beacon's path loss; its deviation is of what stays with the place.
+    pub path_loss: PathLoss<f32>,
     /// The distance that belongs to it, metres.
     pub distance_m: f32,
-    /// Standard deviations of the distance's natural logarithm, by noise and by what stays with the place.
-    pub deviations: [f32; 2],
+    /// It jumps about as the levels of two senders do.
+    pub is_torn: bool,
 }
 
 impl<'a> Measured<'a> {

@@ -10,6 +10,7 @@ use node_record::{Beacon, MAX_BEACONS};
 use positioning_core::Real;
 use positioning_core::ble::path_loss::PathLoss;
 use positioning_core::ble::signal::{Kalman, Smoothing, Step, level};
+use positioning_core::ble::surroundings::ON_NODE;
 
 use crate::HEARS_BEACONS;
 use crate::handover::Level;
@@ -28,6 +29,8 @@ const PROCESS: f32 = 0.05;
 const INTERVAL_US: u32 = 100_000;
 /// The deviation of what stays with the place, dB: shadowing, and how far the path loss is from the beacon's own.
 const LASTING_DB: f32 = 5.0;
+/// Single levels of one sender scatter by noise, and by what a step changes; beyond this, dB, there are two.
+const TORN_DB: f32 = 9.0;
 /// How much a new level counts in what a beacon's levels are seen to deviate by.
 const LEARNING: f32 = 0.1;
 /// A path-loss exponent that nobody has calibrated.
@@ -37,6 +40,7 @@ const FORGOTTEN_US: u64 = 10 * WINDOW_US;
 
 /// Listed beacons.
 const LISTED: usize = if HEARS_BEACONS { MAX_BEACONS } else { 0 };
+const _: () = assert!(MAX_BEACONS == ON_NODE);
 
 /// What was heard of one beacon.
 #[derive(Clone, Copy, Debug, Default)]
@@ -114,9 +118,14 @@ impl Signal {
         if !path_loss.is_sane() {
             return None;
         }
-        let noise = PathLoss { deviation: Real::sqrt(self.kalman.variance_at(now_us, smoothing)), ..path_loss };
-        let deviations = [noise.relative_deviation(), path_loss.relative_deviation()];
-        Some(Level { beacon: place, level_dbm, distance_m: path_loss.distance(level_dbm), deviations })
+        Some(Level {
+            beacon: place,
+            level_dbm,
+            noise_db: Real::sqrt(self.kalman.variance_at(now_us, smoothing)),
+            path_loss,
+            distance_m: path_loss.distance(level_dbm),
+            is_torn: self.spread_db2 > TORN_DB * TORN_DB,
+        })
     }
 }
 
@@ -140,9 +149,9 @@ mod tests {
         // 20 dB at an exponent of 2: 10 m, by the record's level at 1 m.
         assert_eq!((level.beacon, level.level_dbm), (0, -80.0));
         assert!((level.distance_m - 10.0).abs() < 1e-3, "{level:?}");
-        // The gain of Q ⁄ R = 0.05 goes to 0.2 (k² = 0.05 (1 − k)): √0.2 · 4.41 = 1.972 dB, and 5 dB; ln 10 ⁄ 20 each.
-        assert!((level.deviations[0] - 0.2271).abs() < 1e-3, "{level:?}");
-        assert!((level.deviations[1] - 0.5756).abs() < 1e-3, "{level:?}");
+        // The gain of Q ⁄ R = 0.05 goes to 0.2 (k² = 0.05 (1 − k)): √0.2 · 4.41 = 1.972 dB.
+        assert!((level.noise_db - 1.972).abs() < 1e-2 && level.path_loss.deviation == 5.0, "{level:?}");
+        assert!(!level.is_torn);
         assert!(signals.take(10_400_000, &[beacon(1)]).is_empty(), "not heard since");
     }
 
@@ -175,8 +184,8 @@ mod tests {
         }
         let level = signals.take(9_950_000, &[beacon(1)])[0];
         // Half an interval apart the gain is 0.146 (k² = 0.025 (1 − k)). ± 15 dB, and the smoothed level with them by
-        // ± 0.146 · 15 ⁄ (2 − 0.146) = 1.18: √(25 + 16.18² − 4.41²) = 16.35 dB; ln 10 ⁄ 20.
-        assert!((level.deviations[1] - 1.883).abs() < 0.01, "{level:?}");
+        // ± 0.146 · 15 ⁄ (2 − 0.146) = 1.18: √(25 + 16.18² − 4.41²) = 16.35 dB.
+        assert!((level.path_loss.deviation - 16.35).abs() < 0.1 && level.is_torn, "{level:?}");
     }
 
     #[test]

@@ -34,7 +34,7 @@ use firmware_common::{Reporter, Settings, TagMachine, build};
 use ranging::exchange::{Action, Event, Guidance, Link, Machine, Report};
 use ranging::node::{self, Listener, Restart};
 use ranging::{Radio, RadioInstant};
-use telemetry::{Board, Hello, Role, Sighting};
+use telemetry::{Board, Condition, Hello, Role, Sighting};
 
 use handover::{Quiet, Round};
 use sounding::Sounder;
@@ -86,6 +86,11 @@ pub trait Sink {
     /// A beacon that the tag knows was heard.
     fn sighting(&self, sighting: Sighting) {
         let _ = sighting;
+    }
+
+    /// Something else is believed of a listed beacon.
+    fn beacon(&self, word: Condition) {
+        let _ = word;
     }
 
     /// A beacon's advertisement was heard, which cost so many older ones their place.
@@ -186,6 +191,9 @@ pub async fn engine<M: RawMutex>(
                 handover.guide(Guidance { position_m: Some(position.position_m), rate: None, turns });
             }
             sink.publish(epoch).await;
+        }
+        if HEARS_BEACONS && let Some(word) = tracker.word() {
+            sink.beacon(word);
         }
     }
 }

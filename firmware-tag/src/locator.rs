@@ -1,7 +1,8 @@
 //! What a tag makes of its rounds, and by what: the engine's settings, the places of the anchors; positions with their covariance.
 
 use heapless::Vec;
-use positioning_core::engine::{Beacons, Dimensions, Settings, Solvers};
+use positioning_core::ble::surroundings::Known;
+use positioning_core::engine::{Dimensions, Settings, Solvers};
 use positioning_core::nlos::Classifier;
 use positioning_core::{NoFix, Noise, Real, Side};
 
@@ -19,6 +20,9 @@ pub struct AnchorPlace {
     /// Where it stands, metres.
     pub position_m: [f32; 3],
 }
+
+/// A position is sure that deviates by less, metres an axis: a tenth of what levels tell.
+const SURE_M: f32 = 0.3;
 
 /// How a tag makes positions.
 #[derive(Clone)]
@@ -97,8 +101,7 @@ impl<'a> Locator<'a> {
     /// The same, that listens for these beacons. By them alone a track is uncertain by metres, and no less a track.
     pub fn with_beacons(self, beacons: KnownBeacons<'a>) -> Self {
         let lost = if beacons.listed().is_empty() { self.settings.lost } else { LOST_AMONG_BEACONS_M };
-        let solvers = Solvers { beacons: Some(Beacons::on_node()), ..self.settings.solvers };
-        Self { settings: Settings { lost, solvers, ..self.settings }, beacons, ..self }
+        Self { settings: Settings { lost, ..self.settings }, beacons, ..self }
     }
 }
 
@@ -106,6 +109,13 @@ impl Position {
     /// Standard deviation along each axis, metres.
     pub fn deviation_m(&self) -> [f32; 3] {
         core::array::from_fn(|axis| Real::sqrt(self.covariance_m2[axis][axis]))
+    }
+
+    /// Where the tag is, if that is sure enough to tell by it what levels err by.
+    pub(crate) fn sure(&self) -> Option<Known<f32>> {
+        let ([x, y, _], [[xx, ..], [_, yy, _], _]) = (self.position_m, self.covariance_m2);
+        let variance = xx.max(yy);
+        (variance <= SURE_M * SURE_M).then_some(Known { position: [x, y], variance })
     }
 
     /// Whether the height was given and not found.

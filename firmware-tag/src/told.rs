@@ -85,6 +85,10 @@ impl<M: RawMutex, const BYTES: usize> Sink for Told<'_, M, BYTES> {
         self.reporter.journal.sighting(sighting);
     }
 
+    fn beacon(&self, word: Condition) {
+        self.reporter.journal.state(self.now_us(), word);
+    }
+
     fn heard(&self, dropped: u32) {
         self.reporter.counts.sightings.add();
         (0..dropped).for_each(|_| self.reporter.counts.sightings_dropped.add());

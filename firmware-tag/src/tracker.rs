@@ -5,6 +5,7 @@
 //! which may ask for the impulse response, or by the received powers.
 
 use heapless::Vec;
+use positioning_core::ble::surroundings::{ON_NODE, Surroundings};
 use positioning_core::engine::{Engine, Measurement, Missing, Output, Tdoa, Verdict};
 use positioning_core::nlos::{Feature, Features, Judge, Reception, first_path_to_noise_db};
 use positioning_core::{NoFix, Real, engine};
@@ -17,16 +18,21 @@ use crate::levels::{MOST, Signals};
 use crate::windows::Window;
 use crate::{AnchorPlace, Epoch, KnownBeacons, Locator, Measured, Position, Sounding};
 
+/// How far a tag's receiver, and the body that carries it, may be off from what beacons are told to be, all alike, dB.
+const RECEIVER_DB: f32 = 5.0;
+
 /// Follows one tag.
 #[derive(Clone)]
 pub struct Tracker<'a> {
     pub(crate) engine: Engine<f32>,
-    anchors: &'a [AnchorPlace],
+    pub(crate) anchors: &'a [AnchorPlace],
     judge: Judge<'a>,
     /// Where the tag was at the end of the last round, metres, where that is known.
     pub(crate) last_m: Option<[f32; 3]>,
     pub(crate) beacons: KnownBeacons<'a>,
     pub(crate) signals: Signals,
+    /// What it knows of the receiver and of the beacons.
+    pub(crate) surroundings: Surroundings<f32, ON_NODE>,
     /// What the last window had.
     pub(crate) levels: Vec<Level, MOST>,
     pub(crate) window: Window,
@@ -56,6 +62,7 @@ impl<'a> Tracker<'a> {
             last_m: None,
             beacons,
             signals: Signals::new(),
+            surroundings: Surroundings::new(RECEIVER_DB),
             levels: Vec::new(),
             window: Window::default(),
             number: 0,
@@ -83,6 +90,7 @@ impl<'a> Tracker<'a> {
         self.number = measured.number();
         self.window.after_anchors = true;
         self.window.found_by_anchors |= outcome.is_ok();
+        self.window.by_anchors = outcome.as_ref().ok().and_then(Position::sure).or(self.window.by_anchors);
         Epoch { measured, poll_us, outcome, sounding }
     }
 
@@ -129,7 +137,7 @@ impl<'a> Tracker<'a> {
                 deviations: [round.reference_deviation_m, difference.deviation_m],
                 blocked: [of_reference, self.overheard(poll_us, difference.peer, &difference.diagnostics)],
             };
-            taken.count(place, self.engine.step_on_node(poll_us, &Measurement::Tdoa(tdoa)).verdict);
+            taken.count(1 << place, self.engine.step_on_node(poll_us, &Measurement::Tdoa(tdoa)).verdict);
         }
     }
 
@@ -166,11 +174,11 @@ impl<'a> Tracker<'a> {
 }
 
 impl Taken {
-    /// Counts the round's `place`-th difference or level.
-    pub(crate) fn count(&mut self, place: u16, verdict: Verdict) {
+    /// Counts differences or levels of the round, by the bits of their places.
+    pub(crate) fn count(&mut self, places: u16, verdict: Verdict) {
         match verdict {
-            Verdict::Used | Verdict::Readmitted => self.used |= 1 << place,
-            Verdict::Held => self.held |= 1 << place,
+            Verdict::Used | Verdict::Readmitted => self.used |= places,
+            Verdict::Held => self.held |= places,
             Verdict::Refused
             | Verdict::Ignored
             | Verdict::NotSane

@@ -1,12 +1,15 @@
 //! From sightings of beacons to epochs: once a window, what was heard goes into the track of the tag's rounds.
 
-use positioning_core::engine::{BleRange, Dimensions, Measurement, Mode, Settings};
-use telemetry::Sighting;
+use heapless::Vec;
+use positioning_core::ble::multilateration;
+use positioning_core::ble::surroundings::{self, Known, Site, Standing};
+use positioning_core::engine::{Dimensions, Measurement, Mode, Settings};
+use telemetry::{BeaconWord, Condition, Sighting};
 
 use crate::handover::{Heard, Level, Levels};
 use crate::levels::{MOST, WINDOW_US};
 use crate::tracker::{Taken, outcome};
-use crate::{Epoch, Measured, Tracker};
+use crate::{Epoch, HEARS_BEACONS, Measured, Tracker};
 
 /// A tag that has heard no beacon for so long is told to be without, microseconds: a scan may pause for a while.
 const SILENT_US: u64 = 5 * WINDOW_US;
@@ -20,6 +23,8 @@ pub(crate) struct Window {
     heard_us: u64,
     /// Anchors have given a position since the last window.
     pub(crate) found_by_anchors: bool,
+    /// Where they had the tag, if they were sure of it.
+    pub(crate) by_anchors: Option<Known<f32>>,
     /// The last epoch was one of anchors.
     pub(crate) after_anchors: bool,
 }
@@ -77,18 +82,39 @@ impl Tracker<'_> {
         Some(Epoch { measured, poll_us: now_us, outcome, sounding: None })
     }
 
+    /// What is new of a listed beacon since it was asked last: it is doubted, or believed again.
+    pub fn word(&mut self) -> Option<Condition> {
+        let news = self.surroundings.take_news()?;
+        let beacon = self.beacons.listed().get(news.beacon)?;
+        let seconds = u16::try_from(news.seconds).unwrap_or(u16::MAX);
+        let word = BeaconWord { major: beacon.major, minor: beacon.minor, seconds };
+        Some(match news.standing {
+            Standing::Agrees => Condition::BeaconBelieved(word),
+            Standing::Elsewhere => Condition::BeaconElsewhere(word),
+            Standing::TwoPlaces => Condition::BeaconDoubled(word),
+        })
+    }
+
+    /// Lets where the levels have the tag into the track.
     pub(crate) fn take_levels(&mut self, levels: &[Level], now_us: u64, taken: &mut Taken) {
-        for (place, level) in (0..MOST as u16).zip(levels) {
-            let Some(beacon) = self.beacons.listed().get(usize::from(level.beacon)) else { continue };
-            let range = BleRange {
-                beacon: level.beacon,
-                place: beacon.position_m,
-                distance: level.distance_m,
-                relative_deviation: level.deviations[0],
-                lasting_deviation: level.deviations[1],
-            };
-            taken.count(place, self.engine.step_on_node(now_us, &Measurement::BleRange(range)).verdict);
-        }
+        let (Dimensions::Plane { height }, true) = (self.engine.settings().dimensions, HEARS_BEACONS) else { return };
+        let list = self.beacons.listed();
+        let level = |level: &Level| {
+            let [x, y, z] = list.get(usize::from(level.beacon))?.position_m;
+            let Level { level_dbm, path_loss, noise_db, is_torn, .. } = *level;
+            let heard = multilateration::Heard { place: [x, y], above: z - height, level: level_dbm, path_loss };
+            Some(surroundings::Level { beacon: level.beacon.into(), heard, noise: noise_db, is_torn })
+        };
+        let levels: Vec<surroundings::Level<f32>, MOST> = levels.iter().filter_map(level).collect();
+        let flat = |[x, y, _]: [f32; 3]| [x, y];
+        let beacons = list.iter().map(|beacon| flat(beacon.position_m));
+        let Some(site) = Site::around(beacons.chain(self.anchors.iter().map(|anchor| flat(anchor.position_m)))) else {
+            return;
+        };
+        let known = self.window.by_anchors.take();
+        let Ok(located) = self.surroundings.locate_on_node(now_us, &levels, &site, known.as_ref()) else { return };
+        let verdict = self.engine.step_on_node(now_us, &Measurement::BeaconPosition(located.position)).verdict;
+        taken.count(located.used, verdict);
     }
 }
 

@@ -298,6 +298,12 @@ pub enum Condition {
     Advertising,
     /// What a tag knows of beacons' levels on the spot is not used: all of it, or a part.
     Unused(Levels, LevelsFault),
+    /// A listed beacon's levels contradict the place where it is listed: it makes no positions.
+    BeaconElsewhere(BeaconWord),
+    /// A listed beacon's levels are those of two senders: it makes no positions.
+    BeaconDoubled(BeaconWord),
+    /// A listed beacon that was doubted agrees again.
+    BeaconBelieved(BeaconWord),
 }
 
 /// What a tag knows of beacons' levels on the spot.
@@ -324,6 +330,18 @@ pub enum LevelsFault {
     Invalid,
     /// It is of beacons that the record does not list.
     OtherBeacons,
+}
+
+/// A listed beacon of which something else is believed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct BeaconWord {
+    /// Major number.
+    pub major: u16,
+    /// Minor number.
+    pub minor: u16,
+    /// For how long its levels have told so, seconds.
+    pub seconds: u16,
 }
 
 /// What is wrong with the record in flash.

@@ -76,6 +76,9 @@ impl Condition {
             Self::Unused(Levels::All, _) => "levels-unused",
             Self::Unused(Levels::Map, _) => "map-unused",
             Self::Unused(Levels::Rooms, _) => "rooms-unused",
+            Self::BeaconElsewhere(_) => "beacon-elsewhere",
+            Self::BeaconDoubled(_) => "beacon-doubled",
+            Self::BeaconBelieved(_) => "beacon-believed",
         }
     }
 }

@@ -1,22 +1,23 @@
 //! Kernels with memory over captures: the tag's engine and the particle filter, window by window, and the receiver's offset, learnt on the
 //! way.
 
+use positioning_core::NoFix;
 use positioning_core::ble::multilateration::Heard;
 use positioning_core::ble::offset::ReceiverOffset;
 use positioning_core::ble::particles::{self, Levels, Likelihood, ON_HOST, ParticleFilter};
-use positioning_core::ble::path_loss::attenuation;
+use positioning_core::ble::posterior::Belief;
 use positioning_core::ble::signal::{Beacons, Smoothing};
-use positioning_core::engine::{BleRange, Dimensions, Engine, Measurement, Settings};
-use positioning_core::{Area, NoFix};
+use positioning_core::ble::surroundings::{Level, Site, Surroundings};
+use positioning_core::engine::{Dimensions, Engine, Measurement, Settings};
 
-use super::files::{Beacon, Capture, Sample};
-use super::solve::{MOST_BEACONS, Solver, loudest, means, path_loss};
+use super::files::{Capture, Sample};
+use super::solve::{MOST_BEACONS, Solver, loudest, means};
 use crate::{NoPosition, Position};
 
-/// The engine's time at the start of a capture, seconds: times a little earlier are still times.
-const BEGIN_S: f64 = 3600.0;
-/// Shadows of several beacons at one place are one another's: two levels are worth one, √2.
-const SHARED: f32 = std::f32::consts::SQRT_2;
+/// The kernel's time at the start of the first capture, microseconds: times a little earlier are still times.
+const BEGIN_US: u64 = 3_600_000_000;
+/// Between two captures of which nobody says, microseconds.
+const BETWEEN_US: u64 = 10_000_000;
 /// What is left of the noise in a window's mean of smoothed levels, dB (table 3.1: 1 to 1.2 over single levels).
 const NOISE_DB: f32 = 1.2;
 /// The time in which the levels of scans one after the other count as much as one scan, seconds: shadows stay while a tag does.
@@ -36,10 +37,31 @@ pub(super) struct Follower<'a> {
     solver: &'a Solver<'a>,
     beacons: Box<Beacons<f32, MOST_BEACONS>>,
     track: Track,
-    /// What the receiver reads too loud, learnt from capture to capture.
-    pub(super) receiver: ReceiverOffset<f32>,
-    /// The first time, which is [`BEGIN_S`] for the kernel, seconds.
+    /// What was learnt from capture to capture.
+    pub(super) learnt: Learnt,
+    /// The first time, in the files' time, seconds.
     first_s: Option<f64>,
+}
+
+/// What stays from capture to capture.
+#[derive(Clone, Debug)]
+pub(super) struct Learnt {
+    /// What the receiver reads too loud, as particles learn it.
+    receiver: ReceiverOffset<f32>,
+    /// What the tag knows of receiver and beacons.
+    surroundings: Box<Surroundings<f32, MOST_BEACONS>>,
+    /// When the next capture begins for the kernel, microseconds.
+    begin_us: u64,
+}
+
+impl Learnt {
+    fn nothing(offset_db: f32) -> Self {
+        Self {
+            receiver: ReceiverOffset::new(offset_db),
+            surroundings: Box::new(Surroundings::new(offset_db)),
+            begin_us: BEGIN_US,
+        }
+    }
 }
 
 enum Track {
@@ -48,17 +70,14 @@ enum Track {
 }
 
 impl<'a> Follower<'a> {
-    /// Nothing followed yet; what is known of the receiver stays.
-    pub(super) fn new(solver: &'a Solver<'a>, memory: Memory, receiver: Option<ReceiverOffset<f32>>) -> Self {
-        let receiver = receiver.unwrap_or_else(|| ReceiverOffset::new(solver.setup.offset_db as f32));
+    /// Nothing followed yet; what was learnt stays.
+    pub(super) fn new(solver: &'a Solver<'a>, memory: Memory, learnt: Option<Learnt>) -> Self {
+        let mut learnt = learnt.unwrap_or_else(|| Learnt::nothing(solver.setup.offset_db as f32));
+        learnt.begin_us += BETWEEN_US;
         let window_us = (solver.setup.window_s * 1.0e6) as u64;
         let track = match memory {
             Memory::Engine => {
-                let area = solver.constraints().area.map(|area| Area {
-                    min: [area.min[0], area.min[1], f32::NEG_INFINITY],
-                    max: [area.max[0], area.max[1], f32::INFINITY],
-                });
-                let settings = Settings { area, ..Settings::track(Dimensions::Plane { height: 0.0 }) };
+                let settings = Settings::track(Dimensions::Plane { height: 0.0 });
                 Track::Engine(Box::new(Engine::new(settings)))
             }
             Memory::Particles => {
@@ -67,7 +86,7 @@ impl<'a> Follower<'a> {
             }
         };
         let beacons = Box::new(Beacons::new(Smoothing::default(), window_us));
-        Self { solver, beacons, track, receiver, first_s: None }
+        Self { solver, beacons, track, learnt, first_s: None }
     }
 
     /// Goes through a capture, window by window of those in which something was heard; its position is the last one.
@@ -89,76 +108,74 @@ impl<'a> Follower<'a> {
             }
             let end_s = samples.last().map_or(last_s, |sample| first_s + (window(sample) + 1.0) * window_s);
             let now_us = self.microseconds(end_s.min(last_s));
-            let mut scan = self.beacons.scan(now_us);
-            self.receiver.correct(&mut scan);
-            let heard = self.solver.heard(&scan);
+            let scan = self.beacons.scan(now_us);
+            let Learnt { receiver, surroundings, .. } = &mut self.learnt;
             position = match &mut self.track {
-                Track::Engine(engine) => engine_step(self.solver, engine, now_us, &heard),
-                Track::Particles(filter) => {
-                    particle_step(self.solver, filter, now_us, &heard, self.receiver.deviation())
-                }
+                Track::Engine(engine) => engine_step(self.solver, engine, surroundings, now_us, &scan),
+                Track::Particles(filter) => particle_step(self.solver, filter, receiver, now_us, &scan),
             };
         }
-        if let (Ok(found), true) = (&position, self.solver.setup.offset_db > 0.0) {
+        self.learnt.begin_us = self.microseconds(last_s);
+        if let (Track::Particles(_), Ok(found), true) = (&self.track, &position, self.solver.setup.offset_db > 0.0) {
             self.learn(&capture.samples, found);
         }
         position
     }
 
-    /// Learns the receiver's offset where a capture was found to be.
+    /// Learns the receiver's offset where particles have found a capture to be.
     fn learn(&mut self, samples: &[Sample], found: &Position) {
-        let heard = means(self.solver.beacons, samples);
+        let scan = means(self.solver.beacons, samples);
+        let receiver = &mut self.learnt.receiver;
+        let heard = corrected(self.solver, receiver, &scan);
+        let belief = Belief { offset_deviation: receiver.deviation(), ..Belief::default() };
         let at = self.solver.local([found.place.x_m, found.place.y_m]);
-        let expected = |beacon: &Beacon| {
-            let place = self.solver.local(beacon.position_m);
-            let (x, y) = (at[0] - place[0], at[1] - place[1]);
-            Some(path_loss(beacon).level((x * x + y * y).sqrt()) - attenuation(self.solver.attenuating(), place, at))
-        };
-        let expected: Vec<Option<f32>> = self.solver.beacons.iter().map(expected).collect();
-        let count = self.solver.beacons.len().max(1) as f32;
-        let deviation = self.solver.beacons.iter().map(|beacon| path_loss(beacon).deviation).sum::<f32>() / count;
-        self.receiver.learn(&heard, &expected, SHARED * deviation);
+        let (more, variance) = belief.of(&heard).through(self.solver.attenuating()).offset_at(at);
+        receiver.learn(more, variance);
     }
 
     fn microseconds(&mut self, t_s: f64) -> u64 {
         let first_s = *self.first_s.get_or_insert(t_s);
         // A float too large or negative becomes the largest or least integer.
-        ((t_s - first_s + BEGIN_S) * 1.0e6) as u64
+        self.learnt.begin_us.saturating_add_signed(((t_s - first_s) * 1.0e6) as i64)
     }
 }
 
+/// What is heard, as the calibration's receiver would have it, the loudest of it.
+fn corrected(solver: &Solver, receiver: &ReceiverOffset<f32>, scan: &[Option<f32>]) -> Vec<Heard<f32, 2>> {
+    let correct = |(_, heard): (usize, Heard<f32, 2>)| Heard { level: receiver.correct(heard.level), ..heard };
+    let mut heard: Vec<Heard<f32, 2>> = solver.heard(scan).into_iter().map(correct).collect();
+    loudest(&mut heard);
+    heard
+}
+
+/// Lets where the levels have the tag into the engine, as a tag does.
 fn engine_step(
     solver: &Solver,
     engine: &mut Engine<f32>,
+    surroundings: &mut Surroundings<f32, MOST_BEACONS>,
     now_us: u64,
-    heard: &[(usize, Heard<f32, 2>)],
+    scan: &[Option<f32>],
 ) -> Result<Position, NoPosition> {
-    for (beacon, heard) in heard {
-        let [x, y] = heard.place;
-        let range = BleRange {
-            beacon: *beacon as u16,
-            place: [x, y, 0.0],
-            distance: heard.distance(),
-            relative_deviation: heard.path_loss.relative(NOISE_DB),
-            lasting_deviation: SHARED * heard.path_loss.relative_deviation(),
-        };
-        engine.step(now_us, &Measurement::BleRange(range));
-    }
+    let level = |(beacon, heard): (usize, Heard<f32, 2>)| Level { beacon, heard, noise: NOISE_DB, is_torn: false };
+    let mut levels: Vec<Level<f32>> = solver.heard(scan).into_iter().map(level).collect();
+    levels.sort_by(|a, b| b.heard.level.total_cmp(&a.heard.level));
+    let site = Site { area: solver.reach(), walls: solver.attenuating() };
+    let located = surroundings.locate(now_us, &levels, &site, None).map_err(NoPosition::NoFix)?;
+    engine.step(now_us, &Measurement::BeaconPosition(located.position));
     let fix = engine.step(now_us, &Measurement::RoundEnd).fix.map_err(NoPosition::Missing)?;
     let [x, y, _] = fix.position;
     let covariance = [0, 1].map(|row: usize| [fix.covariance[row][0], fix.covariance[row][1]]);
-    Ok(solver.global([x, y], &covariance, heard.len()))
+    Ok(solver.global([x, y], &covariance, located.used.count_ones() as usize))
 }
 
 fn particle_step(
     solver: &Solver,
     filter: &mut ParticleFilter<f32, ON_HOST>,
+    receiver: &ReceiverOffset<f32>,
     now_us: u64,
-    heard: &[(usize, Heard<f32, 2>)],
-    offset_deviation: f32,
+    scan: &[Option<f32>],
 ) -> Result<Position, NoPosition> {
-    let mut heard: Vec<Heard<f32, 2>> = heard.iter().map(|(_, heard)| *heard).collect();
-    loudest(&mut heard);
+    let heard = corrected(solver, receiver, scan);
     if heard.is_empty() {
         return Err(NoPosition::NoFix(NoFix::TooFewAnchors));
     }
@@ -166,7 +183,7 @@ fn particle_step(
         filter.start_in(&solver.reach());
     }
     let trust = (solver.setup.window_s / SHADOW_S).min(1.0) as f32;
-    let levels = Levels::of(&heard, offset_deviation, trust).through(solver.attenuating());
+    let levels = Levels::of(&heard, receiver.deviation(), trust).through(solver.attenuating());
     let reach = solver.reach();
     let within = |at: [f32; 2]| (0..2).all(|axis| (reach.min[axis]..=reach.max[axis]).contains(&at[axis]));
     let likelihood = |at| if within(at) { levels.ln_at(at) } else { f32::NAN };

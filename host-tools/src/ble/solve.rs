@@ -6,7 +6,7 @@
 
 use positioning_core::ble::multilateration::{Heard, nonlinear, weighted_linear};
 use positioning_core::ble::path_loss::{PathLoss, Wall};
-use positioning_core::ble::posterior::{Belief, posterior_mean};
+use positioning_core::ble::posterior::{Belief, posterior};
 use positioning_core::ble::signal::level;
 use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, NoFix, Side};
 
@@ -105,16 +105,17 @@ impl<'a> Solver<'a> {
                 }
                 Kernel::Posterior => {
                     let belief = Belief { offset_deviation: self.setup.offset_db as f32, ..Belief::default() };
-                    return self
-                        .at_once(capture, |heard| posterior_mean(heard, &self.reach(), self.attenuating(), &belief));
+                    return self.at_once(capture, |heard| {
+                        posterior(heard, &self.reach(), self.attenuating(), &belief).map(|found| found.fix)
+                    });
                 }
                 Kernel::Engine => Memory::Engine,
                 Kernel::ParticleFilter => Memory::Particles,
             };
             let earlier = follower.take();
-            let receiver = earlier.as_ref().map(|earlier| earlier.receiver);
+            let learnt = earlier.as_ref().map(|earlier| earlier.learnt.clone());
             let earlier = earlier.filter(|_| !capture.is_stay);
-            follower.insert(earlier.unwrap_or_else(|| Follower::new(self, memory, receiver))).follow(capture)
+            follower.insert(earlier.unwrap_or_else(|| Follower::new(self, memory, learnt))).follow(capture)
         };
         let mut solved = vec![None; captures.len()];
         for at in in_order(captures) {

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
+use firmware_common::lines::StateLine;
 use host_tools::nlos::Chosen;
 use host_tools::simulate::{Capture, Logbook, picture, position_header, position_row};
 use host_tools::{Wrong, output};
@@ -324,9 +325,15 @@ impl Show {
                 (Self::Lines { .. }, What::RadioFailed(times)) => {
                     text.extend(format!("{:>8.3} {:>6} radio failed: {times}\n", record.t_s, record.node).into_bytes());
                 }
+                (Self::Lines { .. }, What::Beacon(word)) => {
+                    text.extend(format!("{:>8.3} {:>6} {}\n", record.t_s, record.node, StateLine(*word)).into_bytes());
+                }
                 (Self::Lines { .. }, What::Sighting(_))
                 | (Self::Nothing, _)
-                | (Self::Rows { .. }, What::Link(_) | What::Fault(_) | What::RadioFailed(_) | What::Sighting(_)) => {}
+                | (
+                    Self::Rows { .. },
+                    What::Link(_) | What::Fault(_) | What::RadioFailed(_) | What::Sighting(_) | What::Beacon(_),
+                ) => {}
             }
         }
         super::print(&text)

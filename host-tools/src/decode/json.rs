@@ -81,6 +81,8 @@ enum Object {
         record_version: Option<u8>,
         levels_fault: Option<&'static str>,
         levels_version: Option<u8>,
+        beacon: Option<String>,
+        for_s: Option<u16>,
     },
     Counters {
         t_s: f64,
@@ -255,6 +257,7 @@ impl Object {
     fn state(state: &State) -> Self {
         let (mut peer, mut slots, mut times, mut record_fault, mut record_version) = (None, None, None, None, None);
         let (mut levels_fault, mut levels_version) = (None, None);
+        let (mut beacon, mut for_s) = (None, None);
         match state.is {
             Condition::NoRecord(fault) => {
                 record_fault = Some(fault.as_str());
@@ -273,10 +276,26 @@ impl Object {
                     LevelsFault::Corrupt | LevelsFault::Invalid | LevelsFault::OtherBeacons => None,
                 };
             }
+            Condition::BeaconElsewhere(of) | Condition::BeaconDoubled(of) | Condition::BeaconBelieved(of) => {
+                beacon = Some(format!("{}-{}", of.major, of.minor));
+                for_s = Some(of.seconds);
+            }
             Condition::WrongRecord | Condition::Searching | Condition::Coordinating | Condition::Advertising => {}
         }
         let (t_s, state) = (seconds(state.t_us), state.is.as_str());
-        Self::State { t_s, state, peer, slots, times, record_fault, record_version, levels_fault, levels_version }
+        Self::State {
+            t_s,
+            state,
+            peer,
+            slots,
+            times,
+            record_fault,
+            record_version,
+            levels_fault,
+            levels_version,
+            beacon,
+            for_s,
+        }
     }
 
     fn room(room: &Room) -> Self {

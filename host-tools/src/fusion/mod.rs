@@ -1,5 +1,5 @@
 //! The benchmark of fusion: a walking tag with ranges to anchors and powers of beacons, each alone and both together, by the fusion of
-//! patent ES 2 397 388 (`positioning_core::fusion`) and by the engine's extended Kalman filter with ranges from powers.
+//! patent ES 2 397 388 (`positioning_core::fusion`) and by the engine's extended Kalman filter with positions by powers.
 //!
 //! [`world`] states what is drawn. Everybody knows the hall, the tag's height, places and the noise of ranges; nobody is told which
 //! anchors are blocked. Errors are horizontal, from the fifth second of each walk on, of the mean of what the filter believes.
@@ -8,7 +8,10 @@ mod table;
 pub mod world;
 
 use positioning_core::Area;
-use positioning_core::engine::{self, BleRange, Dimensions, Engine, Measurement, Range};
+use positioning_core::ble::multilateration;
+use positioning_core::ble::path_loss::PathLoss;
+use positioning_core::ble::surroundings::{Level, Site, Surroundings};
+use positioning_core::engine::{self, Dimensions, Engine, Measurement, Range};
 use positioning_core::fusion::{Channel, Fusion, ON_NODE, Observation, Settings, Sources};
 
 use crate::Statistics;
@@ -224,20 +227,31 @@ fn filtered(rounds: &[Round], heard: Heard, conditions: &Conditions) -> Vec<Opti
     let dimensions = Dimensions::Plane { height: HEIGHT_M as f32 };
     let settings = engine::Settings { area: Some(area()), ..engine::Settings::track(dimensions) };
     let mut engine: Engine<f32> = Engine::new(settings);
-    let relative = |decibels: f64| (decibels * std::f64::consts::LN_10 / (10.0 * BELIEVED[1])) as f32;
+    // Nobody's receiver is off here, and no beacon stands elsewhere.
+    let mut surroundings = Box::new(Surroundings::<f32, { world::MOST_BEACONS }>::new(0.0));
+    let path_loss =
+        PathLoss { level_1m: BELIEVED[0] as f32, exponent: BELIEVED[1] as f32, deviation: LASTING_DB as f32 };
+    let site = Site { area: Area { min: [0.0; 2], max: HALL_M.map(|side| side as f32) }, walls: &[] };
     rounds
         .iter()
         .map(|round| {
-            for &(t_us, beacon, dbm) in round.powers.iter().filter(|_| heard != Heard::Uwb) {
-                let distance = 10.0_f64.powf((BELIEVED[0] - dbm) / (10.0 * BELIEVED[1]));
-                let range = BleRange {
-                    beacon: beacon as u16,
-                    place: single(world::beacon_m(beacon)),
-                    distance: distance as f32,
-                    relative_deviation: relative(FADING_DB),
-                    lasting_deviation: relative(LASTING_DB),
-                };
-                engine.step(t_us, &Measurement::BleRange(range));
+            if heard != Heard::Uwb {
+                let levels: Vec<Level<f32>> = (0..world::MOST_BEACONS)
+                    .filter_map(|beacon| {
+                        let of_it: Vec<f64> =
+                            round.powers.iter().filter(|power| power.1 == beacon).map(|power| power.2).collect();
+                        let count = of_it.len() as f64;
+                        let [x, y, z] = single(world::beacon_m(beacon));
+                        let level = (of_it.iter().sum::<f64>() / count) as f32;
+                        let heard =
+                            multilateration::Heard { place: [x, y], above: z - HEIGHT_M as f32, level, path_loss };
+                        let noise = (FADING_DB / count.sqrt()) as f32;
+                        (count > 0.0).then_some(Level { beacon, heard, noise, is_torn: false })
+                    })
+                    .collect();
+                if let Ok(located) = surroundings.locate(round.t_us, &levels, &site, None) {
+                    engine.step(round.t_us, &Measurement::BeaconPosition(located.position));
+                }
             }
             for &(anchor, metres) in round.ranges.iter().filter(|_| heard != Heard::Ble) {
                 let range = Range {

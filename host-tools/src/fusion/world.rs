@@ -24,8 +24,10 @@ pub const BELIEVED: [f64; 2] = [-59.0, 2.0];
 pub const ROUND_US: u64 = 200_000;
 /// Places of anchors, metres; the first so many are there.
 const ANCHORS_M: [[f64; 3]; 4] = [[0.0, 0.0, 2.6], [12.0, 1.0, 2.4], [5.0, 8.0, 2.8], [12.0, 8.0, 2.2]];
+/// Beacons of which places are given.
+pub const MOST_BEACONS: usize = 8;
 /// Places of beacons, metres; the first so many are there.
-const BEACONS_M: [[f64; 3]; 8] = [
+const BEACONS_M: [[f64; 3]; MOST_BEACONS] = [
     [3.0, 0.0, 2.2],
     [9.0, 0.0, 2.2],
     [0.0, 5.0, 2.2],

@@ -236,6 +236,10 @@ impl Session {
                 self.counts.node_dropped = counters.telemetry_dropped.into();
                 false
             }
+            Message::State(State {
+                is: Condition::BeaconElsewhere(_) | Condition::BeaconDoubled(_) | Condition::BeaconBelieved(_),
+                ..
+            }) => false,
             Message::State(state) => {
                 self.state = Some(state.is);
                 false

@@ -132,14 +132,19 @@ fn colour(message: &Message) -> &'static str {
         }
         Message::State(state) => match state.is {
             Condition::NoRecord(_) | Condition::WrongRecord => RED,
-            Condition::RadioFailed(_) | Condition::ScannerRestarted(_) | Condition::Unused(..) => YELLOW,
+            Condition::RadioFailed(_)
+            | Condition::ScannerRestarted(_)
+            | Condition::Unused(..)
+            | Condition::BeaconElsewhere(_)
+            | Condition::BeaconDoubled(_) => YELLOW,
             Condition::Searching
             | Condition::Paired(_)
             | Condition::Synchronised(_)
             | Condition::Joined(_)
             | Condition::Coordinating
             | Condition::Following(_)
-            | Condition::Advertising => CYAN,
+            | Condition::Advertising
+            | Condition::BeaconBelieved(_) => CYAN,
         },
     }
 }

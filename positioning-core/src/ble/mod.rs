@@ -17,3 +17,4 @@ pub mod path_loss;
 pub mod posterior;
 pub mod rooms;
 pub mod signal;
+pub mod surroundings;

@@ -1,16 +1,17 @@
 //! What a receiver reads too loud or too soft, alike from all beacons: another telephone than the one that calibrated errs by 0.3 to
 //! 0.4 m more in the thesis (tables 4.4 and 4.5). Learnt while positions are found.
 //!
-//! Scans and what was expected where the tag was found to be flow in; out flows the offset in dB with its deviation. A scalar
-//! Kalman filter: one receiver has one offset, that wanders hardly at all.
+//! What each scan says of the offset flows in, with what was known before ([`Posterior`](super::posterior::Posterior), or the levels at a known
+//! place); out flows the offset in dB with its deviation. A scalar Kalman filter whose gain the posterior has: one receiver has
+//! one offset, that wanders hardly at all.
 
 use crate::Real;
 
 /// What is believed of a receiver before anything is heard, dB.
 const PRIOR_DB: f64 = 4.0;
-/// By how much an offset wanders, dB² a scan: a hand, a pocket. A thousandth of a dB² is a dB in a thousand scans.
-const WANDER: f64 = 1.0e-3;
-/// A mean residual that is off by more deviations than this is no more surprising.
+/// By how much an offset wanders, dB² a scan: a hand, a pocket.
+const WANDER: f64 = 0.05;
+/// An offset that is off by more deviations than this is no more surprising.
 const SURPRISE: f64 = 3.0;
 
 /// The offset of a receiver.
@@ -44,39 +45,23 @@ impl<T: Real> ReceiverOffset<T> {
         self.variance.sqrt()
     }
 
-    /// Takes a scan, and what was expected of it where the tag is, both in dBm by the beacons' order. `deviation` is that of one level
-    /// about what is expected, dB. The mean of what they differ by counts; the beacons' shadows stay as long as the tag stays, so that
-    /// one scan a metre of way, or a second, teaches what there is to learn. Says how many beacons were compared: fewer than
-    /// three teach nothing, because a position is bent to two of them.
-    pub fn learn(&mut self, scan: &[Option<T>], expected: &[Option<T>], deviation: T) -> usize {
-        let (mut sum, mut count) = (T::ZERO, 0);
-        for (heard, expected) in scan.iter().zip(expected) {
-            if let (Some(heard), Some(expected)) = (*heard, *expected)
-                && (heard - expected).is_finite()
-            {
-                sum += heard - expected;
-                count += 1;
-            }
+    /// Takes what a scan says: it is `more` dB louder than is known, of this variance, dB², [`deviation`](Self::deviation) having been known before.
+    /// The beacons' shadows stay as long as the tag stays, so that scans count once in some metres of way. What is no number
+    /// teaches nothing.
+    pub fn learn(&mut self, more: T, variance: T) {
+        if !(more.is_finite() && variance > T::ZERO && variance.is_finite()) {
+            return;
         }
-        if count < 3 || !(deviation > T::ZERO && deviation.is_finite()) {
-            return count;
-        }
-        // A position in the plane has eaten two of the residuals.
-        let noise = deviation.squared() / T::count(count - 2);
-        let predicted = self.variance + T::of(WANDER);
-        let most = T::of(SURPRISE) * (predicted + noise).sqrt();
-        let innovation = (sum / T::count(count) - self.offset).at_least(-most).at_most(most);
-        let gain = predicted / (predicted + noise);
-        self.offset += gain * innovation;
-        self.variance = gain * noise;
-        count
+        // The posterior says v = P R ⁄ (P + R), and K z of an innovation z: gain K = 1 − v ⁄ P, innovations of variance P ⁄ K.
+        let gain = T::ONE - variance / self.variance.at_least(T::EPSILON);
+        let most = T::of(SURPRISE) * (gain.at_least(T::ZERO) * self.variance).sqrt();
+        self.offset += more.at_least(-most).at_most(most);
+        self.variance = variance.at_most(self.variance) + T::of(WANDER);
     }
 
-    /// Takes the offset out of a scan.
-    pub fn correct(&self, scan: &mut [Option<T>]) {
-        for level in scan.iter_mut().flatten() {
-            *level -= self.offset;
-        }
+    /// Takes the offset out of a level.
+    pub fn correct(&self, level: T) -> T {
+        level - self.offset
     }
 }
 
@@ -85,44 +70,37 @@ mod tests {
     use super::ReceiverOffset;
 
     #[test]
-    fn one_scan_moves_the_offset_as_calculated_by_hand() {
-        // Mean of 5, 7, 6, 6 is 6; noise 4² ⁄ 2 = 8, predicted 16.001: gain 16.001 ⁄ 24.001 = 0.666681, offset 4.000083, variance
-        // 5.333445, deviation 2.309425.
+    fn what_a_scan_says_is_believed_as_far_as_it_is_no_wonder() {
+        // Known to 4 dB; a scan of variance 16 beside it halves that: 8 dB², and 6 dB louder than expected moves by 3.
         let mut receiver = ReceiverOffset::<f64>::default();
-        let scan = [Some(-55.0), Some(-63.0), None, Some(-74.0), Some(-54.0)];
-        let expected = [Some(-60.0), Some(-70.0), Some(-50.0), Some(-80.0), Some(-60.0)];
-        assert_eq!(receiver.learn(&scan, &expected, 4.0), 4);
-        assert!((receiver.offset() - 4.000_083).abs() < 1e-6, "{receiver:?}");
-        assert!((receiver.deviation() - 2.309_425).abs() < 1e-6, "{receiver:?}");
-        let mut corrected = [Some(-50.0), None];
-        receiver.correct(&mut corrected);
-        assert!((corrected[0].expect("heard") + 54.000_083).abs() < 1e-6 && corrected[1].is_none());
+        receiver.learn(3.0, 8.0);
+        assert!((receiver.offset() - 3.0).abs() < 1e-12 && (receiver.deviation() - 8.05_f64.sqrt()).abs() < 1e-12);
+        // 60 dB louder would move by 30; a wonder of three deviations is √(16 + 16) · 3 = 16.97 dB, half of which is 8.485.
+        let mut receiver = ReceiverOffset::<f64>::default();
+        receiver.learn(30.0, 8.0);
+        assert!((receiver.offset() - 8.485_281).abs() < 1e-5, "{receiver:?}");
     }
 
     #[test]
-    fn two_beacons_and_nonsense_teach_nothing() {
+    fn scans_after_each_other_go_to_the_mean() {
+        // Scans of variance 4 dB² that all read 6 dB too loud, each with what is known before: K = P ⁄ (P + 4).
+        let mut receiver = ReceiverOffset::<f32>::default();
+        for _ in 0..50 {
+            let before = receiver.deviation().powi(2);
+            let gain = before / (before + 4.0);
+            receiver.learn(gain * (6.0 - receiver.offset()), before - gain * before);
+        }
+        assert!((receiver.offset() - 6.0).abs() < 0.01 && receiver.deviation() < 0.8, "{receiver:?}");
+        assert!((receiver.correct(-54.0) + 60.0).abs() < 0.01);
+    }
+
+    #[test]
+    fn nonsense_teaches_nothing() {
         let mut receiver = ReceiverOffset::<f32>::default();
         let before = receiver;
-        receiver.learn(&[Some(-50.0), Some(-50.0)], &[Some(-60.0), Some(-60.0)], 4.0);
-        receiver.learn(&[Some(f32::NAN); 4], &[Some(-60.0); 4], 4.0);
-        receiver.learn(&[Some(-50.0); 4], &[Some(-60.0); 4], f32::NAN);
-        receiver.learn(&[Some(-50.0); 4], &[None; 4], 4.0);
-        assert_eq!(receiver, before);
-    }
-
-    #[test]
-    fn a_receiver_that_is_six_too_loud_is_found_and_one_wild_scan_forgiven() {
-        let mut receiver = ReceiverOffset::<f32>::default();
-        for scan in 0..200_u16 {
-            let noise = f32::from(scan % 5) - 2.0;
-            receiver.learn(
-                &[Some(-54.0 + noise), Some(-64.0 - noise), Some(-74.0)],
-                &[Some(-60.0), Some(-70.0), Some(-80.0)],
-                4.0,
-            );
+        for (more, variance) in [(f32::NAN, 1.0), (1.0, f32::NAN), (f32::INFINITY, 1.0), (1.0, 0.0), (1.0, -1.0)] {
+            receiver.learn(more, variance);
         }
-        assert!((receiver.offset() - 6.0).abs() < 0.1 && receiver.deviation() < 0.5, "{receiver:?}");
-        receiver.learn(&[Some(-1.0); 3], &[Some(-100.0); 3], 4.0);
-        assert!((receiver.offset() - 6.0).abs() < 0.5, "{receiver:?}");
+        assert_eq!(receiver, before);
     }
 }

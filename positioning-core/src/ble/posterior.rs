@@ -7,12 +7,16 @@
 //! [`nonlinear`]: super::multilateration::nonlinear
 
 use super::multilateration::Heard;
-use super::particles::{Levels, Likelihood};
+use super::particles::{Levels, Term};
 use super::path_loss::Wall;
 use crate::{AnchorSet, Area, Fix, MAX_ANCHORS, NoFix, Real};
 
 /// Points of a lattice along each axis.
 const POINTS: usize = 16;
+/// A beacon is nowhere farther than a level says that is so many deviations lower …
+const FARTHEST: f64 = 2.5;
+/// … and this far at least, metres.
+const FARTHEST_AT_LEAST_M: f64 = 2.0;
 /// The second lattice reaches so many deviations about the first one's mean.
 const REACH: f64 = 3.5;
 
@@ -34,46 +38,107 @@ impl<T: Real> Default for Belief<T> {
     }
 }
 
-/// The mean position in the plane, and its covariance. Walls take their part of a signal (2), where any are given.
+/// Where a tag is, and what its receiver reads too loud.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Posterior<T> {
+    /// The mean position in the plane, and its covariance.
+    pub fix: Fix<T, 2>,
+    /// The receiver's offset, dB.
+    pub offset: T,
+    /// Its variance, dB².
+    pub offset_variance: T,
+}
+
+/// Where the tag is within an area, by levels of which the first [`MAX_ANCHORS`] count. Walls take their part of a signal (2), where any
+/// are given.
 ///
 /// # Errors
 /// [`NoFix::TooFewAnchors`] without a level, [`NoFix::TooManyAnchors`] beyond [`MAX_ANCHORS`], [`NoFix::NotFinite`] where a number is none
 /// or the area is empty.
-pub fn posterior_mean<T: Real>(
+pub fn posterior<T: Real>(
     heard: &[Heard<T, 2>],
     area: &Area<T, 2>,
     walls: &[Wall<T>],
     belief: &Belief<T>,
-) -> Result<Fix<T, 2>, NoFix> {
+) -> Result<Posterior<T>, NoFix> {
     if heard.is_empty() {
         return Err(NoFix::TooFewAnchors);
     }
     if heard.len() > MAX_ANCHORS {
         return Err(NoFix::TooManyAnchors);
     }
-    let reaches = (0..2).all(|axis| area.max[axis] > area.min[axis] && (area.max[axis] - area.min[axis]).is_finite());
-    if !(reaches && heard.iter().all(Heard::is_sane)) {
+    if !(is_some(area) && heard.iter().all(Heard::is_sane)) {
         return Err(NoFix::NotFinite);
     }
-    let levels = Levels::of(heard, belief.offset_deviation, belief.trust).through(walls);
-    let coarse = Moments::over(&levels, area);
+    let levels = belief.of(heard).through(walls);
+    let area = &belief.narrowed(area, heard);
+    let coarse = Moments::over(&levels, area, None);
     let near = Area {
         min: core::array::from_fn(|axis| (coarse.mean[axis] - coarse.reach(axis)).at_least(area.min[axis])),
         max: core::array::from_fn(|axis| (coarse.mean[axis] + coarse.reach(axis)).at_most(area.max[axis])),
     };
-    let fine = Moments::over(&levels, &near);
+    let fine = Moments::over(&levels, &near, None);
     let found = if fine.weight > T::ZERO { fine } else { coarse };
     if !(found.mean[0] + found.mean[1]).is_finite() {
         return Err(NoFix::Diverged);
     }
-    Ok(Fix {
+    let fix = Fix {
         position: found.mean,
         covariance: found.covariance,
         // Metres of position a metre of range have no meaning here.
         dilution_of_precision: [T::ZERO; 2],
         used: AnchorSet(((1_u32 << heard.len()) - 1) as u16),
         quality: levels.agreement(found.mean),
-    })
+    };
+    let [offset, spread] = found.decibels;
+    Ok(Posterior { fix, offset, offset_variance: spread + levels.offset_variance() })
+}
+
+/// By how much a level is too loud, dB, and the variance of that, dB², where others say how likely each place of an area is. `None`
+/// where nothing can be said.
+pub(crate) fn too_loud<T: Real>(
+    heard: &Heard<T, 2>,
+    others: &[Heard<T, 2>],
+    area: &Area<T, 2>,
+    walls: &[Wall<T>],
+    belief: &Belief<T>,
+) -> Option<[T; 2]> {
+    if !(is_some(area) && heard.is_sane()) {
+        return None;
+    }
+    let levels = belief.of(others).through(walls);
+    let [excess, spread] = Moments::over(&levels, &belief.narrowed(area, others), Some(&Term::of(heard))).decibels;
+    let variance = spread + levels.offset_variance() + heard.path_loss.deviation.squared();
+    (excess + variance).is_finite().then_some([excess, variance])
+}
+
+/// Whether an area is one.
+fn is_some<T: Real>(area: &Area<T, 2>) -> bool {
+    (0..2).all(|axis| area.max[axis] > area.min[axis] && (area.max[axis] - area.min[axis]).is_finite())
+}
+
+impl<T: Real> Belief<T> {
+    /// The likelihood of levels. Their trust is no doubt of the offset.
+    pub fn of<'a>(&self, heard: &[Heard<T, 2>]) -> Levels<'a, T> {
+        Levels::of(heard, self.offset_deviation * self.trust.sqrt(), self.trust)
+    }
+
+    /// What of an area is near enough to every beacon that is heard; all of it where they contradict each other. A lattice over a whole
+    /// site would be coarse.
+    fn narrowed(&self, area: &Area<T, 2>, heard: &[Heard<T, 2>]) -> Area<T, 2> {
+        let mut near = *area;
+        for Heard { place, level, path_loss, .. } in heard {
+            let deviation = (path_loss.deviation.squared() / self.trust + self.offset_deviation.squared()).sqrt();
+            let farthest =
+                path_loss.distance(*level - T::of(FARTHEST) * deviation).at_least(T::of(FARTHEST_AT_LEAST_M));
+            for axis in 0..2 {
+                near.min[axis] = near.min[axis].at_least(place[axis] - farthest);
+                near.max[axis] = near.max[axis].at_most(place[axis] + farthest);
+            }
+        }
+        if is_some(&near) { near } else { *area }
+    }
 }
 
 /// Mean and covariance of a likelihood over a lattice.
@@ -81,23 +146,27 @@ struct Moments<T> {
     weight: T,
     mean: [T; 2],
     covariance: [[T; 2]; 2],
+    /// Mean, dB, and variance, dB², of the receiver's offset, or of what one more level is too loud beside it.
+    decibels: [T; 2],
     /// Between two points of the lattice.
     spacing: [T; 2],
 }
 
 impl<T: Real> Moments<T> {
-    fn over(levels: &Levels<'_, T>, area: &Area<T, 2>) -> Self {
+    #[inline(never)]
+    fn over(levels: &Levels<'_, T>, area: &Area<T, 2>, one_more: Option<&Term<T>>) -> Self {
         let spacing: [T; 2] = core::array::from_fn(|axis| (area.max[axis] - area.min[axis]) / T::count(POINTS));
         let half = T::of(0.5);
         // Sums about the area's middle, scaled by the greatest likelihood so far: nothing underflows, and one pass does.
         let middle: [T; 2] = core::array::from_fn(|axis| half * (area.min[axis] + area.max[axis]));
         let mut greatest = None;
-        let mut sums = [T::ZERO; 6];
+        let mut sums = [T::ZERO; 8];
         for row in 0..POINTS {
             let y = area.min[1] + (T::count(row) + half) * spacing[1];
             for column in 0..POINTS {
                 let x = area.min[0] + (T::count(column) + half) * spacing[0];
-                let ln = levels.ln_at([x, y]);
+                let (ln, offset) = levels.seen_from([x, y]);
+                let db = one_more.map_or(offset, |term| levels.residual(term, [x, y]) - offset);
                 let scale = match greatest {
                     Some(greatest) if ln <= greatest => (ln - greatest).exp(),
                     Some(least) => {
@@ -112,14 +181,14 @@ impl<T: Real> Moments<T> {
                     }
                 };
                 let (x, y) = (x - middle[0], y - middle[1]);
-                let terms = [T::ONE, x, y, x * x, x * y, y * y];
+                let terms = [T::ONE, x, y, x * x, x * y, y * y, db, db * db];
                 for (sum, term) in sums.iter_mut().zip(terms) {
                     *sum += scale * term;
                 }
             }
         }
-        let [weight, x, y, xx, xy, yy] = sums;
-        let (x, y) = (x / weight, y / weight);
+        let [weight, x, y, xx, xy, yy, db, squares] = sums;
+        let (x, y, db) = (x / weight, y / weight, db / weight);
         // A cell of the lattice is as wide as it is.
         let own = |axis: usize| spacing[axis].squared() / T::of(12.0);
         let xy = xy / weight - x * y;
@@ -130,6 +199,7 @@ impl<T: Real> Moments<T> {
                 [(xx / weight - x * x).at_least(T::ZERO) + own(0), xy],
                 [xy, (yy / weight - y * y).at_least(T::ZERO) + own(1)],
             ],
+            decibels: [db, (squares / weight - db * db).at_least(T::ZERO)],
             spacing,
         }
     }
@@ -142,7 +212,7 @@ impl<T: Real> Moments<T> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Belief, posterior_mean};
+    use super::{Belief, posterior, too_loud};
     use crate::ble::multilateration::Heard;
     use crate::ble::path_loss::PathLoss;
     use crate::{Area, NoFix};
@@ -178,8 +248,8 @@ mod tests {
             }
         }
         let mean = sums.map(|sum| sum / weight);
-        let fix =
-            posterior_mean(&beacons, &ROOM, &[], &Belief { offset_deviation: 0.0, trust: 0.5 }).expect("a position");
+        let found = posterior(&beacons, &ROOM, &[], &Belief { offset_deviation: 0.0, trust: 0.5 });
+        let fix = found.expect("a position").fix;
         for axis in 0..2 {
             let variance = squares[axis] / weight - mean[axis] * mean[axis];
             assert!((fix.position[axis] - mean[axis]).abs() < 0.03, "{fix:?} {mean:?}");
@@ -188,10 +258,64 @@ mod tests {
     }
 
     #[test]
+    fn the_offset_and_what_one_more_is_too_loud_are_those_of_a_fine_integral() {
+        // By brute force over place, 5 cm, and offset, 0.1 dB; half of the levels counts, and all of what is known of the offset, 3 dB.
+        let beacons = [heard([0.0, 0.0], -58.0), heard([6.0, 0.0], -62.0), heard([3.0, 8.0], -60.0)];
+        let one_more = heard([0.0, 8.0], -75.0);
+        let (mut weight, mut sums, mut squares) = (0.0, [0.0; 2], [0.0; 2]);
+        for row in 0..160 {
+            for column in 0..120 {
+                let at = [0.025 + 0.05 * f64::from(column), 0.025 + 0.05 * f64::from(row)];
+                let too_loud = |beacon: &Heard<f64, 2>| {
+                    let d2 = (at[0] - beacon.place[0]).powi(2) + (at[1] - beacon.place[1]).powi(2) + 0.09;
+                    beacon.level + 50.0 + 10.0 * d2.log10()
+                };
+                for step in -150..150 {
+                    let offset = 0.1 * f64::from(step);
+                    let square: f64 = beacons.iter().map(|b| ((too_loud(b) - offset) / 4.0).powi(2)).sum();
+                    let likelihood = (-0.25 * square - 0.5 * (offset / 3.0).powi(2)).exp();
+                    weight += likelihood;
+                    for (what, value) in [offset, too_loud(&one_more) - offset].into_iter().enumerate() {
+                        sums[what] += likelihood * value;
+                        squares[what] += likelihood * value * value;
+                    }
+                }
+            }
+        }
+        let mean = sums.map(|sum: f64| sum / weight);
+        let variance = [0, 1].map(|what: usize| squares[what] / weight - mean[what] * mean[what]);
+        let belief = Belief { offset_deviation: 3.0, trust: 0.5 };
+        let found = posterior(&beacons, &ROOM, &[], &belief).expect("a position");
+        let off = [found.offset - mean[0], found.offset_variance / variance[0] - 1.0];
+        assert!(off.iter().all(|off| off.abs() < 0.05), "{found:?} {mean:?} {variance:?}");
+        // The level's own 4 dB join. This lattice is the coarse one.
+        let [excess, doubt] = too_loud(&one_more, &beacons, &ROOM, &[], &belief).expect("three others");
+        assert!(
+            (excess - mean[1]).abs() < 0.15 && (doubt / (variance[1] + 16.0) - 1.0).abs() < 0.05,
+            "{excess} {doubt}"
+        );
+        assert_eq!(too_loud(&Heard { level: f64::NAN, ..one_more }, &beacons, &ROOM, &[], &belief), None);
+    }
+
+    #[test]
+    fn of_a_large_area_only_what_the_levels_reach_is_looked_at() {
+        // A kilometre: over it a lattice has 62 m between two points; over 80 m it has 5 m, where the levels end at 40 m. Exact levels
+        // at (2, 3), as in multilateration's tests.
+        let [site, near] = [500.0, 40.0].map(|half| Area { min: [-half; 2], max: [half; 2] });
+        let beacons = [([0.0, 0.0], 13.09_f64), ([6.0, 0.0], 25.09), ([0.0, 8.0], 29.09), ([6.0, 8.0], 41.09)]
+            .map(|(place, square)| heard(place, -50.0 - 10.0 * square.log10()));
+        let fix = posterior(&beacons, &site, &[], &Belief::default()).expect("a position").fix;
+        let near = posterior(&beacons, &near, &[], &Belief::default()).expect("a position").fix;
+        let apart = (fix.position[0] - near.position[0]).hypot(fix.position[1] - near.position[1]);
+        let wider = fix.covariance[0][0] / near.covariance[0][0];
+        assert!(apart < 0.5 && (0.8..1.25).contains(&wider), "{fix:?} {near:?}");
+    }
+
+    #[test]
     fn one_beacon_says_something_and_none_nothing() {
-        let fix = posterior_mean(&[heard([0.0, 0.0], -50.0)], &ROOM, &[], &Belief::default()).expect("a position");
+        let fix = posterior(&[heard([0.0, 0.0], -50.0)], &ROOM, &[], &Belief::default()).expect("a position").fix;
         assert!(fix.position[0] < 3.0 && fix.position[1] < 4.0 && fix.covariance[1][1] > 1.0, "{fix:?}");
-        assert_eq!(posterior_mean(&[], &ROOM, &[], &Belief::default()), Err(NoFix::TooFewAnchors));
+        assert_eq!(posterior(&[], &ROOM, &[], &Belief::default()), Err(NoFix::TooFewAnchors));
     }
 
     #[test]
@@ -201,8 +325,8 @@ mod tests {
         // Exact levels at (2, 3), as in multilateration's tests.
         let beacons = [([0.0, 0.0], 13.09_f64), ([6.0, 0.0], 25.09), ([0.0, 8.0], 29.09), ([6.0, 8.0], 41.09)]
             .map(|(place, square)| sharp(place, -50.0 - 10.0 * square.log10()));
-        let fix =
-            posterior_mean(&beacons, &hall, &[], &Belief { offset_deviation: 0.0, trust: 1.0 }).expect("a position");
+        let found = posterior(&beacons, &hall, &[], &Belief { offset_deviation: 0.0, trust: 1.0 });
+        let fix = found.expect("a position").fix;
         let error = (fix.position[0] - 2.0).hypot(fix.position[1] - 3.0);
         assert!(error < 3.0 * (fix.covariance[0][0] + fix.covariance[1][1]).sqrt() && error < 10.0, "{fix:?}");
     }
@@ -210,8 +334,7 @@ mod tests {
     #[test]
     fn what_is_no_number_is_a_reason() {
         let good = heard([0.0, 0.0], -60.0);
-        let at =
-            |heard: &[Heard<f64, 2>], area: &Area<f64, 2>| posterior_mean(heard, area, &[], &Belief::default()).err();
+        let at = |heard: &[Heard<f64, 2>], area: &Area<f64, 2>| posterior(heard, area, &[], &Belief::default()).err();
         assert_eq!(at(&[Heard { level: f64::NAN, ..good }], &ROOM), Some(NoFix::NotFinite));
         assert_eq!(at(&[good], &Area { min: [0.0, 0.0], max: [0.0, 8.0] }), Some(NoFix::NotFinite));
         assert_eq!(at(&[good], &Area { min: [0.0, f64::NAN], max: [6.0, 8.0] }), Some(NoFix::NotFinite));
@@ -221,7 +344,7 @@ mod tests {
     #[test]
     fn levels_that_say_nothing_are_the_middle_of_the_area() {
         let blind = Heard { path_loss: PathLoss { deviation: 99.0, ..MODEL }, ..heard([0.0, 0.0], -60.0) };
-        let fix = posterior_mean(&[blind], &ROOM, &[], &Belief::default()).expect("a position");
+        let fix = posterior(&[blind], &ROOM, &[], &Belief::default()).expect("a position").fix;
         // A box of 6 by 8: variances 36 ⁄ 12 and 64 ⁄ 12.
         assert!((fix.position[0] - 3.0).abs() < 0.05 && (fix.position[1] - 4.0).abs() < 0.05, "{fix:?}");
         assert!(

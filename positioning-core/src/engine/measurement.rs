@@ -1,6 +1,6 @@
 //! What goes into the engine.
 
-use crate::Real;
+use crate::{AnchorSet, Fix, Real};
 
 /// Sums of magnitudes beyond this are no measurement, metres.
 const FARTHEST_M: f64 = 1.0e5;
@@ -15,9 +15,7 @@ pub enum Measurement<T> {
     RoundEnd,
     /// A difference of two arrivals.
     Tdoa(Tdoa<T>),
-    /// A range from the strength of a beacon's signal.
-    BleRange(BleRange<T>),
-    /// A position that levels of beacons have together, as a map of them knows; it stands for those of the round.
+    /// A position that levels of beacons have together, by their path losses or by a map of them.
     BeaconPosition(BeaconPosition<T>),
     /// A height.
     Height {
@@ -73,22 +71,6 @@ pub struct Tdoa<T> {
     pub blocked: [Option<T>; 2],
 }
 
-/// A range from the strength of a beacon's signal.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct BleRange<T> {
-    /// The beacon's number.
-    pub beacon: u16,
-    /// Where it is, metres.
-    pub place: [T; 3],
-    /// Metres.
-    pub distance: T,
-    /// Standard deviation of the distance's natural logarithm, by noise: σ_dB ln 10 ⁄ (10 n) for a path loss exponent n.
-    pub relative_deviation: T,
-    /// The same by what stays with the place, shadowing above all; 0 where all is noise.
-    pub lasting_deviation: T,
-}
-
 /// A position in the plane by levels of beacons.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -136,13 +118,6 @@ impl<T: Real> Tdoa<T> {
     }
 }
 
-impl<T: Real> BleRange<T> {
-    pub(super) fn is_sane(&self) -> bool {
-        let lasting = self.lasting_deviation;
-        sane(magnitude(&self.place) + self.distance.abs() + lasting, self.relative_deviation) && lasting >= T::ZERO
-    }
-}
-
 impl<T: Real> BeaconPosition<T> {
     pub(super) fn is_sane(&self) -> bool {
         let ([x, y], [xx, xy, yy]) = (self.position, self.covariance);
@@ -151,6 +126,18 @@ impl<T: Real> BeaconPosition<T> {
             && yy > zero
             && position_is_sane(&[x, y, zero], &[[xx, xy, zero], [xy, yy, zero], [zero; 3]])
             && (T::ZERO..=T::ONE).contains(&self.lasting)
+    }
+
+    /// The same for a tag at this height. Whoever located it has judged the levels.
+    pub(super) fn at(&self, height: T) -> Fix<T, 3> {
+        let ([x, y], [xx, xy, yy], zero) = (self.position, self.covariance, T::ZERO);
+        Fix {
+            position: [x, y, height],
+            covariance: [[xx, xy, zero], [xy, yy, zero], [zero; 3]],
+            dilution_of_precision: [zero; 3],
+            used: AnchorSet(0),
+            quality: T::ONE,
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use heapless::Vec;
 
-use super::measurement::{BeaconPosition, BleRange, Range, Tdoa, probability};
+use super::measurement::{BeaconPosition, Range, Tdoa, probability};
 use super::settings::{Dimensions, Settings};
 use crate::track::{Blocked, TdoaSample, hyperbolic};
 use crate::{AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, NoFix, RangeSample, Real, Side, Solver, flatten};
@@ -12,11 +12,12 @@ use crate::{AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, NoFix, RangeSample, 
 pub(super) struct Round<T> {
     pub(super) ranges: Vec<Range<T>, MAX_ANCHORS>,
     pub(super) tdoas: Vec<Tdoa<T>, MAX_ANCHORS>,
-    pub(super) beacons: Vec<BleRange<T>, MAX_ANCHORS>,
-    /// Where a map of levels has the tag.
+    /// Where the levels of beacons have the tag.
     pub(super) by_beacons: Option<BeaconPosition<T>>,
     /// The ranges that have changed the track.
     pub(super) used: u16,
+    /// Ranges have not been given to the track yet.
+    pub(super) waits: bool,
     /// The measurements that were given.
     pub(super) given: usize,
     /// Those that were used.
@@ -25,22 +26,14 @@ pub(super) struct Round<T> {
 
 impl<T: Real> Round<T> {
     pub(super) fn new() -> Self {
-        Self {
-            ranges: Vec::new(),
-            tdoas: Vec::new(),
-            beacons: Vec::new(),
-            by_beacons: None,
-            used: 0,
-            given: 0,
-            taken: 0,
-        }
+        Self { ranges: Vec::new(), tdoas: Vec::new(), by_beacons: None, used: 0, waits: false, given: 0, taken: 0 }
     }
 
     pub(super) fn clear(&mut self) {
         self.ranges.clear();
         self.tdoas.clear();
-        self.beacons.clear();
         self.by_beacons = None;
+        self.waits = false;
         (self.used, self.given, self.taken) = (0, 0, 0);
     }
 
@@ -74,10 +67,9 @@ impl<T: Real> Round<T> {
         if !self.tdoas.is_empty() {
             return self.solve_differences(settings);
         }
-        match settings.solvers.beacons {
-            Some(beacons) => (beacons.solve)(self, settings),
-            None => Err(NoFix::TooFewAnchors),
-        }
+        // The height is not theirs to tell.
+        let by_beacons = self.by_beacons.as_ref().zip(settings.dimensions.height());
+        by_beacons.map(|(position, height)| position.at(height)).ok_or(NoFix::TooFewAnchors)
     }
 
     /// Which ranges a solver gets: all, or those in line of sight and so many of the least blocked that there are enough.
@@ -172,23 +164,6 @@ impl<T: Real> Round<T> {
         // Hyperbolas know no bounds: where the tag cannot be, the nearest place where it can.
         fix.position = Constraints { side: Side::Unknown, area: settings.area }.inside(fix.position);
         Ok(fix)
-    }
-
-    /// The position of the beacons' distances, solved as ranges are.
-    pub(super) fn beacons_as_ranges(&self, settings: &Settings<T>) -> Result<Fix<T, 3>, NoFix> {
-        let mut ranges = Self::new();
-        for beacon in &self.beacons {
-            let _ = ranges.keep(&Range {
-                anchor: beacon.beacon,
-                place: beacon.place,
-                distance: beacon.distance,
-                deviation: beacon.distance.at_least(T::of(0.3))
-                    * (beacon.relative_deviation.squared() + beacon.lasting_deviation.squared()).sqrt(),
-                blocked: None,
-                excess: None,
-            });
-        }
-        if ranges.ranges.is_empty() { Err(NoFix::TooFewAnchors) } else { ranges.solve(settings) }
     }
 }
 

@@ -1,6 +1,5 @@
 //! How the engine is to work.
 
-use super::Beacons;
 use crate::track::{Blocked, Motion, Noise};
 use crate::{Area, Method, Real, Side, Solver};
 
@@ -37,27 +36,25 @@ pub struct Solvers<T> {
     pub plane: Solver<T, 2>,
     /// In space.
     pub space: Solver<T, 3>,
-    /// By levels of beacons; `None`: they are ignored.
-    pub beacons: Option<Beacons<T>>,
 }
 
 impl Solvers<f32> {
-    /// By `robust`, without beacons, compiled in this crate, as [`Engine::step_on_node`](super::Engine::step_on_node) is.
+    /// By `robust`, compiled in this crate, as [`Engine::step_on_node`](super::Engine::step_on_node) is.
     #[inline(never)]
     pub fn on_node() -> Self {
-        Self { beacons: None, ..Self::robust() }
+        Self::robust()
     }
 }
 
 impl<T: Real> Solvers<T> {
     /// By `robust`.
     pub fn robust() -> Self {
-        Self { plane: crate::robust, space: crate::robust, beacons: Some(Beacons::heeded()) }
+        Self { plane: crate::robust, space: crate::robust }
     }
 
     /// By any method.
     pub fn of(method: Method) -> Self {
-        Self { plane: method.solver(), space: method.solver(), beacons: Some(Beacons::heeded()) }
+        Self { plane: method.solver(), space: method.solver() }
     }
 }
 

@@ -10,8 +10,6 @@ use crate::{MAX_ANCHORS, Real};
 pub(crate) enum Source {
     /// An anchor, by its address: the link's error is in metres.
     Anchor(u16),
-    /// A beacon, by its number: the link's error is one of the distance's logarithm.
-    Beacon(u16),
     /// All beacons together, by the number of an axis: the error of positions by them, metres.
     Beacons(u8),
 }
@@ -91,8 +89,8 @@ mod tests {
             assert_eq!(links.place(Source::Anchor(anchor), u64::from(100 - anchor)), (usize::from(anchor), true));
         }
         assert_eq!(links.place(Source::Anchor(7), 200), (7, false));
-        // A beacon of the same number is another source.
-        assert_eq!(links.place(Source::Beacon(7), 200), (15, true));
+        // An axis of the same number is another source.
+        assert_eq!(links.place(Source::Beacons(7), 200), (15, true));
         assert_eq!(links.place(Source::Anchor(15), 201), (14, true));
     }
 }

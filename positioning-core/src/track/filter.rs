@@ -2,7 +2,6 @@
 
 use super::anchors::{Links, Source};
 use super::gate::{Gate, Passage};
-use super::model::ble_range::{BleRangeModel, NEAREST_M};
 use super::model::height::HeightModel;
 use super::model::position::components;
 use super::model::range::RangeModel;
@@ -11,7 +10,7 @@ use super::motion::Surprise;
 use super::state::{COMMON, POSITION, REFERENCE, State, VELOCITY};
 use super::update::{Innovation, Model, update};
 use crate::Real;
-use crate::engine::{BleRange, Dimensions, Range, Settings, Tdoa};
+use crate::engine::{Dimensions, Range, Settings, Tdoa};
 
 /// No measurement counts as better than this, metres: `f32` keeps the covariance of ten metres beside it.
 const LEAST_SIGMA_M: f64 = 0.01;
@@ -177,23 +176,6 @@ impl<T: Real> Filter<T> {
             link.shown.learn(&settings.noise, innovation.value, innovation.predicted, s);
         }
         self.take(&model, &innovation, white, passage, Some(Links::<T>::state(place)), settings)
-    }
-
-    /// A range from the strength of a beacon.
-    pub(crate) fn ble_range(&mut self, range: &BleRange<T>, settings: &Settings<T>) -> Fate {
-        let (place, fresh) = self.links.place(Source::Beacon(range.beacon), self.now_us);
-        let (lasting, noise) = (range.lasting_deviation.squared(), &settings.noise);
-        let usual = T::of(UNUSUAL_BEACON * UNUSUAL_BEACON) * lasting;
-        self.carry(place, fresh, [lasting, usual], [noise.beacon_seconds, noise.beacon_metres]);
-        let log_distance = range.distance.at_least(T::of(NEAREST_M)).ln();
-        let link = Links::<T>::state(place);
-        let model = BleRangeModel { beacon: range.place, log_distance, link };
-        let innovation = Innovation::of(&self.state, &model);
-        let variance = range.relative_deviation.at_least(T::of(LEAST_SIGMA_M)).squared();
-        let s = innovation.predicted + variance;
-        let Some(followed) = self.links.at(place) else { return Fate::Refused };
-        let passage = followed.gate.judge(innovation.value, s, settings.gate, settings.patience);
-        self.take(&model, &innovation, variance, passage, Some(link), settings)
     }
 
     /// A position in the plane by beacons, of whose variance the share `lasting` stays with the place.

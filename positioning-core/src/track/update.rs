@@ -150,7 +150,6 @@ mod tests {
     use nalgebra::{DMatrix, DVector};
 
     use super::*;
-    use crate::track::model::ble_range::BleRangeModel;
     use crate::track::model::height::HeightModel;
     use crate::track::model::position::components;
     use crate::track::model::range::RangeModel;
@@ -197,7 +196,7 @@ mod tests {
                 })
             ),
             ("height", Box::new(HeightModel { height: 0.7 })),
-            ("ble", Box::new(BleRangeModel { beacon: anchor, log_distance: 1.4, link: LINKS + 1 })),
+            ("lasting", Box::new(x.with_link(LINKS + 1))),
             ("x", Box::new(x)),
             ("y", Box::new(y)),
             ("z", Box::new(z)),

@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix3;
 use positioning_core::engine::{
-    BeaconPosition, BleRange, Dimensions, Engine, Measurement, Missing, Range, Settings, Solvers, Start, Tdoa, Verdict,
+    BeaconPosition, Dimensions, Engine, Measurement, Missing, Range, Settings, Solvers, Start, Tdoa, Verdict,
 };
 use positioning_core::{Blocked, Constraints, Method, Motion, Noise, RangeSample, Side, flatten, robust};
 use rand::Rng;
@@ -225,7 +225,7 @@ fn a_range_is_corrected_only_where_the_settings_say_so() {
 }
 
 #[test]
-fn beacons_heights_and_positions_are_measurements_too() {
+fn heights_and_positions_are_measurements_too() {
     let tag = [4.0, 3.0, 1.0];
     let mut engine = Engine::new(Settings::<f32> {
         motion: Motion::Static { wander: 0.0 },
@@ -238,56 +238,15 @@ fn beacons_heights_and_positions_are_measurements_too() {
     );
     assert_eq!(start.verdict, Verdict::Started(Start::First));
     let first = start.fix.expect("a track");
+    let covariance = [[0.09, 0.0, 0.0], [0.0, 0.09, 0.0], [0.0, 0.0, 0.09]];
     for k in 2..200_u64 {
-        for (beacon, place) in ANCHORS.iter().enumerate() {
-            let range = BleRange {
-                beacon: beacon as u16,
-                place: place.map(|c| c as f32),
-                distance: distance(place, &tag) as f32,
-                relative_deviation: 0.3,
-                lasting_deviation: 0.0,
-            };
-            engine.step(k * 1000, &Measurement::BleRange(range));
-        }
+        engine.step(k * 1000, &Measurement::Position { position: tag.map(|c| c as f32), covariance });
         engine.step(k * 1000, &Measurement::RoundEnd);
     }
     let fix = engine.step(200_000, &Measurement::Height { height: 1.0, deviation: 0.02 }).fix.expect("a track");
     let error = distance(&fix.position.map(f64::from), &tag);
     assert!(error < 0.05, "{error}");
     assert!(fix.sigma()[2] < 0.03 && fix.sigma()[0] < first.sigma()[0]);
-}
-
-/// Four beacons in the corners of a square of 8 m around a tag that lies still, heard a thousand times.
-fn among_beacons(lasting_deviation: f32) -> f32 {
-    let mut engine = Engine::new(Settings::<f32> {
-        motion: Motion::Static { wander: 0.0 },
-        ..Settings::track(Dimensions::Plane { height: 1.0 })
-    });
-    let covariance = [[9.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0; 3]];
-    engine.step(1, &Measurement::Position { position: [4.0, 4.0, 1.0], covariance });
-    for k in 1..=1000_u64 {
-        for (beacon, place) in
-            [[0.0, 0.0, 1.0], [8.0, 0.0, 1.0], [8.0, 8.0, 1.0], [0.0, 8.0, 1.0]].into_iter().enumerate()
-        {
-            let (beacon, distance) = (beacon as u16, 32.0_f32.sqrt());
-            let range = BleRange { beacon, place, distance, relative_deviation: 0.3, lasting_deviation };
-            engine.step(1 + 100 * k, &Measurement::BleRange(range));
-        }
-        engine.step(1 + 100 * k, &Measurement::RoundEnd);
-    }
-    engine.step(100_002, &Measurement::RoundEnd).fix.expect("a track").sigma()[0]
-}
-
-#[test]
-fn what_lasts_of_a_beacons_error_is_not_averaged_away() {
-    // Each axis has half of the information of four ranges of deviation 0.5 · √32 = 2.828 m: 2.828 ⁄ √2 = 2 m. Two shadows are
-    // worth one, and the four agree, which is believed as far as two levels to spare tell against the four that the deviation counts
-    // for: 2 · √(2 · 4 ⁄ 6) = 2.309 m. With the 3 m known before, 2.309 · 3 ⁄ √(2.309² + 3²) = 1.830 m.
-    let sigma = among_beacons(0.5);
-    assert!((sigma - 1.830).abs() < 0.04, "{sigma} m");
-    // Noise alone is averaged: 0.3 · √32 ⁄ √2 · √(2 · 4 ⁄ 6) ⁄ √1000 = 0.044 m.
-    let sigma = among_beacons(0.0);
-    assert!((sigma - 0.044).abs() < 0.004, "{sigma} m");
 }
 
 /// What a map of levels has a tag at.
@@ -355,8 +314,8 @@ fn hostile(rng: &mut Pcg64, tag: [f64; 2]) -> Measurement<f32> {
         if rng.random_bool(0.05) { [nasty(rng), nasty(rng), nasty(rng)] } else { ANCHORS[known].map(|c| c as f32) };
     let bad = rng.random_bool(0.2);
     let blocked = rng.random_bool(0.5).then(|| nasty(rng));
-    match rng.random_range(0..13) {
-        12 => Measurement::BeaconPosition(BeaconPosition {
+    match rng.random_range(0..12) {
+        2 => Measurement::BeaconPosition(BeaconPosition {
             position: [nasty(rng), nasty(rng)],
             covariance: core::array::from_fn(|_| nasty(rng)),
             lasting: nasty(rng),
@@ -366,13 +325,6 @@ fn hostile(rng: &mut Pcg64, tag: [f64; 2]) -> Measurement<f32> {
             position: [nasty(rng), nasty(rng), nasty(rng)],
             covariance: core::array::from_fn(|_| core::array::from_fn(|_| nasty(rng))),
         },
-        2 => Measurement::BleRange(BleRange {
-            beacon: anchor,
-            place,
-            distance: nasty(rng),
-            relative_deviation: nasty(rng),
-            lasting_deviation: nasty(rng),
-        }),
         3 => Measurement::Tdoa(Tdoa {
             anchor,
             place,

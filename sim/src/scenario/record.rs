@@ -5,7 +5,7 @@ use positioning_core::NoFix;
 use positioning_core::nlos::Shape;
 use ranging::exchange::{Difference, Link, Range};
 use serde::Serialize;
-use telemetry::Sighting;
+use telemetry::{Condition, Sighting};
 
 use crate::air::AirStatistics;
 use crate::bluetooth::BluetoothStatistics;
@@ -28,6 +28,8 @@ pub enum What {
     Epoch(Epoch),
     /// A tag heard a beacon that it knows.
     Sighting(Sighting),
+    /// Something else is believed of a beacon.
+    Beacon(Condition),
     /// A link has changed.
     Link(Link),
     /// The radio failed for the so-manieth time in a row.

@@ -9,7 +9,7 @@ use firmware_tag::Measured;
 use ranging::RadioInstant;
 use ranging::exchange::{Difference, Guidance, Link, Report};
 use ranging::node::Listener;
-use telemetry::Sighting;
+use telemetry::{Condition, Sighting};
 
 use super::record::{DifferenceRecord, Epoch, RangeRecord, Record, Source, What};
 use super::{FaultKind, Scenario, Walk, distance};
@@ -144,6 +144,10 @@ impl firmware_tag::Sink for TagSink {
 
     fn sighting(&self, sighting: Sighting) {
         self.notebook.write(What::Sighting(sighting));
+    }
+
+    fn beacon(&self, word: Condition) {
+        self.notebook.write(What::Beacon(word));
     }
 
     fn radio_failed(&self, _: &impl Debug, failures: u32) {

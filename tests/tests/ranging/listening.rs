@@ -13,7 +13,8 @@ fn listen(level: Level, tags: usize, seconds: f64, loss: f64) -> (f64, f64, u64)
         sim::scenario::What::Link(_)
         | sim::scenario::What::RadioFailed(_)
         | sim::scenario::What::Fault(_)
-        | sim::scenario::What::Sighting(_) => None,
+        | sim::scenario::What::Sighting(_)
+        | sim::scenario::What::Beacon(_) => None,
     });
     let errors_m: Vec<f64> = errors_m.collect();
     let rate = errors_m.len() as f64 / (seconds - 1.0) / tags as f64;

@@ -15,7 +15,7 @@ const NEAREST_M: f64 = 0.3;
 
 /// One beacon: its level is off by `base + slope · log₂ d²`, dB.
 #[derive(Clone, Copy, Debug)]
-struct Term<T> {
+pub(crate) struct Term<T> {
     place: [T; 2],
     above: T,
     base: T,
@@ -44,20 +44,11 @@ impl<'a, T: Real> Levels<'a, T> {
     pub fn of(heard: &[Heard<T, 2>], offset_deviation: T, trust: T) -> Self {
         let (mut terms, mut weights) = (Vec::new(), T::ZERO);
         for heard in heard.iter().filter(|heard| heard.is_sane()) {
-            let path_loss = &heard.path_loss;
-            let weight = T::ONE / path_loss.deviation.squared();
-            let term = Term {
-                place: heard.place,
-                above: heard.above.squared().at_least(T::of(NEAREST_M * NEAREST_M)),
-                base: heard.level - path_loss.level_1m,
-                // 10 n log₁₀ d = 5 n log₁₀ 2 · log₂ d².
-                slope: path_loss.exponent * T::of(5.0 * core::f64::consts::LOG10_2),
-                weight,
-            };
+            let term = Term::of(heard);
             if terms.push(term).is_err() {
                 break;
             }
-            weights += weight;
+            weights += term.weight;
         }
         let variance = offset_deviation.squared();
         Self { terms, share: variance / (weights * variance + T::ONE), factor: T::of(-0.5) * trust, walls: &[] }
@@ -68,9 +59,32 @@ impl<'a, T: Real> Levels<'a, T> {
         Self { walls, ..self }
     }
 
+    /// The logarithm of the likelihood of a place, and the most likely offset of the receiver there, dB.
+    #[inline(always)]
+    pub(crate) fn seen_from(&self, position: [T; 2]) -> (T, T) {
+        let (mut squares, mut sum) = (T::ZERO, T::ZERO);
+        for term in &self.terms {
+            let residual = self.residual(term, position);
+            squares += term.weight * residual.squared();
+            sum += term.weight * residual;
+        }
+        let offset = self.share * sum;
+        (self.factor * (squares - offset * sum), offset)
+    }
+
+    /// What is known of the receiver's offset at a known place: mean, dB, and variance, dB².
+    pub fn offset_at(&self, position: [T; 2]) -> (T, T) {
+        (self.seen_from(position).1, self.offset_variance())
+    }
+
+    /// The variance of the receiver's offset where the place is known, dB².
+    pub(crate) fn offset_variance(&self) -> T {
+        self.share / (self.factor + self.factor).abs()
+    }
+
     /// By how much a level is too loud for a place, dB. Near the beacon, where the model ends, the distance is rounded off.
     #[inline(always)]
-    fn residual(&self, term: &Term<T>, position: [T; 2]) -> T {
+    pub(crate) fn residual(&self, term: &Term<T>, position: [T; 2]) -> T {
         let (x, y) = (position[0] - term.place[0], position[1] - term.place[1]);
         let residual = term.base + term.slope * (x.squared() + y.squared() + term.above).log2_about();
         if self.walls.is_empty() { residual } else { residual + attenuation(self.walls, term.place, position) }
@@ -100,13 +114,30 @@ impl<'a, T: Real> Levels<'a, T> {
 impl<T: Real> Likelihood<T> for Levels<'_, T> {
     #[inline]
     fn ln_at(&self, position: [T; 2]) -> T {
-        let (mut squares, mut sum) = (T::ZERO, T::ZERO);
-        for term in &self.terms {
-            let residual = self.residual(term, position);
-            squares += term.weight * residual.squared();
-            sum += term.weight * residual;
+        self.seen_from(position).0
+    }
+}
+
+impl<T: Real> Term<T> {
+    /// Of a level that is sane.
+    pub(crate) fn of(heard: &Heard<T, 2>) -> Self {
+        let path_loss = &heard.path_loss;
+        Self {
+            place: heard.place,
+            above: heard.above.squared().at_least(T::of(NEAREST_M * NEAREST_M)),
+            base: heard.level - path_loss.level_1m,
+            // 10 n log₁₀ d = 5 n log₁₀ 2 · log₂ d².
+            slope: path_loss.exponent * T::of(5.0 * core::f64::consts::LOG10_2),
+            weight: T::ONE / path_loss.deviation.squared(),
         }
-        self.factor * (squares - self.share * sum.squared())
+    }
+
+    /// By how much the expected level changes with a metre of way towards the beacon, dB.
+    pub(crate) fn steepness(&self, position: [T; 2]) -> T {
+        let (x, y) = (position[0] - self.place[0], position[1] - self.place[1]);
+        let square = x.squared() + y.squared();
+        // d ⁄ dρ of slope · log₂ (ρ² + h²).
+        T::of(2.0 * core::f64::consts::LOG2_E) * self.slope * square.sqrt() / (square + self.above)
     }
 }
 

@@ -9,6 +9,7 @@ mod random;
 mod resample;
 
 pub use levels::Levels;
+pub(crate) use levels::Term;
 pub use random::Random;
 pub(crate) use resample::systematic;
 

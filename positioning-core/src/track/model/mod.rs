@@ -1,6 +1,5 @@
 //! What can be measured, a file each: the expected number h(x), its derivatives, and the innovation.
 
-pub(crate) mod ble_range;
 pub(crate) mod height;
 pub(crate) mod position;
 pub(crate) mod range;

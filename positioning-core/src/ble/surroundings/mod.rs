@@ -1,0 +1,307 @@
+//! What a tag knows of the listed beacons around it, learnt as it goes: what its receiver reads too loud, and whether each beacon is
+//! where it is listed. The tag, its simulation and the replays find themselves by this one.
+//!
+//! The levels of a window flow in, with the tag's position where anchors give one; out flows the position by the levels
+//! ([`posterior`]), as the engine wants it, and now and then [`News`] of a beacon. A beacon is judged by the position without it, one of them a
+//! window, since that takes a lattice of its own; what is doubted makes no position until it agrees again.
+
+mod standing;
+
+pub use standing::Standing;
+
+use heapless::Vec;
+
+use super::multilateration::Heard;
+use super::offset::ReceiverOffset;
+use super::particles::Term;
+use super::path_loss::Wall;
+use super::posterior::{Belief, Posterior, posterior, too_loud};
+use crate::engine::BeaconPosition;
+use crate::{Area, MAX_ANCHORS, NoFix, Real};
+use standing::Record;
+
+/// Beacons are judged no sooner again, microseconds.
+const PASS_US: u64 = 4_000_000;
+/// After so many metres of way the shadows are others …
+const SHADOW_M: f64 = 2.0;
+/// … and after so many seconds: people move.
+const SHADOW_S: f64 = 60.0;
+/// A tag may be so far outside of the box around all that stands, metres.
+const MARGIN_M: f64 = 0.5;
+/// A position that so few others give judges nobody.
+const JUDGES: usize = 3;
+
+/// The level of a beacon in a window.
+#[derive(Clone, Copy, Debug)]
+pub struct Level<T> {
+    /// Its place in the list.
+    pub beacon: usize,
+    /// The level, and the beacon's path loss; its deviation is of what stays with the place.
+    pub heard: Heard<T, 2>,
+    /// The deviation of the level by noise, dB.
+    pub noise: T,
+    /// It jumps about as the levels of two senders do.
+    pub is_torn: bool,
+}
+
+/// Where a tag can be.
+#[derive(Clone, Copy, Debug)]
+pub struct Site<'a, T> {
+    /// The box around it.
+    pub area: Area<T, 2>,
+    /// What takes something from a signal.
+    pub walls: &'a [Wall<T>],
+}
+
+impl<T: Real> Site<'_, T> {
+    /// The box around all that stands in a place of which nothing else is known: beacons hang on the walls of what they cover.
+    pub fn around(places: impl Iterator<Item = [T; 2]>) -> Option<Self> {
+        let of_one = |place| Area { min: place, max: place };
+        let boxed = places.fold(None, |area: Option<Area<T, 2>>, place| {
+            Some(area.map_or(of_one(place), |area| both(&area, &of_one(place))))
+        })?;
+        let margin = T::of(MARGIN_M);
+        let area = Area { min: boxed.min.map(|least| least - margin), max: boxed.max.map(|most| most + margin) };
+        Some(Self { area, walls: &[] })
+    }
+}
+
+/// The box around two.
+fn both<T: Real>(one: &Area<T, 2>, other: &Area<T, 2>) -> Area<T, 2> {
+    Area {
+        min: core::array::from_fn(|axis| one.min[axis].at_most(other.min[axis])),
+        max: core::array::from_fn(|axis| one.max[axis].at_least(other.max[axis])),
+    }
+}
+
+/// A position that beacons have not made.
+#[derive(Clone, Copy, Debug)]
+pub struct Known<T> {
+    /// Metres.
+    pub position: [T; 2],
+    /// Variance of an axis, m².
+    pub variance: T,
+}
+
+/// Where the levels have a tag.
+#[derive(Clone, Copy, Debug)]
+pub struct Located<T> {
+    /// For the engine.
+    pub position: BeaconPosition<T>,
+    /// What made it: bit i is the window's i-th level.
+    pub used: u16,
+}
+
+/// Something else is believed of a beacon from now on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct News {
+    /// Its place in the list.
+    pub beacon: usize,
+    /// What is believed.
+    pub standing: Standing,
+    /// For how long its levels have told so, seconds.
+    pub seconds: u32,
+}
+
+/// What is known of up to `N` listed beacons.
+#[derive(Clone, Debug)]
+pub struct Surroundings<T, const N: usize> {
+    receiver: ReceiverOffset<T>,
+    records: [Record<T>; N],
+    pass: Pass<T>,
+    /// Places that the receiver's offset has not been learnt at.
+    due: T,
+    /// The box around all places that anchors have had the tag at: where it was, it can be.
+    been: Option<Area<T, 2>>,
+    news: Option<News>,
+}
+
+/// Once through all beacons.
+#[derive(Clone, Copy, Debug)]
+struct Pass<T> {
+    began_us: u64,
+    /// Where it began, metres.
+    at: Option<[T; 2]>,
+    /// How much of what is heard was not heard in the last one.
+    weight: T,
+    /// The next beacon to be judged is this one, or one after it.
+    next: usize,
+}
+
+/// Listed beacons of a node.
+pub const ON_NODE: usize = 24;
+
+impl Surroundings<f32, ON_NODE> {
+    /// [`locate`](Self::locate), compiled in this crate, as [`Engine::step_on_node`](crate::engine::Engine::step_on_node) is.
+    ///
+    /// # Errors
+    /// The same.
+    #[inline(never)]
+    pub fn locate_on_node(
+        &mut self,
+        now_us: u64,
+        levels: &[Level<f32>],
+        site: &Site<'_, f32>,
+        known: Option<&Known<f32>>,
+    ) -> Result<Located<f32>, NoFix> {
+        self.locate(now_us, levels, site, known)
+    }
+}
+
+impl<T: Real, const N: usize> Surroundings<T, N> {
+    /// All are where they are listed, and the receiver is as the calibration's, give or take `deviation` dB; 0: it is.
+    pub fn new(deviation: T) -> Self {
+        Self {
+            receiver: ReceiverOffset::new(deviation),
+            records: [Record::default(); N],
+            pass: Pass { began_us: 0, at: None, weight: T::ONE, next: 0 },
+            due: T::ONE,
+            been: None,
+            news: None,
+        }
+    }
+
+    /// What the receiver reads too loud.
+    pub fn receiver(&self) -> &ReceiverOffset<T> {
+        &self.receiver
+    }
+
+    /// What is believed of a beacon; nothing bad of one that is not listed.
+    pub fn standing(&self, beacon: usize) -> Standing {
+        self.records.get(beacon).map_or(Standing::Agrees, |record| record.standing)
+    }
+
+    /// What is new of a beacon since it was asked last.
+    pub fn take_news(&mut self) -> Option<News> {
+        self.news.take()
+    }
+
+    /// The position by the levels of a window, of which the first [`MAX_ANCHORS`] count. `known` is where anchors have the tag.
+    ///
+    /// # Errors
+    /// As [`posterior`]; [`NoFix::TooFewAnchors`] also where all that are heard are doubted.
+    #[inline(never)]
+    pub fn locate(
+        &mut self,
+        now_us: u64,
+        levels: &[Level<T>],
+        site: &Site<'_, T>,
+        known: Option<&Known<T>>,
+    ) -> Result<Located<T>, NoFix> {
+        let belief = Belief { offset_deviation: self.receiver.deviation(), ..Belief::default() };
+        let mut heard: Vec<Heard<T, 2>, MAX_ANCHORS> = Vec::new();
+        let (mut lasting, mut all, mut used) = (T::ZERO, T::ZERO, 0_u16);
+        for (place, level) in levels.iter().enumerate().take(MAX_ANCHORS) {
+            let one = self.corrected(level);
+            if self.standing(level.beacon) == Standing::Agrees && one.is_sane() && heard.push(one).is_ok() {
+                let stays = level.heard.path_loss.deviation.squared();
+                lasting += stays;
+                all += stays + level.noise.squared();
+                used |= 1 << place;
+            }
+        }
+        if let Some(Known { position, .. }) = known {
+            let here = Area { min: *position, max: *position };
+            self.been = Some(self.been.map_or(here, |been| both(&been, &here)));
+        }
+        let site = &Site { area: self.been.map_or(site.area, |been| both(&been, &site.area)), ..*site };
+        let found = posterior(&heard, &site.area, site.walls, &belief);
+        let at = known.map(|known| known.position).or(found.as_ref().ok().map(|found| found.fix.position));
+        if let Some(at) = at {
+            self.go_on(now_us, at);
+        }
+        self.judge_next(now_us, levels, &heard, used, site, known, &belief);
+        if self.due >= T::ONE && self.receiver.deviation() > T::ZERO {
+            match (known, &found) {
+                (Some(known), _) if !heard.is_empty() => {
+                    let (more, variance) = belief.of(&heard).through(site.walls).offset_at(known.position);
+                    self.learn(more, variance);
+                }
+                (None, Ok(Posterior { offset, offset_variance, .. })) => self.learn(*offset, *offset_variance),
+                (_, Err(_)) | (Some(_), Ok(_)) => {}
+            }
+        }
+        let fix = found?.fix;
+        let [[xx, xy], [_, yy]] = fix.covariance;
+        let lasting = (lasting / all.at_least(T::EPSILON)).at_most(T::ONE);
+        Ok(Located { position: BeaconPosition { position: fix.position, covariance: [xx, xy, yy], lasting }, used })
+    }
+
+    fn learn(&mut self, more: T, variance: T) {
+        self.receiver.learn(more, variance);
+        self.due = T::ZERO;
+    }
+
+    /// A level as the calibration's receiver would have it, with all of its deviation.
+    fn corrected(&self, level: &Level<T>) -> Heard<T, 2> {
+        let mut heard = level.heard;
+        heard.level = self.receiver.correct(heard.level);
+        heard.path_loss.deviation = (heard.path_loss.deviation.squared() + level.noise.squared()).sqrt();
+        heard
+    }
+
+    /// Begins the next pass where the last one has ended.
+    fn go_on(&mut self, now_us: u64, at: [T; 2]) {
+        let since_us = now_us.saturating_sub(self.pass.began_us);
+        let weight = match self.pass.at {
+            None => T::ONE,
+            Some(_) if since_us < PASS_US => return,
+            Some(last) => {
+                let way = ((at[0] - last[0]).squared() + (at[1] - last[1]).squared()).sqrt();
+                let seconds = T::count(since_us.min(3_600_000_000) as usize) * T::of(1.0e-6);
+                (way * T::of(1.0 / SHADOW_M) + seconds * T::of(1.0 / SHADOW_S)).at_most(T::ONE)
+            }
+        };
+        self.due += weight;
+        self.pass = Pass { began_us: now_us, at: Some(at), weight, next: 0 };
+    }
+
+    /// Judges the next of the beacons that are heard.
+    #[allow(clippy::too_many_arguments, reason = "all of a window")]
+    fn judge_next(
+        &mut self,
+        now_us: u64,
+        levels: &[Level<T>],
+        heard: &Vec<Heard<T, 2>, MAX_ANCHORS>,
+        used: u16,
+        site: &Site<'_, T>,
+        known: Option<&Known<T>>,
+        belief: &Belief<T>,
+    ) {
+        let next = self.pass.next;
+        let candidates = levels.iter().enumerate().take(MAX_ANCHORS).filter(|(_, level)| level.beacon >= next);
+        let Some((place, level)) = candidates.min_by_key(|(_, level)| level.beacon) else { return };
+        self.pass.next = level.beacon.saturating_add(1);
+        let one = self.corrected(level);
+        let off = match known {
+            Some(known) if one.is_sane() => {
+                // The receiver's offset joins the level's doubt.
+                let term = Term::of(&one);
+                let excess = belief.of(&[one]).through(site.walls).residual(&term, known.position);
+                let of_place = term.steepness(known.position).squared() * known.variance;
+                Some([excess, one.path_loss.deviation.squared() + belief.offset_deviation.squared() + of_place])
+            }
+            Some(_) => None,
+            None => {
+                let is_used = used >> place & 1 == 1;
+                let own = (used & ((1_u16 << place) - 1)).count_ones() as usize;
+                let others: Vec<Heard<T, 2>, MAX_ANCHORS> = heard
+                    .iter()
+                    .enumerate()
+                    .filter(|(at, _)| !is_used || *at != own)
+                    .map(|(_, heard)| *heard)
+                    .collect();
+                (others.len() >= JUDGES).then(|| too_loud(&one, &others, &site.area, site.walls, belief)).flatten()
+            }
+        };
+        let (Some([excess, variance]), Some(record)) = (off, self.records.get_mut(level.beacon)) else { return };
+        let change = record.take(now_us, excess.squared() / variance, level.is_torn, self.pass.weight);
+        let Some((standing, seconds)) = change else { return };
+        self.news = Some(News { beacon: level.beacon, standing, seconds });
+        if known.is_none() {
+            // What it has spoilt is no sign against the others.
+            self.records.iter_mut().for_each(Record::excuse);
+        }
+    }
+}

@@ -1,0 +1,117 @@
+//! Whether a beacon is where it is listed: E. S. Page's sum (*Continuous inspection schemes*, Biometrika 41, 1954) of how far its levels
+//! contradict the position that others give.
+
+use crate::Real;
+
+/// What a level adds less than is expected of one that is off by this many of its variances.
+const EXPECTED: f64 = 2.0;
+/// No level contradicts by more of its variances.
+const MOST: f64 = 4.0;
+/// A beacon whose sum goes beyond this is doubted: three levels at three places that are off by two deviations or more …
+const DOUBTED: f64 = 5.0;
+/// … and believed again under this.
+const BELIEVED: f64 = 1.0;
+/// No sum goes beyond this: what is believed again should be so in as short a time.
+const FULL: f64 = 7.0;
+
+/// What is believed of a listed beacon.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Standing {
+    /// It is where it is listed.
+    #[default]
+    Agrees,
+    /// Its levels are those of another place, or of another power.
+    Elsewhere,
+    /// Its levels jump between those of two places: two senders have its identity.
+    TwoPlaces,
+}
+
+/// What was found of one beacon.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Record<T> {
+    sum: T,
+    /// When it began to contradict, seconds.
+    since_s: u32,
+    pub(super) standing: Standing,
+}
+
+impl<T: Real> Record<T> {
+    /// A level that is off by so many of its variances, or that of two senders; worth `weight` of one at a place of its own. What is
+    /// believed from now on, if it is another thing, and for how many seconds the levels have told so.
+    pub(super) fn take(&mut self, now_us: u64, variances: T, is_torn: bool, weight: T) -> Option<(Standing, u32)> {
+        let now_s = u32::try_from(now_us / 1_000_000).unwrap_or(u32::MAX);
+        let off = if is_torn { T::of(MOST) } else { variances.at_most(T::of(MOST)) };
+        let more = weight * (off - T::of(EXPECTED));
+        if !more.is_finite() {
+            return None;
+        }
+        let contradicts = more > T::ZERO;
+        let turns = match self.standing {
+            Standing::Agrees => self.sum <= T::ZERO && contradicts,
+            Standing::Elsewhere | Standing::TwoPlaces => self.sum >= T::of(FULL) && !contradicts,
+        };
+        if turns {
+            self.since_s = now_s;
+        }
+        self.sum = (self.sum + more).at_least(T::ZERO).at_most(T::of(FULL));
+        let standing = match self.standing {
+            Standing::Agrees if self.sum > T::of(DOUBTED) && is_torn => Standing::TwoPlaces,
+            Standing::Agrees if self.sum > T::of(DOUBTED) => Standing::Elsewhere,
+            Standing::Elsewhere | Standing::TwoPlaces if self.sum < T::of(BELIEVED) => Standing::Agrees,
+            same => same,
+        };
+        let changed = standing != self.standing;
+        self.standing = standing;
+        changed.then(|| (standing, now_s.saturating_sub(self.since_s)))
+    }
+
+    /// Forgets a doubt that has not come to a word: another beacon was its cause.
+    pub(super) fn excuse(&mut self) {
+        if self.standing == Standing::Agrees {
+            self.sum = T::ZERO;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Record, Standing};
+
+    #[test]
+    fn three_contradictions_at_three_places_are_a_word_and_agreement_takes_it_back() {
+        let mut record = Record::<f64>::default();
+        let mut take =
+            |second: u64, variances, is_torn, weight| record.take(second * 1_000_000, variances, is_torn, weight);
+        // 4 − 2 each: 2, 4, 6.
+        assert_eq!((take(10, 30.0, false, 1.0), take(15, 4.0, false, 1.0)), (None, None));
+        assert_eq!(take(22, 9.0, false, 1.0), Some((Standing::Elsewhere, 12)));
+        // Up to 7, and then down by 2 each: 5, 3, 1, −1.
+        assert_eq!(take(30, 9.0, false, 1.0), None);
+        for second in [40, 44, 48] {
+            assert_eq!(take(second, 0.0, false, 1.0), None, "{second}");
+        }
+        assert_eq!(take(52, 0.0, false, 1.0), Some((Standing::Agrees, 12)));
+    }
+
+    #[test]
+    fn one_place_counts_once_and_agreement_between_forgets() {
+        let mut record = Record::<f32>::default();
+        // Ten looks at one place, a tenth each, are worth one; agreement takes 2 off.
+        for _ in 0..10 {
+            assert_eq!(record.take(0, 9.0, false, 0.1), None);
+        }
+        for _ in 0..100 {
+            assert_eq!(record.take(0, 0.0, false, 1.0), None);
+            assert_eq!(record.take(0, 9.0, false, 1.0), None);
+        }
+        assert_eq!(record.take(0, f32::NAN, false, 1.0), None);
+    }
+
+    #[test]
+    fn two_senders_are_told_as_such() {
+        let mut record = Record::<f32>::default();
+        let told = (0..3).find_map(|k| record.take(k * 4_000_000, 0.0, true, 1.0));
+        assert_eq!(told, Some((Standing::TwoPlaces, 8)));
+    }
+}

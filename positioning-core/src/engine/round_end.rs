@@ -1,0 +1,186 @@
+//! The end of a round: it starts a track, or audits it, or is solved by itself.
+
+use super::measurement::probability;
+use super::{Engine, Level, Missing, Mode, Output, Start, TrackFix, Verdict};
+use crate::track::{Blocked, Supervisor};
+use crate::{Fix, Real};
+
+/// A track's first position is taken to be so many times as uncertain as the solver says: the same ranges are about to enter
+/// the track, and must not count twice.
+const START_DOUBT: f64 = 9.0;
+/// And by this more, metres.
+const START_SIGMA_M: f64 = 0.3;
+/// But no axis by more than about this, metres.
+const START_GREATEST_M: f64 = 1.0;
+
+/// A track that is more uncertain than this, metres, all axes together, is vague.
+const VAGUE_M: f64 = 1.5;
+/// It may be the same as a position within so many joint deviations.
+const AGREES: f64 = 4.0;
+
+impl<T: Real> Engine<T> {
+    #[inline(never)]
+    pub(super) fn end_round(&mut self) -> Output<T> {
+        let output = match self.settings.mode {
+            Mode::Solve => Output { verdict: Verdict::Concluded, fix: self.solved() },
+            Mode::Track if self.track.is_err() => self.begin(),
+            Mode::Track => self.go_on(),
+        };
+        self.round.clear();
+        output
+    }
+
+    /// The round's own position.
+    fn solved(&self) -> Result<TrackFix<T>, Missing> {
+        let fix = self.round.solve(&self.settings).map_err(Missing::NoFix)?;
+        let Fix { position, covariance, used, quality, .. } = fix;
+        Ok(TrackFix { position, velocity: [T::ZERO; 3], covariance, used, quality, age_us: 0 })
+    }
+
+    /// Starts a track from the round.
+    #[inline(never)]
+    fn begin(&mut self) -> Output<T> {
+        match self.round.solve(&self.settings) {
+            Ok(fix) => {
+                let start = self.begin_at(&fix);
+                Output { verdict: Verdict::Started(start), fix: self.fix() }
+            }
+            Err(reason) => Output { verdict: Verdict::Concluded, fix: Err(Missing::NoFix(reason)) },
+        }
+    }
+
+    /// Starts a track near a solved position, and lets the round's measurements into it.
+    fn begin_at(&mut self, fix: &Fix<T, 3>) -> Start {
+        // Where the solver did not know on which side of the anchors the tag is, its covariance reaches to the other one. The track
+        // is on this side, and a doubt of metres would lead its first linearisations astray.
+        let greatest = (0..3).fold(T::ZERO, |greatest, axis| greatest.at_least(fix.covariance[axis][axis]));
+        let doubt = T::of(START_DOUBT).at_most(T::of(START_GREATEST_M * START_GREATEST_M) / greatest);
+        let covariance: [[T; 3]; 3] = core::array::from_fn(|r| {
+            core::array::from_fn(|c| {
+                let on_diagonal = if r == c { T::ONE } else { T::ZERO };
+                match self.settings.start_variance {
+                    Some(variance) => variance * on_diagonal,
+                    None => doubt * fix.covariance[r][c] + T::of(START_SIGMA_M * START_SIGMA_M) * on_diagonal,
+                }
+            })
+        });
+        let start = self.start(fix.position, &covariance);
+        self.take_height(fix);
+        (self.round.used, self.round.taken) = (0, 0);
+        self.admit_ranges();
+        for place in 0..self.round.tdoas.len() {
+            if let Some(tdoa) = self.round.tdoas.get(place).copied() {
+                self.admit_tdoa(&tdoa);
+            }
+        }
+        self.heed_beacons();
+        self.keep_enough();
+        self.supervisor = Supervisor::default();
+        self.used_us = self.now_us;
+        start
+    }
+
+    /// Whether the track is too uncertain for ranges to be straightened about it, one by one: among beacons it is, and then the
+    /// first of them would lead it beside the place where they meet. Such a round is solved first.
+    pub(super) fn is_vague(&self) -> bool {
+        self.filter.state.spread() > T::of(VAGUE_M * VAGUE_M)
+    }
+
+    /// Whether a round's own position is surer than the track, and may be the same.
+    fn agrees(&self, fix: &Fix<T, 3>) -> bool {
+        let (mut square, mut variance) = (T::ZERO, T::ZERO);
+        for (axis, at) in self.filter.state.position().into_iter().enumerate() {
+            square += (at - fix.position[axis]).squared();
+            variance += fix.covariance[axis][axis];
+        }
+        let spread = self.filter.state.spread();
+        variance < spread && square <= T::of(AGREES * AGREES) * (spread + variance)
+    }
+
+    /// Lets the round's ranges into the track.
+    fn admit_ranges(&mut self) {
+        for place in 0..self.round.ranges.len() {
+            if let Some(range) = self.round.ranges.get(place).copied() {
+                self.admit_range(&range, Some(place));
+            }
+        }
+    }
+
+    /// Lets the position by beacons into the track, where the round has one.
+    fn heed_beacons(&mut self) {
+        let height = self.settings.dimensions.height();
+        if let Some((located, height)) = self.round.by_beacons.zip(height) {
+            let fix = located.at(height);
+            let fate = self.filter.by_beacons(fix.position, &fix.covariance, located.lasting, &self.settings);
+            self.judge(fate, None);
+        }
+    }
+
+    /// Lets the least blocked of the ignored ranges into the track, where the settings want a round to keep some.
+    fn keep_enough(&mut self) {
+        let Blocked::Ignore { threshold, at_least } = self.settings.blocked else { return };
+        let mut kept = 0_u16;
+        for (place, range) in self.round.ranges.iter().enumerate() {
+            if probability(range.blocked) < threshold {
+                kept |= 1 << place;
+            }
+        }
+        let more = self.round.with_least_blocked(kept, at_least.into()) & !kept;
+        for place in 0..self.round.ranges.len() {
+            if more >> place & 1 == 1
+                && let Some(range) = self.round.ranges.get(place).copied()
+            {
+                self.track_range(&range, Some(place));
+            }
+        }
+    }
+
+    /// Ends a round of a track.
+    #[inline(never)]
+    fn go_on(&mut self) -> Output<T> {
+        if core::mem::take(&mut self.round.waits) {
+            if let Ok(fix) = self.round.solve(&self.settings)
+                && self.agrees(&fix)
+            {
+                self.begin_at(&fix);
+                return Output { verdict: Verdict::Concluded, fix: self.fix() };
+            }
+            self.admit_ranges();
+        }
+        self.keep_enough();
+        self.heed_beacons();
+        let doubts = self.settings.supervised && self.supervisor.doubts();
+        if (doubts || self.level.is_asked())
+            && let Ok(fix) = self.round.solve(&self.settings)
+        {
+            let covariance = self.filter.state.position_covariance();
+            if doubts && self.supervisor.condemns(self.filter.state.position(), &covariance, &fix) {
+                self.give_up(Start::Contradicted);
+                let start = self.begin_at(&fix);
+                return Output { verdict: Verdict::Started(start), fix: self.fix() };
+            }
+            self.take_height(&fix);
+        }
+        Output { verdict: Verdict::Concluded, fix: self.fix() }
+    }
+
+    /// Lets the track have the height of a solved round, where ranges alone do not tell it.
+    fn take_height(&mut self, fix: &Fix<T, 3>) {
+        if self.settings.dimensions.height().is_none()
+            && !self.round.ranges.is_empty()
+            && let Some((height, deviation)) = self.level.of(fix)
+        {
+            self.filter.height(height, deviation, &self.settings);
+        }
+    }
+
+    /// Starts a track.
+    pub(super) fn start(&mut self, position: [T; 3], covariance: &[[T; 3]; 3]) -> Start {
+        self.filter.start(self.now_us, position, covariance, &self.settings);
+        self.level = Level::new();
+        self.supervisor = Supervisor::default();
+        self.track = Ok(());
+        self.used_us = self.now_us;
+        self.next_start
+    }
+}
