@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use firmware_common::lines::StateLine;
-use telemetry::{Condition, Decoder, Message};
+use telemetry::{Condition, Decoder, Message, State};
 
 use super::image::{Build, Image};
 use super::log::{self, Frames, LogLine};

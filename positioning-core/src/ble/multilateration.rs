@@ -48,6 +48,7 @@ impl<T: Real, const D: usize> Heard<T, D> {
     }
 
     /// Whether every number is finite and believable.
+    #[inline(never)]
     pub(crate) fn is_sane(&self) -> bool {
         let sum = self.place.iter().fold(self.above.abs() + self.level.abs(), |sum, component| sum + component.abs());
         sum <= T::of(1.0e5) && self.path_loss.is_sane()

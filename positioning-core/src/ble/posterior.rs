@@ -56,6 +56,7 @@ pub struct Posterior<T> {
 /// # Errors
 /// [`NoFix::TooFewAnchors`] without a level, [`NoFix::TooManyAnchors`] beyond [`MAX_ANCHORS`], [`NoFix::NotFinite`] where a number is none
 /// or the area is empty.
+#[inline(never)]
 pub fn posterior<T: Real>(
     heard: &[Heard<T, 2>],
     area: &Area<T, 2>,
@@ -97,6 +98,7 @@ pub fn posterior<T: Real>(
 
 /// By how much a level is too loud, dB, and the variance of that, dB², where others say how likely each place of an area is. `None`
 /// where nothing can be said.
+#[inline(never)]
 pub(crate) fn too_loud<T: Real>(
     heard: &Heard<T, 2>,
     others: &[Heard<T, 2>],
@@ -114,18 +116,21 @@ pub(crate) fn too_loud<T: Real>(
 }
 
 /// Whether an area is one.
+#[inline(never)]
 fn is_some<T: Real>(area: &Area<T, 2>) -> bool {
     (0..2).all(|axis| area.max[axis] > area.min[axis] && (area.max[axis] - area.min[axis]).is_finite())
 }
 
 impl<T: Real> Belief<T> {
     /// The likelihood of levels. Their trust is no doubt of the offset.
+    #[inline(never)]
     pub fn of<'a>(&self, heard: &[Heard<T, 2>]) -> Levels<'a, T> {
         Levels::of(heard, self.offset_deviation * self.trust.sqrt(), self.trust)
     }
 
     /// What of an area is near enough to every beacon that is heard; all of it where they contradict each other. A lattice over a whole
     /// site would be coarse.
+    #[inline(never)]
     fn narrowed(&self, area: &Area<T, 2>, heard: &[Heard<T, 2>]) -> Area<T, 2> {
         let mut near = *area;
         for Heard { place, level, path_loss, .. } in heard {

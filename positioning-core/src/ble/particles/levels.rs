@@ -73,6 +73,7 @@ impl<'a, T: Real> Levels<'a, T> {
     }
 
     /// What is known of the receiver's offset at a known place: mean, dB, and variance, dB².
+    #[inline(never)]
     pub fn offset_at(&self, position: [T; 2]) -> (T, T) {
         (self.seen_from(position).1, self.offset_variance())
     }
@@ -96,6 +97,7 @@ impl<'a, T: Real> Levels<'a, T> {
     }
 
     /// How far the levels agree with a place, 0 to 1, as the quality of a [`Fix`](crate::Fix).
+    #[inline(never)]
     pub(crate) fn agreement(&self, position: [T; 2]) -> T {
         let mut weights = T::ZERO;
         for term in &self.terms {
@@ -120,6 +122,7 @@ impl<T: Real> Likelihood<T> for Levels<'_, T> {
 
 impl<T: Real> Term<T> {
     /// Of a level that is sane.
+    #[inline(never)]
     pub(crate) fn of(heard: &Heard<T, 2>) -> Self {
         let path_loss = &heard.path_loss;
         Self {
@@ -130,14 +133,6 @@ impl<T: Real> Term<T> {
             slope: path_loss.exponent * T::of(5.0 * core::f64::consts::LOG10_2),
             weight: T::ONE / path_loss.deviation.squared(),
         }
-    }
-
-    /// By how much the expected level changes with a metre of way towards the beacon, dB.
-    pub(crate) fn steepness(&self, position: [T; 2]) -> T {
-        let (x, y) = (position[0] - self.place[0], position[1] - self.place[1]);
-        let square = x.squared() + y.squared();
-        // d ⁄ dρ of slope · log₂ (ρ² + h²).
-        T::of(2.0 * core::f64::consts::LOG2_E) * self.slope * square.sqrt() / (square + self.above)
     }
 }
 

@@ -13,7 +13,6 @@ use heapless::Vec;
 
 use super::multilateration::Heard;
 use super::offset::ReceiverOffset;
-use super::particles::Term;
 use super::path_loss::Wall;
 use super::posterior::{Belief, Posterior, posterior, too_loud};
 use crate::engine::BeaconPosition;
@@ -81,6 +80,14 @@ pub struct Known<T> {
     pub position: [T; 2],
     /// Variance of an axis, m².
     pub variance: T,
+}
+
+impl<T: Real> Known<T> {
+    /// As a box of the same variance.
+    fn area(&self) -> Area<T, 2> {
+        let half = (T::of(3.0) * self.variance).sqrt();
+        Area { min: self.position.map(|middle| middle - half), max: self.position.map(|middle| middle + half) }
+    }
 }
 
 /// Where the levels have a tag.
@@ -213,13 +220,10 @@ impl<T: Real, const N: usize> Surroundings<T, N> {
         }
         self.judge_next(now_us, levels, &heard, used, site, known, &belief);
         if self.due >= T::ONE && self.receiver.deviation() > T::ZERO {
-            match (known, &found) {
-                (Some(known), _) if !heard.is_empty() => {
-                    let (more, variance) = belief.of(&heard).through(site.walls).offset_at(known.position);
-                    self.learn(more, variance);
-                }
-                (None, Ok(Posterior { offset, offset_variance, .. })) => self.learn(*offset, *offset_variance),
-                (_, Err(_)) | (Some(_), Ok(_)) => {}
+            let there = known.map(|known| posterior(&heard, &known.area(), site.walls, &belief));
+            if let Ok(Posterior { offset, offset_variance, .. }) = there.unwrap_or(found) {
+                self.receiver.learn(offset, offset_variance);
+                self.due = T::ZERO;
             }
         }
         let fix = found?.fix;
@@ -228,12 +232,8 @@ impl<T: Real, const N: usize> Surroundings<T, N> {
         Ok(Located { position: BeaconPosition { position: fix.position, covariance: [xx, xy, yy], lasting }, used })
     }
 
-    fn learn(&mut self, more: T, variance: T) {
-        self.receiver.learn(more, variance);
-        self.due = T::ZERO;
-    }
-
     /// A level as the calibration's receiver would have it, with all of its deviation.
+    #[inline(never)]
     fn corrected(&self, level: &Level<T>) -> Heard<T, 2> {
         let mut heard = level.heard;
         heard.level = self.receiver.correct(heard.level);
@@ -259,6 +259,7 @@ impl<T: Real, const N: usize> Surroundings<T, N> {
 
     /// Judges the next of the beacons that are heard.
     #[allow(clippy::too_many_arguments, reason = "all of a window")]
+    #[inline(never)]
     fn judge_next(
         &mut self,
         now_us: u64,
@@ -274,25 +275,19 @@ impl<T: Real, const N: usize> Surroundings<T, N> {
         let Some((place, level)) = candidates.min_by_key(|(_, level)| level.beacon) else { return };
         self.pass.next = level.beacon.saturating_add(1);
         let one = self.corrected(level);
+        // Anchors need no others, and the receiver's offset is doubted as far as it is known.
         let off = match known {
-            Some(known) if one.is_sane() => {
-                // The receiver's offset joins the level's doubt.
-                let term = Term::of(&one);
-                let excess = belief.of(&[one]).through(site.walls).residual(&term, known.position);
-                let of_place = term.steepness(known.position).squared() * known.variance;
-                Some([excess, one.path_loss.deviation.squared() + belief.offset_deviation.squared() + of_place])
-            }
-            Some(_) => None,
+            Some(known) => too_loud(&one, &[], &known.area(), site.walls, belief),
             None => {
-                let is_used = used >> place & 1 == 1;
-                let own = (used & ((1_u16 << place) - 1)).count_ones() as usize;
-                let others: Vec<Heard<T, 2>, MAX_ANCHORS> = heard
-                    .iter()
-                    .enumerate()
-                    .filter(|(at, _)| !is_used || *at != own)
-                    .map(|(_, heard)| *heard)
-                    .collect();
-                (others.len() >= JUDGES).then(|| too_loud(&one, &others, &site.area, site.walls, belief)).flatten()
+                let mut others = heard.clone();
+                let own = (used & ((1 << place) - 1)).count_ones() as usize;
+                if used >> place & 1 == 1 && own < others.len() {
+                    others.swap_remove(own);
+                }
+                if others.len() < JUDGES {
+                    return;
+                }
+                too_loud(&one, &others, &site.area, site.walls, belief)
             }
         };
         let (Some([excess, variance]), Some(record)) = (off, self.records.get_mut(level.beacon)) else { return };
