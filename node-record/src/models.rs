@@ -1,6 +1,6 @@
 //! What a tag knows of beacons' levels on the spot: a map of fingerprints and a model of rooms, in flash beside the record's pages.
 //!
-//! A region is a page's header with other letters, as [`decode`](crate::decode) has it for records, and [`BeaconModels`] as `packed` writes them:
+//! A region is a page's header with other letters, as [`decode`](crate::decode) has it for records, and [`BeaconModels`] in postcard:
 //!
 //! | offset | bytes | what |
 //! |---|---|---|
@@ -16,7 +16,7 @@
 //! before, the new ones, or none that is believed. What the models themselves hold has checksums of its own.
 
 use embedded_storage::nor_flash::ReadNorFlash;
-use packed::packed;
+use serde::{Deserialize, Serialize};
 
 use crate::page::{Framed, HEADER_BYTES, Letters, parse, seal};
 use crate::{Fault, MAX_BEACONS};
@@ -30,27 +30,26 @@ pub const MODELS_BYTES: usize = 8192;
 const LETTERS: Letters = *b"BLZB";
 
 /// What a tag knows of levels on the spot.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BeaconModels<'a> {
     /// A map, as `positioning_core::ble::fingerprint::Map` lays it out.
+    #[serde(borrow)]
     pub map: Option<OfBeacons<'a>>,
     /// A model of rooms, as `positioning_core::ble::rooms::Model` lays it out.
+    #[serde(borrow)]
     pub rooms: Option<OfBeacons<'a>>,
     /// What the rooms are called, a line each.
     pub room_names: &'a str,
 }
 
 /// A model, and whose levels it is of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OfBeacons<'a> {
     /// In the order of the model's scans: major and minor number, two bytes each, little-endian; at most [`MAX_BEACONS`] beacons.
     pub beacons: &'a [u8],
     /// The model.
     pub model: &'a [u8],
 }
-
-packed!(struct BeaconModels<'a> { map, rooms, room_names });
-packed!(struct OfBeacons<'a> { beacons, model });
 
 impl<'a> OfBeacons<'a> {
     /// Major and minor of the beacons, in their order.
@@ -68,7 +67,7 @@ impl<'a> OfBeacons<'a> {
 pub fn encode_models<'b>(models: &BeaconModels<'_>, region: &'b mut [u8; MODELS_BYTES]) -> Option<&'b [u8]> {
     region.fill(0xFF);
     let (_, body) = region.split_at_mut(HEADER_BYTES);
-    let length = packed::write(models, body)?;
+    let length = postcard::to_slice(models, body).ok()?.len();
     Some(seal(Framed { letters: LETTERS, version: MODELS_VERSION, sequence: 0 }, length, region))
 }
 
@@ -81,8 +80,10 @@ pub fn decode_models(region: &[u8]) -> Result<BeaconModels<'_>, Fault> {
     if header.version != MODELS_VERSION {
         return Err(Fault::Version(header.version));
     }
-    let sane = |models: &BeaconModels<'_>| [models.map, models.rooms].iter().flatten().all(OfBeacons::is_sane);
-    packed::read(body).filter(sane).ok_or(Fault::Corrupt)
+    match postcard::take_from_bytes::<BeaconModels<'_>>(body) {
+        Ok((models, [])) if [models.map, models.rooms].iter().flatten().all(OfBeacons::is_sane) => Ok(models),
+        Ok(_) | Err(_) => Err(Fault::Corrupt),
+    }
 }
 
 /// The same from a flash that is not in memory: `region` is filled and kept by the models. `at` counts from the flash's beginning.

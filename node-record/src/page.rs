@@ -8,7 +8,7 @@
 //! | 6 | 2 | length of the record, bytes |
 //! | 8 | 4 | sequence number, wrapping: of two pages the later one counts |
 //! | 12 | 4 | CRC-32 (ISO-HDLC, that of Ethernet) of the twelve bytes before and of the record |
-//! | 16 | … | the record as `packed` writes it, in postcard's format |
+//! | 16 | … | the record in postcard |
 //!
 //! | 1280 | 400 | [`MODEL_AT`]: a tag's trained classifier of line of sight, with its own checksum, or erased |
 //!
@@ -86,8 +86,11 @@ impl Header {
 pub fn encode<'a>(record: &Record, sequence: u32, page: &'a mut [u8; MAX_BYTES]) -> &'a [u8] {
     page.fill(0xFF);
     let (_, body) = page.split_at_mut(HEADER_BYTES);
-    // MAX_BYTES holds the longest record there is: `the_longest_record_fits`.
-    let Some(length) = packed::write(record, body) else { unreachable!() };
+    let length = match postcard::to_slice(record, body) {
+        Ok(written) => written.len(),
+        // MAX_BYTES holds the longest record there is: `the_longest_record_fits`.
+        Err(_) => unreachable!(),
+    };
     seal(Framed { letters: LETTERS, version: VERSION, sequence }, length, page)
 }
 
@@ -120,7 +123,10 @@ pub fn decode(page: &[u8]) -> Result<(Record, u32), Fault> {
     if header.version != VERSION {
         return Err(Fault::Version(header.version));
     }
-    let record: Record = packed::read(body).ok_or(Fault::Corrupt)?;
+    let (record, rest) = postcard::take_from_bytes::<Record>(body).map_err(|_| Fault::Corrupt)?;
+    if !rest.is_empty() {
+        return Err(Fault::Corrupt);
+    }
     record.validate().map_err(Fault::Invalid)?;
     Ok((record, header.sequence))
 }

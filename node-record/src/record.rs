@@ -1,7 +1,7 @@
 //! What a node is told: who it is, what it does, its network, its calibration.
 
 use heapless::Vec;
-use packed::packed;
+use serde::{Deserialize, Serialize};
 
 /// Most anchors that a tag may be told the places of.
 pub const MAX_ANCHORS: usize = 24;
@@ -14,7 +14,7 @@ pub type Anchors = Vec<Anchor, MAX_ANCHORS>;
 pub type Beacons = Vec<Beacon, MAX_BEACONS>;
 
 /// The record of one node.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Record {
     /// Who it is.
@@ -36,7 +36,7 @@ pub struct Record {
 }
 
 /// Who a node is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Identity {
     /// EUI-64; else the chip's own.
@@ -46,7 +46,7 @@ pub struct Identity {
 }
 
 /// What a node does.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Role {
     /// Positions itself.
@@ -61,7 +61,7 @@ pub enum Role {
 }
 
 /// How a tag works.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Tag {
     /// The height at which it is carried, metres: only x and y are found then.
@@ -83,7 +83,7 @@ pub struct Tag {
 }
 
 /// How a tag scans.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Scan {
     /// From one window to the next, milliseconds.
@@ -93,7 +93,7 @@ pub struct Scan {
 }
 
 /// What a beacon advertises.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Advertiser {
     /// Proximity UUID.
@@ -115,7 +115,7 @@ pub struct Advertiser {
 }
 
 /// The network that a node is part of; equal in all its nodes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Network {
     /// PAN identifier.
@@ -129,7 +129,7 @@ pub struct Network {
 }
 
 /// How nodes range.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Mode {
     /// N + 1 frames a fix in a superframe.
@@ -147,7 +147,7 @@ pub enum Mode {
 }
 
 /// How frames are put on the air, in the numbers of the standard.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Phy {
     /// 1, 2, 3, 4, 5 or 7.
@@ -163,7 +163,7 @@ pub struct Phy {
 }
 
 /// `ranging::native::Turnaround`, microseconds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Turnaround {
     /// From the end of a frame heard to the first pulse of the answer.
@@ -175,7 +175,7 @@ pub struct Turnaround {
 }
 
 /// What was calibrated on a board.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Calibration {
     /// Antenna delay in each direction, ticks of 15.65 ps; `None`: the default of DWM1000-like boards.
@@ -187,7 +187,7 @@ pub struct Calibration {
 }
 
 /// Where the DW1000 is wired, numbers of the processor's pins.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[allow(missing_docs, reason = "they are the signals' names")]
 pub struct Pins {
@@ -200,7 +200,7 @@ pub struct Pins {
 }
 
 /// Where an anchor stands.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Anchor {
     /// Short address.
@@ -210,7 +210,7 @@ pub struct Anchor {
 }
 
 /// A beacon that a tag knows.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Beacon {
     /// Major number.
@@ -224,22 +224,3 @@ pub struct Beacon {
     /// Path-loss exponent; `None`: 2.
     pub path_loss_exponent: Option<f32>,
 }
-
-packed!(struct Record { identity, role, network, calibration, pins, anchors, beacons, beacon_key });
-packed!(struct Identity { eui, address });
-packed!(enum Role { 0 = Tag(tag), 1 = Anchor { position_m }, 2 = Advertiser(advertiser) });
-packed!(struct Tag {
-    height_m, rate_chz, still_rate_chz, sleep, anchors_per_round, tell_distances, scan, report_ranges
-});
-packed!(struct Scan { interval_ms, window_ms });
-packed!(struct Advertiser {
-    uuid, major, minor, measured_power_dbm, interval_ms, tx_power_dbm, channels, rotate_s
-});
-packed!(struct Network { pan, mode, phy, turnaround });
-packed!(enum Mode { 0 = Native, 1 = DecaRanging { fast }, 2 = Listening { rounds_chz } });
-packed!(struct Phy { channel, prf_mhz, rate_kbps, preamble, code });
-packed!(struct Turnaround { answer_us, listen_again_us, transmit_us });
-packed!(struct Calibration { antenna_delay, crystal_trim, tx_power });
-packed!(struct Pins { sck, mosi, miso, cs, irq, reset });
-packed!(struct Anchor { address, position_m });
-packed!(struct Beacon { major, minor, position_m, rssi_1m_dbm, path_loss_exponent });

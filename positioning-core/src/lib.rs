@@ -28,6 +28,7 @@ mod nonlinear;
 mod real;
 mod robust;
 mod sample;
+#[cfg(feature = "serde")]
 mod stored;
 mod track;
 

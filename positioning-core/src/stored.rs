@@ -1,12 +1,12 @@
 //! The frame of what a desktop trains and a node reads from its flash: a classifier, a model of rooms.
 //!
-//! Layout: two letters that say what it is, the version, the length of the rest as three bytes (little-endian), the value as
-//! [`packed`] writes it, and a CRC-16 (IBM-3740) of all before it. Several frames may follow each other without gap. Weights stay where they
+//! Layout: two letters that say what it is, the version, the length of the rest as three bytes (little-endian), the value in
+//! postcard, and a CRC-16 (IBM-3740) of all before it. Several frames may follow each other without gap. Weights stay where they
 //! are: a value borrows the bytes it was read from.
 
 use core::fmt;
 
-use packed::Packed;
+use serde::{Deserialize, Serialize};
 
 /// Bytes before the value.
 pub(crate) const HEADER: usize = 6;
@@ -20,7 +20,7 @@ pub(crate) struct Content {
 }
 
 /// What can be framed.
-pub(crate) trait Stored {
+pub(crate) trait Stored: Serialize {
     /// Its frame's letters and version.
     const CONTENT: Content;
 
@@ -64,12 +64,12 @@ impl fmt::Display for Fault {
 impl core::error::Error for Fault {}
 
 /// Writes a value to the beginning of `buffer` and returns those bytes.
-pub(crate) fn encode<'a, 'b, T: Stored + Packed<'a>>(value: &T, buffer: &'b mut [u8]) -> Result<&'b [u8], Fault> {
+pub(crate) fn encode<'b, T: Stored>(value: &T, buffer: &'b mut [u8]) -> Result<&'b [u8], Fault> {
     if !value.is_sane() {
         return Err(Fault::Invalid);
     }
     let room = buffer.get_mut(HEADER..).ok_or(Fault::TooLong)?;
-    let length = packed::write(value, room).ok_or(Fault::TooLong)?;
+    let length = postcard::to_slice(value, room).map_err(|_| Fault::TooLong)?.len();
     let [l0, l1, l2, 0] = u32::try_from(length).unwrap_or(u32::MAX).to_le_bytes() else {
         return Err(Fault::TooLong);
     };
@@ -82,7 +82,7 @@ pub(crate) fn encode<'a, 'b, T: Stored + Packed<'a>>(value: &T, buffer: &'b mut 
 }
 
 /// Reads a value from the beginning of `bytes`; returns it and what follows.
-pub(crate) fn decode<'a, T: Stored + Packed<'a>>(bytes: &'a [u8]) -> Result<(T, &'a [u8]), Fault> {
+pub(crate) fn decode<'a, T: Stored + Deserialize<'a>>(bytes: &'a [u8]) -> Result<(T, &'a [u8]), Fault> {
     let content = T::CONTENT;
     let Some((&[m0, m1, version, l0, l1, l2], _)) = bytes.split_first_chunk::<HEADER>() else {
         return Err(Fault::Missing);
@@ -100,6 +100,8 @@ pub(crate) fn decode<'a, T: Stored + Packed<'a>>(bytes: &'a [u8]) -> Result<(T, 
         return Err(Fault::Corrupt);
     }
     let payload = covered.get(HEADER..).ok_or(Fault::Corrupt)?;
-    let value = packed::read(payload).filter(T::is_sane).ok_or(Fault::Invalid)?;
-    Ok((value, rest))
+    match postcard::take_from_bytes::<T>(payload) {
+        Ok((value, [])) if value.is_sane() => Ok((value, rest)),
+        Ok(_) | Err(_) => Err(Fault::Invalid),
+    }
 }

@@ -1,21 +1,18 @@
 //! From a score to a probability that means what it says, and from the probability to a variance.
 
-use packed::packed;
-
 use super::sigmoid;
 use crate::Real;
 
 /// Platt's scaling: p ↦ σ(slope·logit(p) + offset) (J. Platt, *Probabilistic outputs for support vector machines*,
 /// 1999). Two numbers, fitted where the classifier was not: on placements held out.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Platt {
     /// Positive: it never turns the order of two scores round.
     pub slope: f32,
     /// What is added.
     pub offset: f32,
 }
-
-packed!(struct Platt { slope, offset });
 
 impl Platt {
     /// Leaves a probability as it is.
@@ -32,6 +29,7 @@ impl Platt {
         Real::ln(p / (1.0 - p))
     }
 
+    #[cfg(feature = "serde")]
     pub(crate) fn is_sane(self) -> bool {
         self.slope.is_finite() && self.slope > 0.0 && self.offset.is_finite()
     }
@@ -40,6 +38,7 @@ impl Platt {
 /// How much less a range is trusted that may be blocked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Inflation {
     /// Root mean square of the error that a blocked range has on top of a direct one's, metres. García et al. take
     /// variances of 0.5 and 3 for their ranges. Over sixteen blocked placements in a furnished flat it is 0.8 m with

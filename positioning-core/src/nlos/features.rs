@@ -1,13 +1,12 @@
 //! The features of one reception, by name: what is known of them.
 
-use packed::{Packed, Reader, Writer};
-
 use super::Shape;
 use crate::Real;
 
 /// A feature. The order is that of stored models: new ones go to the end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Feature {
     /// [`Shape::skewness`].
     Skewness,
@@ -37,19 +36,6 @@ pub enum Feature {
     PowerMean,
     /// The range less the distance from the anchor to where the track has the tag, metres.
     TrackResidual,
-}
-
-impl Packed<'_> for Feature {
-    fn write(&self, writer: &mut Writer<'_>) {
-        writer.varint(*self as u32);
-    }
-
-    fn read(reader: &mut Reader<'_>) -> Self {
-        Self::ALL.get(reader.varint() as usize).copied().unwrap_or_else(|| {
-            reader.refuse();
-            Self::Skewness
-        })
-    }
 }
 
 impl Feature {

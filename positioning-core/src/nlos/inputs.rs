@@ -1,7 +1,6 @@
 //! From features to the inputs of a learnt classifier: chosen, centred, scaled.
 
 use heapless::Vec;
-use packed::{Packed, Reader, Writer, packed};
 
 use super::{Feature, Features};
 use crate::Real;
@@ -13,6 +12,7 @@ const FARTHEST: f32 = 4.0;
 
 /// One input.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Input {
     /// The feature.
     pub feature: Feature,
@@ -24,19 +24,8 @@ pub struct Input {
 
 /// The inputs of a learnt classifier, in order.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Inputs(pub Vec<Input, MAX_INPUTS>);
-
-packed!(struct Input { feature, mean, deviation });
-
-impl Packed<'_> for Inputs {
-    fn write(&self, writer: &mut Writer<'_>) {
-        self.0.write(writer);
-    }
-
-    fn read(reader: &mut Reader<'_>) -> Self {
-        Self(Vec::read(reader))
-    }
-}
 
 impl Inputs {
     /// The inputs of these features; `None` where one of them is not known.

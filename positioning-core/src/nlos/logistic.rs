@@ -1,12 +1,12 @@
 //! Logistic regression: a sigmoid over a weighted sum.
 
 use heapless::Vec;
-use packed::packed;
 
 use super::{Classifier, Feature, Features, Inputs, MAX_INPUTS, sigmoid};
 
 /// A weight an input, and what is added.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Logistic {
     /// The inputs.
     pub inputs: Inputs,
@@ -14,17 +14,6 @@ pub struct Logistic {
     pub weights: Vec<f32, MAX_INPUTS>,
     /// What is added.
     pub intercept: f32,
-}
-
-packed!(struct Logistic { inputs, weights, intercept });
-
-impl Logistic {
-    pub(crate) fn is_sane(&self) -> bool {
-        self.inputs.is_sane()
-            && self.weights.len() == self.inputs.len()
-            && self.intercept.is_finite()
-            && self.weights.iter().all(|weight| weight.is_finite())
-    }
 }
 
 impl Classifier for Logistic {
@@ -40,6 +29,13 @@ impl Classifier for Logistic {
         let inputs = self.inputs.of(features)?;
         let sum: f32 = inputs.iter().zip(&self.weights).map(|(input, weight)| input * weight).sum();
         Some(sigmoid(self.intercept + sum))
+    }
+
+    fn is_sane(&self) -> bool {
+        self.inputs.is_sane()
+            && self.weights.len() == self.inputs.len()
+            && self.intercept.is_finite()
+            && self.weights.iter().all(|weight| weight.is_finite())
     }
 }
 

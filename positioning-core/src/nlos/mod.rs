@@ -7,7 +7,7 @@
 //! less.
 //!
 //! Classifiers are trained on a desktop; a node reads them as a [`NodeModel`], versioned and checksummed bytes in its
-//! flash, and asks it by a [`Judge`] that remembers what only time tells. Without a model, [`PowerDifference::default`] is the chip maker's own rule, and
+//! flash (feature `serde`), and asks it by a [`Judge`] that remembers what only time tells. Without a model, [`PowerDifference::default`] is the chip maker's own rule, and
 //! [`Skewness::default`] what a recorded flat taught.
 //!
 //! Sources: E. García et al., *A robust UWB indoor positioning system for highly complex environments* (equations 2 to
@@ -21,6 +21,7 @@ mod features;
 mod inputs;
 mod judge;
 mod logistic;
+#[cfg(feature = "serde")]
 mod model;
 mod moving_mean;
 mod nearest;
@@ -37,7 +38,8 @@ pub use features::{Feature, Features, first_path_to_noise_db, power_difference_d
 pub use inputs::{Input, Inputs, MAX_INPUTS};
 pub use judge::{Judge, LINKS, Means, Reception};
 pub use logistic::Logistic;
-pub use model::{Fault, Kind, Model, NodeKind, NodeModel, Trained, VERSION};
+#[cfg(feature = "serde")]
+pub use model::{Fault, Kind, LeftOut, Model, NodeModel, Trained, VERSION};
 pub use moving_mean::MovingMean;
 pub use nearest::{MAX_NEIGHBOURS, Nearest};
 pub use perceptron::{MAX_LAYERS, MAX_WIDTH, Perceptron};
@@ -57,6 +59,9 @@ pub trait Classifier {
     /// The probability that the direct path is blocked, 0 to 1, where both are as likely beforehand; `None` where a
     /// feature that it needs is not known.
     fn nlos_probability(&self, features: &Features) -> Option<f32>;
+
+    /// Whether its numbers make a classifier.
+    fn is_sane(&self) -> bool;
 }
 
 /// 1/(1 + e⁻ˣ), without overflow; ½ for NaN.

@@ -3,7 +3,7 @@
 //! Layout: that of [`crate::stored`], with the letters `NL`: the [`Kind`] and its [`Platt`]. Several models follow each other without
 //! gap. Weights stay where they are: a model borrows the bytes it was read from.
 
-use packed::{Packed, Reader, Writer, packed};
+use serde::{Deserialize, Serialize};
 
 use super::{
     Classifier, Feature, Features, Logistic, Nearest, Perceptron, Platt, PowerDifference, Quantised, Skewness,
@@ -14,50 +14,62 @@ use crate::stored::{self, Content, Stored};
 /// The version of the layout; a reader takes no other.
 pub const VERSION: u8 = 1;
 
-/// A classifier. The numbers are those of stored models: new ones go to the end.
-#[derive(Clone, Debug, PartialEq)]
+/// A classifier; N and P are what stands for the two that are too large for a node. The order is that of stored models: new ones go
+/// to the end.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "there is no heap to box the small perceptron on")]
-pub enum Kind<'a> {
+pub enum Kind<N, P> {
     /// The likelihood ratio of the skewness.
     Skewness(Skewness),
-    /// The difference of powers.
+    /// The chip maker's rule.
     PowerDifference(PowerDifference),
     /// Logistic regression.
     Logistic(Logistic),
     /// The k nearest neighbours.
-    Nearest(Nearest<'a>),
+    Nearest(N),
     /// A perceptron.
-    Perceptron(Perceptron<'a>),
-    /// A perceptron in bytes.
+    Perceptron(P),
+    /// A perceptron in 8-bit integers.
     Quantised(Quantised),
 }
 
-/// A classifier that a node holds: the others are too large for it, and would take 3 kB of its image. Stored alike.
-#[derive(Clone, Debug, PartialEq)]
-#[allow(clippy::large_enum_variant, reason = "a node has one model")]
-#[allow(missing_docs, reason = "they are those of `Kind`")]
-pub enum NodeKind {
-    Skewness(Skewness),
-    PowerDifference(PowerDifference),
-    Logistic(Logistic),
-    Quantised(Quantised),
+/// A classifier and its calibration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Trained<N, P> {
+    /// The classifier.
+    pub kind: Kind<N, P>,
+    /// What makes a probability of its score.
+    pub calibration: Platt,
 }
 
-packed!(enum Kind<'a> {
-    0 = Skewness(kind), 1 = PowerDifference(kind), 2 = Logistic(kind), 3 = Nearest(kind), 4 = Perceptron(kind), 5 = Quantised(kind)
-});
-packed!(enum NodeKind { 0 = Skewness(kind), 1 = PowerDifference(kind), 2 = Logistic(kind), 5 = Quantised(kind) });
+/// Any classifier, trained.
+pub type Model<'a> = Trained<Nearest<'a>, Perceptron<'a>>;
+/// A classifier that a node holds, trained: without the large ones, which would take 3 kB of its image. Stored alike.
+pub type NodeModel = Trained<LeftOut, LeftOut>;
 
-/// One of several classifiers.
-pub trait Choice {
-    /// That which was chosen.
-    fn classifier(&self) -> &dyn Classifier;
+/// A classifier that there is not.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum LeftOut {}
 
-    /// Whether its numbers make a classifier.
-    fn is_sane(&self) -> bool;
+impl Classifier for LeftOut {
+    fn name(&self) -> &'static str {
+        match *self {}
+    }
+
+    fn for_each_feature(&self, _: &mut dyn FnMut(Feature)) {
+        match *self {}
+    }
+
+    fn nlos_probability(&self, _: &Features) -> Option<f32> {
+        match *self {}
+    }
+
+    fn is_sane(&self) -> bool {
+        match *self {}
+    }
 }
 
-impl Choice for Kind<'_> {
+impl<N: Classifier, P: Classifier> Kind<N, P> {
     fn classifier(&self) -> &dyn Classifier {
         match self {
             Self::Skewness(kind) => kind,
@@ -68,66 +80,13 @@ impl Choice for Kind<'_> {
             Self::Quantised(kind) => kind,
         }
     }
-
-    fn is_sane(&self) -> bool {
-        match self {
-            Self::Skewness(kind) => kind.is_sane(),
-            Self::PowerDifference(kind) => kind.is_sane(),
-            Self::Logistic(kind) => kind.is_sane(),
-            Self::Nearest(kind) => kind.is_sane(),
-            Self::Perceptron(kind) => kind.is_sane(),
-            Self::Quantised(kind) => kind.is_sane(),
-        }
-    }
 }
 
-impl Choice for NodeKind {
-    fn classifier(&self) -> &dyn Classifier {
-        match self {
-            Self::Skewness(kind) => kind,
-            Self::PowerDifference(kind) => kind,
-            Self::Logistic(kind) => kind,
-            Self::Quantised(kind) => kind,
-        }
-    }
-
-    fn is_sane(&self) -> bool {
-        match self {
-            Self::Skewness(kind) => kind.is_sane(),
-            Self::PowerDifference(kind) => kind.is_sane(),
-            Self::Logistic(kind) => kind.is_sane(),
-            Self::Quantised(kind) => kind.is_sane(),
-        }
-    }
-}
-
-/// A classifier and its calibration.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Trained<K> {
-    /// The classifier.
-    pub kind: K,
-    /// What makes a probability of its score.
-    pub calibration: Platt,
-}
-
-/// Any classifier, trained.
-pub type Model<'a> = Trained<Kind<'a>>;
-/// A classifier that a node holds, trained.
-pub type NodeModel = Trained<NodeKind>;
-
-impl<'a, K: Packed<'a>> Packed<'a> for Trained<K> {
-    fn write(&self, writer: &mut Writer<'_>) {
-        let Self { kind, calibration } = self;
-        kind.write(writer);
-        calibration.write(writer);
-    }
-
-    fn read(reader: &mut Reader<'a>) -> Self {
-        Self { kind: K::read(reader), calibration: Platt::read(reader) }
-    }
-}
-
-impl<'a, K: Choice + Packed<'a>> Trained<K> {
+impl<'a, N, P> Trained<N, P>
+where
+    N: Classifier + Serialize + Deserialize<'a>,
+    P: Classifier + Serialize + Deserialize<'a>,
+{
     /// Writes the model to the beginning of `buffer` and returns those bytes.
     ///
     /// # Errors
@@ -145,15 +104,15 @@ impl<'a, K: Choice + Packed<'a>> Trained<K> {
     }
 }
 
-impl<K: Choice> Stored for Trained<K> {
+impl<N: Classifier + Serialize, P: Classifier + Serialize> Stored for Trained<N, P> {
     const CONTENT: Content = Content { magic: *b"NL", version: VERSION };
 
     fn is_sane(&self) -> bool {
-        self.kind.is_sane() && self.calibration.is_sane()
+        Classifier::is_sane(self)
     }
 }
 
-impl<K: Choice> Classifier for Trained<K> {
+impl<N: Classifier, P: Classifier> Classifier for Trained<N, P> {
     fn name(&self) -> &'static str {
         self.kind.classifier().name()
     }
@@ -164,6 +123,10 @@ impl<K: Choice> Classifier for Trained<K> {
 
     fn nlos_probability(&self, features: &Features) -> Option<f32> {
         self.kind.classifier().nlos_probability(features).map(|p| self.calibration.apply(p))
+    }
+
+    fn is_sane(&self) -> bool {
+        self.kind.classifier().is_sane() && self.calibration.is_sane()
     }
 }
 
@@ -234,18 +197,17 @@ mod tests {
         assert_eq!(rest, []);
         let mut rest = file.as_slice();
         for model in &models {
-            let (read, after) =
-                NodeModel::decode(rest).map_or((None, None), |(model, after)| (Some(model), Some(after)));
-            let same = match (&model.kind, read.map(|read| read.kind)) {
-                (Kind::Skewness(kind), Some(NodeKind::Skewness(read))) => *kind == read,
-                (Kind::PowerDifference(kind), Some(NodeKind::PowerDifference(read))) => *kind == read,
-                (Kind::Logistic(kind), Some(NodeKind::Logistic(read))) => *kind == read,
-                (Kind::Quantised(kind), Some(NodeKind::Quantised(read))) => *kind == read,
-                (Kind::Nearest(_) | Kind::Perceptron(_), None) => true,
+            let read = NodeModel::decode(rest);
+            let same = match (&model.kind, read.as_ref().map(|(read, _)| &read.kind)) {
+                (Kind::Skewness(kind), Ok(Kind::Skewness(read))) => kind == read,
+                (Kind::PowerDifference(kind), Ok(Kind::PowerDifference(read))) => kind == read,
+                (Kind::Logistic(kind), Ok(Kind::Logistic(read))) => kind == read,
+                (Kind::Quantised(kind), Ok(Kind::Quantised(read))) => kind == read,
+                (Kind::Nearest(_) | Kind::Perceptron(_), Err(Fault::Invalid)) => true,
                 _ => false,
             };
             assert!(same, "a node takes its own kinds, and refuses the others: {}", model.name());
-            rest = after.unwrap_or_else(|| Model::decode(rest).expect("a model").1);
+            rest = Model::decode(rest).expect("a model").1;
         }
         assert_eq!(Model::decode(rest), Err(Fault::Missing));
     }

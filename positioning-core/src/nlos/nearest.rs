@@ -5,7 +5,6 @@
 //! coordinates of 1/256 deviation, two bytes each, read where they lie in flash.
 
 use heapless::Vec;
-use packed::packed;
 
 use super::{Classifier, Feature, Features, Inputs};
 
@@ -14,6 +13,7 @@ pub const MAX_NEIGHBOURS: usize = 47;
 
 /// Receptions that are known to be direct or blocked.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Nearest<'a> {
     /// The inputs.
     pub inputs: Inputs,
@@ -25,8 +25,6 @@ pub struct Nearest<'a> {
     pub nlos: &'a [u8],
 }
 
-packed!(struct Nearest<'a> { inputs, neighbours, los, nlos });
-
 impl Nearest<'_> {
     /// The two bytes of one input.
     pub fn coordinate(input: f32) -> [u8; 2] {
@@ -36,14 +34,6 @@ impl Nearest<'_> {
     /// How many receptions there are.
     pub fn prototypes(&self) -> usize {
         (self.los.len() + self.nlos.len()) / (2 * self.inputs.len().max(1))
-    }
-
-    pub(crate) fn is_sane(&self) -> bool {
-        let whole = |prototypes: &[u8]| prototypes.len().is_multiple_of(2 * self.inputs.len());
-        self.inputs.is_sane()
-            && whole(self.los)
-            && whole(self.nlos)
-            && (1..=MAX_NEIGHBOURS.min(self.prototypes())).contains(&usize::from(self.neighbours))
     }
 }
 
@@ -95,6 +85,14 @@ impl Classifier for Nearest<'_> {
         let blocked = near.iter().filter(|neighbour| neighbour.blocked).count();
         // Laplace's rule of succession: none of 47 is rare, not impossible.
         (!near.is_empty()).then(|| (blocked as f32 + 1.0) / (near.len() as f32 + 2.0))
+    }
+
+    fn is_sane(&self) -> bool {
+        let whole = |prototypes: &[u8]| prototypes.len().is_multiple_of(2 * self.inputs.len());
+        self.inputs.is_sane()
+            && whole(self.los)
+            && whole(self.nlos)
+            && (1..=MAX_NEIGHBOURS.min(self.prototypes())).contains(&usize::from(self.neighbours))
     }
 }
 

@@ -5,7 +5,6 @@
 //! where they lie in flash.
 
 use heapless::Vec;
-use packed::packed;
 
 use super::{Classifier, Feature, Features, Inputs, sigmoid};
 use crate::Real;
@@ -17,6 +16,7 @@ pub const MAX_WIDTH: usize = 72;
 
 /// A perceptron.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Perceptron<'a> {
     /// The inputs.
     pub inputs: Inputs,
@@ -27,8 +27,6 @@ pub struct Perceptron<'a> {
     /// The weights.
     pub weights: &'a [u8],
 }
-
-packed!(struct Perceptron<'a> { inputs, hidden, outputs, weights });
 
 impl Perceptron<'_> {
     /// How many weights a perceptron of these layers has.
@@ -52,15 +50,6 @@ impl Perceptron<'_> {
         }
         Some(layer)
     }
-
-    pub(crate) fn is_sane(&self) -> bool {
-        let narrow = |&width: &u8| (1..=MAX_WIDTH).contains(&usize::from(width));
-        self.inputs.is_sane()
-            && self.hidden.iter().all(narrow)
-            && (1..=2).contains(&self.outputs)
-            && self.weights.len() == 4 * Self::weights_of(self.inputs.len(), &self.hidden, self.outputs)
-            && self.weights.as_chunks::<4>().0.iter().all(|&bytes| f32::from_le_bytes(bytes).is_finite())
-    }
 }
 
 impl Classifier for Perceptron<'_> {
@@ -78,6 +67,15 @@ impl Classifier for Perceptron<'_> {
             [direct, blocked] => Some(sigmoid(blocked - direct)),
             _ => None,
         }
+    }
+
+    fn is_sane(&self) -> bool {
+        let narrow = |&width: &u8| (1..=MAX_WIDTH).contains(&usize::from(width));
+        self.inputs.is_sane()
+            && self.hidden.iter().all(narrow)
+            && (1..=2).contains(&self.outputs)
+            && self.weights.len() == 4 * Self::weights_of(self.inputs.len(), &self.hidden, self.outputs)
+            && self.weights.as_chunks::<4>().0.iter().all(|&bytes| f32::from_le_bytes(bytes).is_finite())
     }
 }
 

@@ -1,13 +1,12 @@
 //! The chip maker's rule: received power less that of the first path below 6 dB is probably a direct path, above 10 dB
 //! probably a blocked one (DW1000 user manual, 4.7).
 
-use packed::packed;
-
 use super::{Classifier, Feature, Features, sigmoid};
 
 /// A sigmoid over the difference of powers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PowerDifference {
     /// Where direct and blocked are as likely, dB.
     pub middle_db: f32,
@@ -15,18 +14,10 @@ pub struct PowerDifference {
     pub slope: f32,
 }
 
-packed!(struct PowerDifference { middle_db, slope });
-
 impl Default for PowerDifference {
     /// "Probably" read as nine in ten: ln 9 at 10 dB, −ln 9 at 6 dB.
     fn default() -> Self {
         Self { middle_db: 8.0, slope: 1.098_612_3 }
-    }
-}
-
-impl PowerDifference {
-    pub(crate) fn is_sane(&self) -> bool {
-        self.middle_db.is_finite() && self.slope.is_finite()
     }
 }
 
@@ -41,6 +32,10 @@ impl Classifier for PowerDifference {
 
     fn nlos_probability(&self, features: &Features) -> Option<f32> {
         Some(sigmoid(self.slope * (features.get(Feature::PowerDifference)? - self.middle_db)))
+    }
+
+    fn is_sane(&self) -> bool {
+        self.middle_db.is_finite() && self.slope.is_finite()
     }
 }
 

@@ -4,7 +4,6 @@
 //! of 1/127.
 
 use heapless::Vec;
-use packed::{Packed, Reader, Writer, packed};
 
 use super::perceptron::tanh;
 use super::{Classifier, Feature, Features, Inputs, MAX_INPUTS, sigmoid};
@@ -19,6 +18,7 @@ const HIDDEN_STEP: f32 = 1.0 / 127.0;
 
 /// One neuron.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Neuron<const N: usize> {
     /// What is added.
     pub bias: f32,
@@ -26,19 +26,6 @@ pub struct Neuron<const N: usize> {
     pub step: f32,
     /// A weight an input, in steps.
     pub weights: Vec<i8, N>,
-}
-
-impl<const N: usize> Packed<'_> for Neuron<N> {
-    fn write(&self, writer: &mut Writer<'_>) {
-        let Self { bias, step, weights } = self;
-        bias.write(writer);
-        step.write(writer);
-        weights.write(writer);
-    }
-
-    fn read(reader: &mut Reader<'_>) -> Self {
-        Self { bias: f32::read(reader), step: f32::read(reader), weights: Vec::read(reader) }
-    }
 }
 
 impl<const N: usize> Neuron<N> {
@@ -65,6 +52,7 @@ impl<const N: usize> Neuron<N> {
 
 /// The perceptron.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Quantised {
     /// The inputs.
     pub inputs: Inputs,
@@ -72,16 +60,6 @@ pub struct Quantised {
     pub hidden: Vec<Neuron<MAX_INPUTS>, MAX_HIDDEN>,
     /// Blocked less direct.
     pub output: Neuron<MAX_HIDDEN>,
-}
-
-packed!(struct Quantised { inputs, hidden, output });
-
-impl Quantised {
-    pub(crate) fn is_sane(&self) -> bool {
-        self.inputs.is_sane()
-            && self.hidden.iter().all(|neuron| neuron.is_sane(self.inputs.len()))
-            && self.output.is_sane(self.hidden.len())
-    }
 }
 
 impl Classifier for Quantised {
@@ -99,6 +77,12 @@ impl Classifier for Quantised {
         let hidden = self.hidden.iter().map(|neuron| rounded(tanh(neuron.sum(&inputs, INPUT_STEP)) / HIDDEN_STEP));
         let hidden: Vec<i8, MAX_HIDDEN> = hidden.collect();
         Some(sigmoid(self.output.sum(&hidden, HIDDEN_STEP)))
+    }
+
+    fn is_sane(&self) -> bool {
+        self.inputs.is_sane()
+            && self.hidden.iter().all(|neuron| neuron.is_sane(self.inputs.len()))
+            && self.output.is_sane(self.hidden.len())
     }
 }
 

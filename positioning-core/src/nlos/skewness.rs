@@ -3,13 +3,12 @@
 //! Both conditional densities are normal with one deviation, so that they cross once and the ratio is a sigmoid: a
 //! larger skewness is never less in favour of the direct path. Their threshold λ is where the probability is ½.
 
-use packed::packed;
-
 use super::{Classifier, Feature, Features, sigmoid};
 
 /// The skewness of direct and of blocked paths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Skewness {
     /// [`Feature::SkewnessNear`] or [`Feature::Skewness`].
     pub feature: Feature,
@@ -20,8 +19,6 @@ pub struct Skewness {
     /// Deviation of either.
     pub deviation: f32,
 }
-
-packed!(struct Skewness { feature, los_mean, nlos_mean, deviation });
 
 impl Default for Skewness {
     /// Of 22 placements in a furnished flat (`docs/nlos.md`), its calibration by placements held out included: λ =
@@ -36,10 +33,6 @@ impl Skewness {
     /// λ: the densities cross where both are as likely, between the means.
     pub fn threshold(&self) -> f32 {
         (self.los_mean + self.nlos_mean) / 2.0
-    }
-
-    pub(crate) fn is_sane(&self) -> bool {
-        [self.los_mean, self.nlos_mean, self.deviation].iter().all(|number| number.is_finite()) && self.deviation > 0.0
     }
 }
 
@@ -56,6 +49,10 @@ impl Classifier for Skewness {
         // ln of the ratio of two normal densities of one deviation: (µ₁ − µ₀)(γ − λ)/s².
         let away = (features.get(self.feature)? - self.threshold()) / self.deviation;
         Some(sigmoid((self.nlos_mean - self.los_mean) / self.deviation * away))
+    }
+
+    fn is_sane(&self) -> bool {
+        [self.los_mean, self.nlos_mean, self.deviation].iter().all(|number| number.is_finite()) && self.deviation > 0.0
     }
 }
 

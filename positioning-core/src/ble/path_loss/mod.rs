@@ -19,6 +19,7 @@ const DB: f64 = 10.0 / core::f64::consts::LN_10;
 /// The parameters of one beacon.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PathLoss<T> {
     /// RSSI₀, the level at one metre, dBm.
     pub level_1m: T,

@@ -5,17 +5,20 @@
 //! [`Nearest`], the k nearest fingerprints, or [`Outlines`], the walls about the position. [`Presence`] makes answers of
 //! probabilities that come one after the other: a room, or *between* two of them, and none that flaps.
 //!
-//! Classifiers are trained on a desktop; a node reads them as a [`Model`], versioned and checksummed bytes in its flash.
+//! Classifiers are trained on a desktop; a node reads them as a [`Model`], versioned and checksummed bytes in its flash (feature
+//! `serde`).
 //!
 //! Section and table numbers are those of A. Linde Cerezo, *Desarrollo de un sistema de posicionamiento en interiores mediante
 //! Bluetooth Low Energy* (Universitat Oberta de Catalunya, 2024), unless another source is named.
 
+#[cfg(feature = "serde")]
 mod model;
 mod nearest;
 mod outline;
 mod presence;
 mod svm;
 
+#[cfg(feature = "serde")]
 pub use model::{Fault, Kind, MODEL_VERSION, Model};
 pub use nearest::{Nearest, UNHEARD, level_byte};
 pub use outline::{Outlines, Spot};

@@ -3,7 +3,7 @@
 //! Layout: that of [`crate::stored`], with the letters `RM`: the [`Kind`]. Names of rooms and beacons stay with the desktop: a node
 //! numbers them, by the order in which it was trained.
 
-use packed::packed;
+use serde::{Deserialize, Serialize};
 
 use super::{Classifier, Nearest, Probabilities, Svm};
 pub use crate::stored::Fault;
@@ -13,23 +13,22 @@ use crate::stored::{self, Content, Stored};
 pub const MODEL_VERSION: u8 = 1;
 
 /// A classifier. The order is that of stored models: new ones go to the end.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Kind<'a> {
     /// A support vector machine.
+    #[serde(borrow)]
     Svm(Svm<'a>),
     /// The k nearest fingerprints.
     Nearest(Nearest<'a>),
 }
 
 /// A classifier that is stored.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Model<'a> {
     /// The classifier.
+    #[serde(borrow)]
     pub kind: Kind<'a>,
 }
-
-packed!(enum Kind<'a> { 0 = Svm(kind), 1 = Nearest(kind) });
-packed!(struct Model<'a> { kind });
 
 impl<'a> Model<'a> {
     /// Writes the model to the beginning of `buffer` and returns those bytes.

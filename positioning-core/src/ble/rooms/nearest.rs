@@ -1,7 +1,6 @@
 //! The k nearest fingerprints vote for their rooms, the nearer the more (the weights of equation 7, 1 ⁄ distance).
 
 use heapless::Vec;
-use packed::packed;
 
 use super::{Classifier, MAX_ROOMS, Probabilities, filled, normalised};
 use crate::Real;
@@ -25,6 +24,7 @@ fn level_of(byte: u8) -> Option<f32> {
 
 /// Fingerprints with their rooms, read where they lie in flash.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Nearest<'a> {
     /// How many rooms: 2 to [`MAX_ROOMS`].
     pub rooms: u8,
@@ -36,8 +36,6 @@ pub struct Nearest<'a> {
     pub fingerprints: &'a [u8],
 }
 
-packed!(struct Nearest<'a> { rooms, neighbours, fallback, fingerprints });
-
 impl Nearest<'_> {
     fn each(&self) -> impl Iterator<Item = (u8, &[u8])> {
         self.fingerprints.chunks_exact(self.fallback.len() + 1).filter_map(|bytes| {
@@ -46,6 +44,7 @@ impl Nearest<'_> {
         })
     }
 
+    #[cfg(feature = "serde")]
     pub(crate) fn is_sane(&self) -> bool {
         let count = self.fingerprints.len() / (self.fallback.len() + 1);
         (2..=MAX_ROOMS).contains(&usize::from(self.rooms))

@@ -5,7 +5,6 @@
 //! Personnaz and Dreyfus (*Pairwise neural network classifiers with probabilistic outputs*, 1994): p_i ∝ 1 ⁄ (Σ_j 1 ⁄ r_ij − (K − 2)).
 
 use heapless::Vec;
-use packed::packed;
 
 use super::{Classifier, MAX_BEACONS, MAX_ROOMS, Probabilities, filled, normalised};
 use crate::Real;
@@ -15,6 +14,7 @@ const CERTAIN: f32 = 12.0;
 
 /// A support vector machine. Numbers are little-endian `f32`, read where they lie in flash.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Svm<'a> {
     /// K, how many rooms: 2 to [`MAX_ROOMS`].
     pub rooms: u8,
@@ -25,8 +25,6 @@ pub struct Svm<'a> {
     /// For each pair of rooms, by [`pairs`]: what is added, then a weight a beacon, 1 ⁄ dBm. Positive is the first room.
     pub planes: &'a [u8],
 }
-
-packed!(struct Svm<'a> { rooms, slope, fallback_dbm, planes });
 
 /// The pairs of rooms in the order of the planes: 0 and 1, 0 and 2 …, 1 and 2 ….
 pub fn pairs(rooms: usize) -> impl Iterator<Item = (usize, usize)> {
@@ -49,6 +47,7 @@ impl Svm<'_> {
         }))
     }
 
+    #[cfg(feature = "serde")]
     pub(crate) fn is_sane(&self) -> bool {
         let (rooms, beacons) = (usize::from(self.rooms), self.fallback_dbm.len() / 4);
         (2..=MAX_ROOMS).contains(&rooms)
