@@ -33,7 +33,7 @@ pub mod thesis;
 pub mod track;
 mod wrong;
 
-pub use recording::{Anchor, Epoch, Files, Measured, Place, Recording, read_anchors, read_truth};
+pub use recording::{Anchor, Epoch, Files, Measured, Place, Recording, by_time, read_anchors, read_truth};
 pub use solve::{Half, Height, NoPosition, Position, Setup, Solved, Solver, Space};
 pub use statistics::Statistics;
 pub use table::{Column, Row, Table};

@@ -154,6 +154,19 @@ struct TruthRow {
     place: Place,
 }
 
+/// The places of epochs in a list, by their times: they may stand in any order in a file. One of which nobody noted the time stays
+/// behind the one before it.
+pub fn by_time(times_s: impl IntoIterator<Item = Option<f64>>) -> Vec<usize> {
+    let mut last_s = f64::NEG_INFINITY;
+    let known = times_s.into_iter().map(|t_s| {
+        last_s = t_s.unwrap_or(last_s);
+        last_s
+    });
+    let mut places: Vec<(usize, f64)> = known.enumerate().collect();
+    places.sort_by(|(_, a), (_, b)| a.total_cmp(b));
+    places.into_iter().map(|(place, _)| place).collect()
+}
+
 /// Reads `truth.csv` as epochs and places, in the order of the file.
 ///
 /// # Errors
@@ -204,4 +217,15 @@ fn anchor_rows(file: &Path, heights: bool) -> Result<Vec<Anchor>, Wrong> {
         anchors.push(Anchor { name: name.to_owned(), place });
     }
     if anchors.is_empty() { Err(Wrong::line(file, 1, "no anchors below the header")) } else { Ok(anchors) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::by_time;
+
+    #[test]
+    fn epochs_are_sorted_by_time_and_those_without_one_stay_where_they_are() {
+        assert_eq!(by_time([Some(2.0), None, Some(1.0), Some(1.0), Some(-3.0)]), [4, 2, 3, 0, 1]);
+        assert_eq!(by_time([None, None, Some(5.0)]), [0, 1, 2]);
+    }
 }

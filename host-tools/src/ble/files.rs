@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use crate::table::quoted;
-use crate::{Column, NoPosition, Place, Position, Row, Solved, Table, Wrong, read_truth};
+use crate::{Column, NoPosition, Place, Position, Row, Solved, Table, Wrong, by_time, read_truth};
 
 /// A beacon, and what is known of its signal.
 #[derive(Clone, Debug, PartialEq)]
@@ -209,17 +209,12 @@ pub fn read_walls(file: &Path) -> Result<Vec<Wall>, Wrong> {
     if walls.is_empty() { Err(Wrong::line(file, 1, "no wall below the header")) } else { Ok(walls) }
 }
 
-/// The places of captures in a list, by their time: epochs may stand in any order in a file. Stays are in the file's order, as each may
-/// have a clock of its own; an epoch of which nobody knows the time comes last.
+/// The places of captures in a list, by their time; stays are in the file's order, as each may have a clock of its own.
 pub fn in_order(captures: &[Capture]) -> Vec<usize> {
-    let mut places: Vec<usize> = (0..captures.len()).collect();
-    if captures.iter().all(|capture| !capture.is_stay) {
-        places.sort_by(|a, b| {
-            let [a, b] = [a, b].map(|at| captures[*at].t_s.unwrap_or(f64::INFINITY));
-            a.total_cmp(&b)
-        });
+    if captures.iter().any(|capture| capture.is_stay) {
+        return (0..captures.len()).collect();
     }
-    places
+    by_time(captures.iter().map(|capture| capture.t_s))
 }
 
 impl Capture {

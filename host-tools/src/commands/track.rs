@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::ValueEnum;
+use host_tools::by_time;
 use host_tools::nlos::{Chosen, features_of};
 use host_tools::track::{Tracker, Weighting, settings};
 use positioning_core::nlos::{Classifier, Features, Model};
@@ -83,11 +84,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let mut tracker =
             Tracker::new(&recording.anchors, setup, settings(&setup, weighting, model.is_some()), model.as_ref());
         let progress = Progress::new(recording.epochs.len());
-        let epochs = recording.epochs.iter();
-        let solved = epochs.map(|epoch| {
+        let mut solved = vec![None; recording.epochs.len()];
+        for at in by_time(recording.epochs.iter().map(|epoch| epoch.t_s)) {
+            solved[at] = Some(tracker.follow(&recording.epochs[at]));
             progress.step();
-            tracker.follow(epoch)
-        });
-        vec![("track".to_owned(), solved.collect())]
+        }
+        vec![("track".to_owned(), solved.into_iter().flatten().collect())]
     })
 }

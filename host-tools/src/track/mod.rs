@@ -1,4 +1,4 @@
-//! A recording through the tag's own engine, epoch after epoch in order, in the tag's own `f32`: what `baliza track` does.
+//! A recording through the tag's own engine, epoch after epoch in order of time, in the tag's own `f32`: what `baliza track` does.
 //!
 //! In flow the ranges with their times; what a recording tells of a reception becomes the probability that the link is
 //! without line of sight, by a trained model or by its powers. Out flows the position at the end of every epoch.

@@ -40,6 +40,15 @@ fn a_walk_is_followed_and_a_lost_round_is_bridged() {
     keys.sort_unstable();
     assert_eq!(keys, ["epochs", "fixed", "mae_m", "method", "p50_m", "p90_m", "rmse_m"]);
     assert_eq!((&object["method"], &object["epochs"], &object["fixed"]), (&"track".into(), &60.into(), &60.into()));
+    // Epochs that stand in another order in the file are followed by their times.
+    let (header, rows) = ranges.split_once('\n').expect("a header");
+    let backwards: String = rows.lines().rev().map(|row| format!("{row}\n")).collect();
+    folder.write("backwards.csv", format!("{header}\n{backwards}").as_bytes());
+    let again = folder.run(&format!("{} --json", arguments.replace("r.csv", "backwards.csv"))).ok().json();
+    assert_eq!((again[0]["epochs"].as_u64(), again[0]["fixed"].as_u64()), (Some(60), Some(60)), "{again}");
+    // Only the order of the anchors within a round differs.
+    let [rmse_m, again_m] = [&json, &again].map(|json| json[0]["rmse_m"].as_f64().expect("a number"));
+    assert!((rmse_m - again_m).abs() < 1e-3, "{rmse_m} {again_m}");
     let json = folder.run(&format!("{arguments} --consistency --json")).ok().json();
     assert!(json[0]["inside_1_sigma"].is_number() && json[0]["nees"].is_number());
 }

@@ -111,6 +111,9 @@ impl<'a> Way<'a> {
     }
 
     fn position(&mut self, capture: &Capture) -> Result<Found, fingerprint::NoPosition> {
+        if capture.samples.is_empty() {
+            return Err(UNHEARD);
+        }
         let (now_us, goes_on) = self.timeline.next(capture);
         if !goes_on {
             self.walk = Walk::new();
