@@ -4,6 +4,7 @@ mod air;
 
 use air::{ANTENNA_DELAY, Air, Boxed, boxed, mischief, moments};
 use ranging::exchange::{Difference, Link};
+use ranging::frame::native::{Frame, Message};
 use ranging::native::{
     Anchor, AnchorConfig, ListeningTag, ListeningTagConfig, Network, Rate, Tag, TagConfig, Turnaround,
 };
@@ -74,6 +75,27 @@ fn differences_are_right_under_drift_and_as_uncertain_as_they_say() {
     let (told, _) = moments(&told);
     // Beside the common stamp: √(5.2² − 3²) = 4.2 cm.
     assert!((0.04..0.06).contains(&told), "told {told:.4} m");
+}
+
+#[test]
+fn anchors_tell_how_far_they_measured_each_other() {
+    let mut air = Air::new(NETWORK.phy, 8);
+    let anchors = room(&mut air, 5, 10);
+    air.run_until(4.0);
+    let bias = f64::from(ranging::RangeBias::of(&NETWORK.phy).metres(air.power_dbm));
+    let mut told = 0;
+    for flight in air.sent.iter().filter(|flight| flight.begin > 3.0) {
+        let Some(Frame { message: Message::Poll(poll), .. }) = Frame::parse(&flight.bytes) else { continue };
+        for asked in poll.anchors {
+            let metres = asked.distance.metres().expect("each was measured a few times");
+            let truth = air.distance(flight.sender, anchors[usize::from(asked.address) - 1]);
+            // Twenty ranges and more, of two stamps of 3 cm halved and the carrier's 3 cm each: a centimetre; and 2 mm of rounding.
+            assert!((f64::from(metres) + bias - truth).abs() < 0.04, "{metres} m of {truth} m");
+            told += 1;
+        }
+    }
+    // Five anchors, ten rounds in the second, four others each.
+    assert!(told > 180, "{told} distances");
 }
 
 #[test]

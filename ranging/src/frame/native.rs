@@ -80,7 +80,8 @@ pub struct Poll {
 pub struct Asked {
     /// Its short address.
     pub address: u16,
-    /// The tag's last distance to it, for anchors that want to know: a poll carries all or none.
+    /// How far it is: a tag's last distance, for anchors that want to know, or an anchor's mean, for tags that listen. A poll carries
+    /// all or none.
     pub distance: Distance,
 }
 

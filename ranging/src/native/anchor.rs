@@ -6,10 +6,10 @@ use super::plan::Rate;
 use super::timing::{BEACON_SLOTS, Phase, Timing};
 use super::{Network, STAMP_DEVIATION_TICKS, WAKE, spread};
 use crate::exchange::{Action, Event, Link, Machine, Range, Report, Round};
-use crate::frame::native::{Frame, Member, Message, Poll, Position, Response};
+use crate::frame::native::{Beacon, Frame, Member, Message, Poll, Position, Response};
 use crate::frame::{BROADCAST, FrameBuffer};
 use crate::time::METRES_PER_TICK;
-use crate::{RadioDuration, RadioInstant, RxFrame, Start};
+use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
 
 /// What an anchor is told at its start.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,7 +82,7 @@ impl Anchor {
             network: None,
             found_at: None,
             answer: None,
-            asking: Asking::new(config.rounds, &timing),
+            asking: Asking::new(config.rounds, &timing, RangeBias::of(&config.network.phy)),
             link: None,
             told: None,
             reported: None,
@@ -93,35 +93,38 @@ impl Anchor {
 
     fn hear(&mut self, frame: &RxFrame<'_>) {
         let Some(told) = Frame::parse(frame.bytes).filter(|told| told.pan == self.config.network.pan) else { return };
-        if told.destination != BROADCAST {
-            return;
-        }
+        let everyone = told.destination == BROADCAST;
         match told.message {
-            Message::Poll(poll) => self.hear_poll(told.source, &poll, frame),
-            Message::Request(share) => {
+            Message::Poll(poll) if everyone => self.hear_poll(told.source, &poll, frame),
+            Message::Request(share) if everyone => {
                 if let Some(network) = &mut self.network {
                     network.request(Member { tag: told.source, share });
                 }
             }
-            Message::Beacon(beacon) => {
-                if usize::from(beacon.slot) >= BEACON_SLOTS || told.source == self.config.address {
-                    return;
-                }
-                self.asking.hear(told.source);
-                match &mut self.network {
-                    Some(network) => match network.hear(&self.timing, told.source, &beacon, frame.rx_time) {
-                        Heard::Ignored | Heard::Followed => {}
-                        Heard::Changed(link) => self.link = Some(link),
-                    },
-                    None => {
-                        let phase = Phase::from_beacon(&self.timing, beacon.superframe, beacon.slot, frame.rx_time);
-                        self.network = Some(Coordination::join(self.config.address, told.source, &beacon, phase));
-                        self.link = Some(Link::Synchronised(beacon.coordinator));
-                    }
-                }
+            Message::Beacon(beacon) if everyone => self.hear_beacon(told.source, &beacon, frame),
+            Message::Response(response) if told.destination == self.config.address => {
+                self.asking.answer(&self.timing, told.source, response, frame);
             }
-            // Other anchors'.
-            Message::Response(_) => {}
+            // Other anchors', and what is not for us.
+            Message::Poll(_) | Message::Request(_) | Message::Beacon(_) | Message::Response(_) => {}
+        }
+    }
+
+    fn hear_beacon(&mut self, source: u16, beacon: &Beacon, frame: &RxFrame<'_>) {
+        if usize::from(beacon.slot) >= BEACON_SLOTS || source == self.config.address {
+            return;
+        }
+        self.asking.hear(source);
+        match &mut self.network {
+            Some(network) => match network.hear(&self.timing, source, beacon, frame.rx_time) {
+                Heard::Ignored | Heard::Followed => {}
+                Heard::Changed(link) => self.link = Some(link),
+            },
+            None => {
+                let phase = Phase::from_beacon(&self.timing, beacon.superframe, beacon.slot, frame.rx_time);
+                self.network = Some(Coordination::join(self.config.address, source, beacon, phase));
+                self.link = Some(Link::Synchronised(beacon.coordinator));
+            }
         }
     }
 
@@ -138,7 +141,9 @@ impl Anchor {
         let departure = start.snapped().plus(antenna_delay);
         let response = Response { round: poll.round, poll_rx, reply: departure.since(poll_rx) };
         self.answer = Some(Answer { tag, start, response });
-        let distance = poll.anchors.get(slot).and_then(|asked| asked.distance.metres());
+        // What anchors tell is for tags that listen.
+        let asked = poll.anchors.get(slot).filter(|_| !self.asking.knows(tag));
+        let distance = asked.and_then(|asked| asked.distance.metres());
         self.told = distance.map(|distance_m| Told {
             // The distance is that of the round before.
             round: poll.round.wrapping_sub(1),
@@ -236,18 +241,14 @@ impl Machine for Anchor {
                 self.network = None;
                 self.found_at = None;
                 self.answer = None;
+                self.asking.restart();
             }
+            Event::Sent(departure) => self.asking.sent(departure),
             Event::Received(frame) => {
                 self.hear(&frame);
                 present = self.timing.read_by(&self.config.network.phy, &frame);
             }
-            Event::Sent(_)
-            | Event::NotSent
-            | Event::Corrupt
-            | Event::Timeout
-            | Event::Late
-            | Event::Woken
-            | Event::Reported => {}
+            Event::NotSent | Event::Corrupt | Event::Timeout | Event::Late | Event::Woken | Event::Reported => {}
         }
         if let Some(Answer { tag, start, response }) = self.answer.take() {
             self.write(tag, Message::Response(response));

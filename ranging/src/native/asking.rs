@@ -1,29 +1,40 @@
 //! How an anchor asks the others, in slots of its own as a tag does, for tags that only listen. It is a member of the network
-//! beside being an anchor; what it is answered it needs not.
+//! beside being an anchor.
+//!
+//! What it is answered makes ranges, and its polls tell the mean of each: by how much a frame between two anchors is late, behind
+//! walls, by antenna delays, is in every difference that a tag hears of the two, and in no other way known to it.
 
 use heapless::Vec;
 
 use super::MAX_ROUND;
 use super::coordination::Coordination;
+use super::neighbours::Neighbours;
 use super::plan::{Rate, next_round, owned_slots, share_of};
+use super::round::Exchange;
 use super::timing::{Phase, Timing};
-use crate::frame::native::{Asked, Distance, Member, Poll, Share};
-use crate::{RadioDuration, RadioInstant};
+use crate::frame::native::{Distance, Member, Poll, Response, Share};
+use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame};
 
 /// Anchors kept in mind.
 const MAX_HEARD: usize = 16;
 /// An anchor not heard for this many superframes is asked no more.
 const FORGOTTEN_AFTER: u16 = 6;
+/// A distance that is told is the mean of about so many ranges: anchors stand, people between them do not.
+const MEAN_OF: u8 = 100;
 
 /// An anchor's rounds.
 #[derive(Clone, Debug)]
 pub struct Asking {
     share: Option<Share>,
-    /// Anchors heard, each with superframes since.
-    heard: Vec<(u16, u16), MAX_HEARD>,
+    heard: Vec<Other, MAX_HEARD>,
     /// Whom the next round names first: with more anchors than a round has places, all have their turn.
     first: usize,
-    round: u16,
+    round: Exchange,
+    /// Those who answered.
+    neighbours: Neighbours,
+    bias: RangeBias,
+    /// The last action was a poll.
+    polling: bool,
     /// The superframe that `owned` is for.
     planned: Option<u16>,
     owned: u64,
@@ -31,21 +42,76 @@ pub struct Asking {
     answered: Option<RadioInstant>,
 }
 
+/// Another anchor.
+#[derive(Clone, Debug)]
+struct Other {
+    address: u16,
+    /// Superframes since it was heard.
+    unheard: u16,
+    /// Mean of the ranges to it, metres …
+    apart_m: f32,
+    /// … and how many there are, at most [`MEAN_OF`].
+    ranges: u8,
+}
+
 impl Asking {
     /// Nobody heard yet.
-    pub fn new(rate: Option<Rate>, timing: &Timing) -> Self {
+    pub fn new(rate: Option<Rate>, timing: &Timing, bias: RangeBias) -> Self {
         let share = rate.map(|rate| share_of(rate, timing));
-        Self { share, heard: Vec::new(), first: 0, round: 0, planned: None, owned: 0, answered: None }
+        Self {
+            share,
+            heard: Vec::new(),
+            first: 0,
+            round: Exchange::new(),
+            neighbours: Neighbours::new(),
+            bias,
+            polling: false,
+            planned: None,
+            owned: 0,
+            answered: None,
+        }
+    }
+
+    /// The radio was started: what was known of clocks is void.
+    pub fn restart(&mut self) {
+        self.polling = false;
+        self.neighbours.forget_clocks();
     }
 
     /// An anchor's beacon came.
     pub fn hear(&mut self, anchor: u16) {
-        match self.heard.iter_mut().find(|(address, _)| *address == anchor) {
-            Some((_, unheard)) => *unheard = 0,
+        match self.other(anchor) {
+            Some(other) => other.unheard = 0,
             // One more than is kept in mind is left to those nearer to it.
             None => {
-                let _ = self.heard.push((anchor, 0));
+                let _ = self.heard.push(Other { address: anchor, unheard: 0, apart_m: 0.0, ranges: 0 });
             }
+        }
+    }
+
+    /// Whether this is an anchor that was heard.
+    pub fn knows(&self, address: u16) -> bool {
+        self.heard.iter().any(|other| other.address == address)
+    }
+
+    fn other(&mut self, address: u16) -> Option<&mut Other> {
+        self.heard.iter_mut().find(|other| other.address == address)
+    }
+
+    /// A frame has left: whether it was a poll, the caller need not know.
+    pub fn sent(&mut self, departure: RadioInstant) {
+        if core::mem::take(&mut self.polling) {
+            self.round.sent(departure);
+        }
+    }
+
+    /// An answer came.
+    pub fn answer(&mut self, timing: &Timing, source: u16, response: Response, frame: &RxFrame<'_>) {
+        let Self { round, neighbours, bias, .. } = self;
+        let Some(distance_m) = round.hear(timing, bias, neighbours, source, response, frame) else { return };
+        if let Some(other) = self.other(source) {
+            other.ranges = other.ranges.saturating_add(1).min(MEAN_OF);
+            other.apart_m += (distance_m - other.apart_m) / f32::from(other.ranges);
         }
     }
 
@@ -61,10 +127,11 @@ impl Asking {
         };
         // Long past, and not to be mistaken for an instant to come once the clock has wrapped.
         self.answered = None;
-        for (_, unheard) in &mut self.heard {
-            *unheard = unheard.saturating_add(passed);
+        self.neighbours.advance(passed);
+        for other in &mut self.heard {
+            other.unheard = other.unheard.saturating_add(passed);
         }
-        self.heard.retain(|(_, unheard)| *unheard <= FORGOTTEN_AFTER);
+        self.heard.retain(|other| other.unheard <= FORGOTTEN_AFTER);
         network.request(Member { tag: address, share });
         self.owned = match network.membership.in_force() {
             Some(members) => owned_slots(members, address, number, timing.round_slots),
@@ -83,12 +150,17 @@ impl Asking {
     pub fn poll(&mut self, timing: &Timing, pulse: RadioInstant) -> Poll {
         let length = timing.round(self.heard.len().min(MAX_ROUND)).ticks() + timing.reading.ticks();
         self.answered = Some(pulse.plus(RadioDuration::from_ticks(length)));
-        self.round = self.round.wrapping_add(1);
         let count = self.heard.len();
         let from = self.first;
         self.first = (from + MAX_ROUND).checked_rem(count).unwrap_or(0);
         let turn = self.heard.iter().cycle().skip(from).take(count.min(MAX_ROUND));
-        let anchors = turn.map(|&(address, _)| Asked { address, distance: Distance::Unsent }).collect();
-        Poll { round: self.round, anchors }
+        self.round.set_team(turn.map(|other| other.address).collect());
+        let mut poll = self.round.begin(&mut self.neighbours, true);
+        for asked in &mut poll.anchors {
+            let known = self.other(asked.address).filter(|other| other.ranges > 0);
+            asked.distance = known.map_or(Distance::Unknown, |other| Distance::from_metres(other.apart_m));
+        }
+        self.polling = true;
+        poll
     }
 }

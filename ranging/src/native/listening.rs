@@ -4,7 +4,10 @@
 //! An anchor P at a known place polls; anchor i answers, and tells how long after the poll's arrival in its own clock (`reply`).
 //! Heard by the tag at t_P and t_i of the tag's clock,
 //!
-//! d_i − d_P = c · (t_i − t_P − reply · (1 + r_i)) − |P − i|,
+//! d_i − d_P = c · (t_i − t_P − reply · (1 + r_i)) − D,
+//!
+//! D the distance that the anchor P measured to i, and tells in its poll: by what walls between the two and their antenna delays add, the
+//! answer was late as well. Until it has measured it, D is |P − i|.
 //!
 //! r_i the rate of the tag's clock against anchor i's, which successive answers give: their departures in the anchor's clock
 //! against their arrivals in the tag's ([`ClockModel`](super::ClockModel)). No wires keep the anchors' time, and no long intervals are compared:
@@ -15,13 +18,13 @@ use heapless::Vec;
 use positioning_core::Real;
 
 use super::following::{Following, Heard};
-use super::neighbours::{Neighbours, Team};
+use super::neighbours::Neighbours;
 use super::plan::{Rate, owned_slots};
 use super::timing::{BEACON_SLOTS, Timing};
 use super::{MAX_ROUND, Network, STAMP_DEVIATION_TICKS};
 use crate::exchange::{Action, Difference, Differences, Event, Guidance, Link, Machine, Report};
 use crate::frame::BROADCAST;
-use crate::frame::native::{Beacon, Frame, Message, Poll, Position, Response};
+use crate::frame::native::{Asked, Beacon, Frame, Message, Poll, Position, Response};
 use crate::time::METRES_PER_TICK;
 use crate::{Diagnostics, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
 
@@ -68,7 +71,7 @@ struct Round {
     reference_m: [f32; 3],
     poll: RadioInstant,
     diagnostics: Diagnostics,
-    team: Team,
+    asked: Vec<Asked, MAX_ROUND>,
     /// Slots whose response may still come.
     pending: u8,
 }
@@ -128,7 +131,6 @@ impl ListeningTag {
         if !self.may_poll(source, frame.rx_time) {
             return;
         }
-        let team: Team = poll.anchors.iter().map(|asked| asked.address).collect();
         self.differences.clear();
         self.round = Some(Round {
             number: poll.round,
@@ -136,15 +138,16 @@ impl ListeningTag {
             reference_m,
             poll: frame.rx_time,
             diagnostics: frame.diagnostics,
-            pending: u8::MAX >> MAX_ROUND.saturating_sub(team.len()).min(7),
-            team,
+            pending: u8::MAX >> MAX_ROUND.saturating_sub(poll.anchors.len()).min(7),
+            asked: poll.anchors.clone(),
         });
     }
 
     /// An answer within the round makes a difference; any answer tells of its sender's clock.
     fn hear_response(&mut self, source: u16, destination: u16, response: Response, frame: &RxFrame<'_>) {
         let Some(round) = &mut self.round else { return };
-        let Some(slot) = round.team.iter().position(|&anchor| anchor == source) else { return };
+        let Some(slot) = round.asked.iter().position(|asked| asked.address == source) else { return };
+        let told = round.asked.get(slot).and_then(|asked| asked.distance.metres());
         let awaited =
             destination == round.reference && response.round == round.number && round.pending >> slot & 1 == 1;
         let between = frame.rx_time.since(round.poll);
@@ -163,7 +166,7 @@ impl ListeningTag {
         let Some(position_m) = anchor.position_m else { return };
         let reply = response.reply.ticks() as f32;
         let excess = (between.ticks() - response.reply.ticks()) as f32 - reply * anchor.clock.rate();
-        let apart_m = distance(round.reference_m, position_m);
+        let apart_m = told.unwrap_or_else(|| distance(round.reference_m, position_m));
         // Each stamp is late by what its frame's power makes of it; that of the poll at the anchor is known by their distance.
         let bias_m = self.bias.metres(diagnostics.rx_power_dbm) - self.bias.metres(round.diagnostics.rx_power_dbm)
             + self.bias.expected(apart_m);
@@ -202,7 +205,7 @@ impl ListeningTag {
     /// What is left of the round being heard since the last frame was over: a window to its end, nothing where there is none.
     fn rest_of_round(&self, ended: RadioInstant) -> Option<RadioDuration> {
         let round = self.round.as_ref()?;
-        let last = round.team.len().checked_sub(1)?;
+        let last = round.asked.len().checked_sub(1)?;
         let end = self.timing.reply_in(last).ticks() + self.timing.response_tail.ticks() + self.timing.guard.ticks();
         let rest = round.poll.plus(RadioDuration::from_ticks(end)).since(ended);
         (round.pending != 0 && rest > RadioDuration::ZERO).then_some(rest)
@@ -251,7 +254,7 @@ impl Machine for ListeningTag {
             return Action::Report(Report::Differences(Differences {
                 number: self.number,
                 poll: round.poll,
-                asked: round.team.len() as u8,
+                asked: round.asked.len() as u8,
                 reference: round.reference,
                 reference_m: round.reference_m,
                 reference_deviation_m: STAMP_DEVIATION_M,

@@ -1,4 +1,4 @@
-//! A round as the tag sees it: one poll, then a response in each slot of those named.
+//! A round as the one who asks sees it, a tag or an anchor: one poll, then a response in each slot of those named.
 
 use heapless::Vec;
 use positioning_core::Real;
@@ -93,7 +93,7 @@ impl Exchange {
         self.pending = 0;
     }
 
-    /// A response came for us: where it is of this round, of an anchor asked and in its slot, it makes a range.
+    /// A response came for us: where it is of this round, of an anchor asked and in its slot, it makes a range: its distance, metres.
     pub fn hear(
         &mut self,
         timing: &Timing,
@@ -102,19 +102,19 @@ impl Exchange {
         source: u16,
         response: Response,
         frame: &RxFrame<'_>,
-    ) {
-        let Some(slot) = self.team.iter().position(|&anchor| anchor == source) else { return };
+    ) -> Option<f32> {
+        let slot = self.team.iter().position(|&anchor| anchor == source)?;
         let round1 = frame.rx_time.since(self.poll_tx);
         let due = timing.reply_in(slot).ticks();
         let in_slot = |time: RadioDuration| time.ticks().abs_diff(due) <= SLOT_TOLERANCE_TICKS;
         let awaited = response.round == self.number && self.pending >> slot & 1 == 1;
         if !awaited || !in_slot(round1) || !in_slot(response.reply) {
-            return;
+            return None;
         }
         // Responses come in the order of their slots: those before have been lost.
         self.pending &= !(u8::MAX >> (MAX_ROUND - 1 - slot));
         let diagnostics = frame.diagnostics;
-        let Some(anchor) = neighbours.hear(source, diagnostics.rx_power_dbm) else { return };
+        let anchor = neighbours.hear(source, diagnostics.rx_power_dbm)?;
         anchor.compare_clocks(self.poll_tx, response.poll_rx, diagnostics.clock_offset_ppm);
         let flight = single_sided_corrected(round1, response.reply, anchor.clock.rate());
         let distance_m = flight.metres() - bias.metres(diagnostics.rx_power_dbm);
@@ -127,6 +127,7 @@ impl Exchange {
         let range = Range { peer: source, distance_m, deviation_m, position_m: anchor.position_m, diagnostics };
         // One a slot at most: it fits.
         let _ = self.ranges.push(range);
+        Some(distance_m)
     }
 
     /// What follows while responses are awaited, the last frame being over since `ended`: more listening, or `None` when the round

@@ -1,6 +1,7 @@
 //! Tags that only listen, whole nodes: eight anchors ask each other, any number of tags find themselves.
 
-use sim::scenario::{Level, Scenario, Simulation};
+use sim::scenario::{Level, Mode, Network, Scenario, Simulation};
+use system_tests::Run;
 
 /// Positions a second and tag from the first second on, their errors' root mean square in metres, and collisions.
 fn listen(level: Level, tags: usize, seconds: f64, loss: f64) -> (f64, f64, u64) {
@@ -45,4 +46,24 @@ fn a_lost_frame_costs_a_difference_and_not_the_position() {
     // Seven polls in ten are heard.
     assert!(rate >= 40.0, "{rate} a second");
     assert!(rmse_m <= 0.15, "{rmse_m} m");
+}
+
+/// What walls add to the ways between anchors is measured, and a tag that listens errs at most twice as much as one that asks: two links
+/// are in a difference, and no distance by itself.
+#[test]
+fn walls_between_anchors_are_not_in_the_differences() {
+    let mean_square = |mode: Mode| {
+        let squares = (1..=3).map(|seed| {
+            let scenario = match Scenario::parse(include_str!("../../../examples/walls.toml")) {
+                Ok(scenario) => scenario,
+                Err(error) => panic!("line {error}"),
+            };
+            let networks = vec![Network { mode, ..Network::default() }];
+            let run = Run::of(Scenario { level: Level::Air, seed, networks, ..scenario });
+            run.summary.rmse_m.map_or(f64::NAN, |rmse_m| rmse_m * rmse_m)
+        });
+        squares.sum::<f64>() / 3.0
+    };
+    let (asks, listens) = (mean_square(Mode::Native), mean_square(Mode::LISTENING));
+    assert!(listens <= 4.0 * asks, "{listens} m² and {asks} m²");
 }
