@@ -47,8 +47,10 @@ pub struct BluetoothConfig {
     pub sensitivity_dbm: f64,
     /// Every receiver reads so much too high, dB.
     pub receiver_offset_db: f64,
-    /// Probability that a controller does not know an RSSI, and says so: 127.
+    /// Probability that a controller does not know an RSSI, and says so …
     pub unknown_rssi: f64,
+    /// … by this: 127 as the standard has it, where some say 0.
+    pub unknown_rssi_dbm: i8,
 }
 
 impl Default for BluetoothConfig {
@@ -59,6 +61,7 @@ impl Default for BluetoothConfig {
             sensitivity_dbm: -96.0,
             receiver_offset_db: 0.0,
             unknown_rssi: 0.0,
+            unknown_rssi_dbm: UNKNOWN,
         }
     }
 }
@@ -230,7 +233,7 @@ impl Bluetooth {
         } else if others.iter().any(|other| level(other) > received_dbm - CAPTURE_DB) {
             Reception::LostToCollision
         } else if known < config.unknown_rssi {
-            Reception::Heard(UNKNOWN)
+            Reception::Heard(config.unknown_rssi_dbm)
         } else {
             // No controller says more than 20 dBm or less than −127.
             Reception::Heard((received_dbm + config.receiver_offset_db).round().clamp(-127.0, 20.0) as i8)

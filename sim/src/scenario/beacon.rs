@@ -5,7 +5,7 @@ use std::convert::Infallible;
 use std::rc::Rc;
 use std::time::Duration;
 
-use advertising::EddystoneUid;
+use advertising::{EddystoneUid, IBeacon};
 use embassy_futures::join::join;
 use firmware_beacon::{Listener, Settings};
 use firmware_tag::scan::Plan;
@@ -48,6 +48,8 @@ pub enum Format {
     IBeacon,
     /// By another maker's beacon.
     EddystoneUid,
+    /// By one that is broken: an iBeacon cut to every length, and with every wrong length in it, one after the other.
+    Malformed,
 }
 
 /// The Bluetooth of a scenario.
@@ -153,6 +155,8 @@ async fn live(air: &Bluetooth, world: &World, beacon: &Beacon) -> Infallible {
     let sender = Sender::new(air.medium(), world.seed(), number, beacon.at, beacon.rssi_1m_dbm);
     let radio = air.advertiser(sender);
     let advertiser = beacon.advertiser;
+    let interval = Duration::from_millis(advertiser.interval_ms.into());
+    let channels = std::array::from_fn(|channel| advertiser.channels >> channel & 1 == 1);
     match beacon.format {
         Format::IBeacon => {
             let [low, high] = beacon.address.to_le_bytes();
@@ -174,11 +178,32 @@ async fn live(air: &Bluetooth, world: &World, beacon: &Beacon) -> Infallible {
                 instance: [0, 0, a, b, c, d],
                 power_0m_dbm: EddystoneUid::power_0m_of(measured_power_dbm),
             };
-            let channels = std::array::from_fn(|channel| advertiser.channels >> channel & 1 == 1);
-            radio.send(Some((&uid.emit(), Duration::from_millis(advertiser.interval_ms.into()), channels)));
+            radio.send(Some((&uid.emit(), interval, channels)));
             radio.serve().await
         }
+        Format::Malformed => {
+            let Advertiser { uuid, major, minor, measured_power_dbm, .. } = advertiser;
+            let data = malformed(&IBeacon { uuid, major, minor, measured_power_dbm }.emit());
+            let sending = async {
+                for data in data.iter().cycle() {
+                    radio.send(Some((data, interval, channels)));
+                    world.sleep_until(world.now() + interval).await;
+                }
+            };
+            join(sending, radio.serve()).await.1
+        }
     }
+}
+
+/// An advertisement cut to every length, and with every wrong length of the structure with its identity, which begins at byte 3.
+fn malformed(whole: &[u8]) -> Vec<Vec<u8>> {
+    let cut = (0..whole.len()).map(|length| whole[..length].to_vec());
+    let wrong = (0..=u8::MAX).filter(|length| *length != whole[3]).map(|length| {
+        let mut bytes = whole.to_vec();
+        bytes[3] = length;
+        bytes
+    });
+    cut.chain(wrong).collect()
 }
 
 /// What tags are told: the list of a record.

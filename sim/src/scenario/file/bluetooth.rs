@@ -32,6 +32,7 @@ pub(super) struct BluetoothTable {
     loss: f64,
     #[serde(deserialize_with = "probability")]
     unknown_rssi: f64,
+    unknown_rssi_dbm: i8,
     scan_interval_ms: u16,
     scan_window_ms: u16,
 }
@@ -48,6 +49,7 @@ impl Default for BluetoothTable {
             receiver_offset_db: air.receiver_offset_db,
             loss: air.loss,
             unknown_rssi: air.unknown_rssi,
+            unknown_rssi_dbm: air.unknown_rssi_dbm,
             scan_interval_ms: (scan.interval_us / 1000) as u16,
             scan_window_ms: (scan.window_us / 1000) as u16,
         }
@@ -68,6 +70,7 @@ impl BluetoothTable {
                 sensitivity_dbm: self.sensitivity_dbm,
                 receiver_offset_db: self.receiver_offset_db,
                 unknown_rssi: self.unknown_rssi,
+                unknown_rssi_dbm: self.unknown_rssi_dbm,
             },
             scan: Plan::from(node_record::Scan { interval_ms: self.scan_interval_ms, window_ms: self.scan_window_ms }),
         }
@@ -105,6 +108,7 @@ pub(super) struct BeaconTable {
 enum FormatName {
     Ibeacon,
     EddystoneUid,
+    Malformed,
 }
 
 fn major() -> u16 {
@@ -168,6 +172,7 @@ impl BeaconTable {
             format: match self.format {
                 FormatName::Ibeacon => Format::IBeacon,
                 FormatName::EddystoneUid => Format::EddystoneUid,
+                FormatName::Malformed => Format::Malformed,
             },
             advertiser,
             listed: self.listed.then_some(listed),
