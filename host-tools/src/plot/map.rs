@@ -194,20 +194,20 @@ fn truth(chart: &mut Chart, truth_m: &[[f64; 2]]) -> Result<()> {
 }
 
 fn anchors(chart: &mut Chart, picture: &Picture, view: &View) -> Result<()> {
-    let named = |(name, at): &(String, [f64; 2])| {
-        // The name stands on the side where there is more room.
-        let right = at[0] < 0.5 * (view.least[0] + view.greatest[0]);
-        let (side, away) = if right { (HPos::Left, 9) } else { (HPos::Right, -9) };
-        let style = text(Pos::new(side, VPos::Center));
-        ((at[0], at[1]), Text::new(printable(name), (away * pixels(1) as i32, 0), style))
+    let named = |(name, at): &(String, [f64; 2]), pos: Pos, away: [i32; 2]| {
+        let away = away.map(|steps| steps * pixels(1) as i32);
+        EmptyElement::at((at[0], at[1])) + Text::new(printable(name), (away[0], away[1]), text(pos))
     };
-    for (at, name) in picture.anchors.iter().map(named) {
-        chart.draw_series([EmptyElement::at(at) + TriangleMarker::new((0, 0), pixels(6), INK.filled()) + name])?;
+    // An anchor's name stands above it, that of a beacon, which may hang beside, on the side where there is more room.
+    for anchor in &picture.anchors {
+        let name = named(anchor, Pos::new(HPos::Center, VPos::Bottom), [0, -7]);
+        chart.draw_series([name + TriangleMarker::new((0, 0), pixels(6), INK.filled())])?;
     }
-    for (at, name) in picture.beacons.iter().map(named) {
-        chart.draw_series([EmptyElement::at(at)
-            + Circle::new((0, 0), pixels(5), INK.stroke_width(stroke(1.6)))
-            + name])?;
+    for beacon in &picture.beacons {
+        let right = beacon.1[0] < 0.5 * (view.least[0] + view.greatest[0]);
+        let (side, away) = if right { (HPos::Left, 9) } else { (HPos::Right, -9) };
+        let name = named(beacon, Pos::new(side, VPos::Center), [away, 0]);
+        chart.draw_series([name + Circle::new((0, 0), pixels(5), INK.stroke_width(stroke(1.6)))])?;
     }
     Ok(())
 }
