@@ -40,7 +40,7 @@ pub struct Told<'a> {
     pub with_errors: bool,
     /// Whether to tell how the errors go with the uncertainties.
     pub consistency: bool,
-    /// Of comparisons with fingerprints: how many neighbours each method has, where it has some.
+    /// Of positions by beacons: how many neighbours each method has, where it has some.
     pub neighbours: Option<Vec<Option<usize>>>,
     /// The positions.
     pub solved: &'a ByMethod,
@@ -73,7 +73,7 @@ impl Checked<'_> {
             .map(|(method, solved)| Summary::of(method, solved, told.consistency.then_some(told.epochs)))
             .collect();
         for (summary, k) in summaries.iter_mut().zip(told.neighbours.iter().flatten()) {
-            summary.fingerprints = Some(Fingerprints { k: *k, points: summary.epochs });
+            summary.by_beacons = Some(ByBeacons { k: *k, points: summary.epochs });
         }
         let picture = match self.picture {
             Some(PictureFile { file, format }) => Some((file, format.encode(draw(told).to_svg()?)?)),
@@ -137,7 +137,7 @@ fn draw(told: &Told) -> Picture {
 struct Summary {
     method: String,
     #[serde(flatten)]
-    fingerprints: Option<Fingerprints>,
+    by_beacons: Option<ByBeacons>,
     epochs: usize,
     fixed: usize,
     rmse_m: Option<f64>,
@@ -148,9 +148,9 @@ struct Summary {
     consistency: Option<Consistency>,
 }
 
-/// What only comparisons with fingerprints tell.
+/// What only positions by beacons tell.
 #[derive(Debug, serde::Serialize)]
-struct Fingerprints {
+struct ByBeacons {
     k: Option<usize>,
     points: usize,
 }
@@ -185,7 +185,7 @@ impl Summary {
         let of = |figure: fn(&Statistics) -> f64| figures.as_ref().map(figure);
         Self {
             method: method.to_owned(),
-            fingerprints: None,
+            by_beacons: None,
             epochs: solved.len(),
             fixed: solved.iter().filter(|solved| solved.outcome.is_ok()).count(),
             rmse_m: of(|figures| figures.rmse),

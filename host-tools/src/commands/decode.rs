@@ -20,8 +20,11 @@ pub struct Arguments {
     /// The stream, or a folder that record made
     #[arg(long, value_name = "FILE")]
     file: Option<PathBuf>,
-    /// Read standard input, which is what happens without --file too
-    #[arg(long, conflicts_with = "file")]
+    /// The same, without its flag
+    #[arg(value_name = "FILE", conflicts_with = "file")]
+    stream: Option<PathBuf>,
+    /// Read standard input, which is what happens without a file too
+    #[arg(long, conflicts_with_all = ["file", "stream"])]
     stdin: bool,
     #[command(flatten)]
     writing: Writing,
@@ -35,9 +38,9 @@ pub struct Arguments {
 
 const EXAMPLES: &str = "\
 Examples:
-  baliza decode --file telemetry.bin
-  baliza decode --file telemetry.bin --format csv > positions.csv
-  baliza decode --file telemetry.bin --json
+  baliza decode telemetry.bin
+  baliza decode telemetry.bin --format csv > positions.csv
+  baliza decode telemetry.bin --json
   cat /dev/ttyACM0 | baliza decode";
 
 /// Where messages go.
@@ -63,7 +66,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(file) = &arguments.out {
         output::check("--out", file)?;
     }
-    let input = Input::open(arguments.file.as_deref().map(stream_of).as_deref())?;
+    let input = Input::open(arguments.file.as_deref().or(arguments.stream.as_deref()).map(stream_of).as_deref())?;
     let mut sink = match &arguments.out {
         Some(file) => Sink::File(Growing::create(file).with_context(|| format!("cannot write {}", file.display()))?),
         None if arguments.json => Sink::Nowhere,

@@ -177,7 +177,9 @@ fn train(arguments: &Train) -> Result<()> {
     let samples = arguments.receptions.read(arguments.folds.as_deref())?;
     for (class, what) in [(false, "direct"), (true, "blocked")] {
         if !samples.all.iter().any(|sample| sample.blocked == Some(class)) {
-            let wrong = format!("none of its receptions is known to be {what}: there is nothing to learn from");
+            let wrong = format!(
+                "none of its receptions is known to be {what}, by `label` or `los`: there is nothing to learn from"
+            );
             return Err(Wrong::file(&arguments.receptions.first(), wrong).into());
         }
     }
@@ -225,7 +227,7 @@ fn eval(arguments: &Eval) -> Result<()> {
     let models = nlos::models(&bytes).map_err(|fault| Wrong::file(file, fault.to_string()))?;
     let samples = arguments.receptions.read(None)?;
     if samples.all.iter().all(|sample| sample.blocked.is_none()) {
-        let wrong = "none of its receptions is known to be direct or blocked: nothing to score by";
+        let wrong = "none of its receptions is known to be direct or blocked, by `label` or `los`: nothing to score by";
         return Err(Wrong::file(&arguments.receptions.first(), wrong).into());
     }
     let progress = Progress::new(models.len());

@@ -12,7 +12,7 @@ use super::stream::{Input, Writing, feed_stdout, stream_of};
 /// Play a recorded stream at its own pace
 ///
 /// The times in the messages say when each is due. Messages go to standard output as decode writes them, or with --raw the
-/// bytes, as the node sent them.
+/// bytes, as the node sent them. In the end standard error has a count of what came and what was lost.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -71,7 +71,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.raw {
         due.append(&mut bytes);
     }
-    feed_stdout(&due).map(drop)
+    if feed_stdout(&due)? {
+        super::tell(&stream.summary().told());
+    }
+    Ok(())
 }
 
 /// Turns recorded times into waits.

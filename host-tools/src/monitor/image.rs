@@ -72,8 +72,7 @@ impl Image {
     }
 
     pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<Self, String> {
-        const GIVE: &str =
-            "give the file that cargo built, target/<target>/firmware/<image>, not a .bin or .hex made of it";
+        const GIVE: &str = "give the .elf that was flashed, of target/firmware, not a .bin or .hex made of it";
         let elf = object::File::parse(bytes).map_err(|_| format!("not an ELF file: {GIVE}"))?;
         let table = Table::parse(bytes).map_err(|error| format!("its log cannot be read: {error:#}"))?;
         let table = table.ok_or(
@@ -143,7 +142,7 @@ mod tests {
 
     #[test]
     fn what_is_no_image_is_refused_with_what_to_do() {
-        assert!(refused(b"S0030000FC").starts_with("not an ELF file: give the file that cargo built"));
+        assert!(refused(b"S0030000FC").starts_with("not an ELF file: give the .elf that was flashed"));
         assert!(refused(b"").starts_with("not an ELF file"));
         assert!(refused(&elf(Some(BUILD))[..100]).contains("ELF"));
         let raw = elf_with(Some(BUILD), &STATEMENTS, "raw");

@@ -242,7 +242,7 @@ fn what_is_wrong_is_said_in_one_line() {
     folder.write("plain.elf", &std::fs::read(env!("CARGO_BIN_EXE_baliza")).expect("the program itself")[..]);
     let cases = [
         ("--file nosuch", "nosuch: cannot open it: "),
-        ("--file telemetry.bin --elf text", "text: not an ELF file: give the file that cargo built"),
+        ("--file telemetry.bin --elf text", "text: not an ELF file: give the .elf that was flashed"),
         ("--file telemetry.bin --elf plain.elf", "plain.elf: it has no defmt table"),
         ("--file telemetry.bin --elf nosuch", "nosuch: cannot open it: "),
         ("--file telemetry.bin --stdin", "--file"),

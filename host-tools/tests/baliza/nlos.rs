@@ -190,13 +190,13 @@ fn wrong_input_is_one_line_and_leaves_no_file() {
     let narrow = "file,label,fp_idx,c-16\n1,los,745,3\n";
     let no_sight = ranges().replace(",1,9", ",,9").replace(",0,15", ",,15");
     let cases: [(&str, &str, &str); 8] = [
-        ("--cir", &unlabelled, "direct: there is nothing to learn from"),
-        ("--cir", &blocked, "direct: there is nothing to learn from"),
+        ("--cir", &unlabelled, "direct, by `label` or `los`: there is nothing to learn from"),
+        ("--cir", &blocked, "direct, by `label` or `los`: there is nothing to learn from"),
         ("--cir", &infinite, "in.csv:2: fp_idx \"inf\" is not finite"),
         ("--cir", &negative, "in.csv:2: fp_idx is negative"),
         ("--cir", narrow, "in.csv:1: no column c-15"),
         ("--cir", "", "in.csv:1: the file is empty"),
-        ("--ranges", &no_sight, "direct: there is nothing to learn from"),
+        ("--ranges", &no_sight, "direct, by `label` or `los`: there is nothing to learn from"),
         ("--ranges", "anchor\n0\n", "in.csv:1: no column range_m"),
     ];
     for (flag, text, expected) in cases {

@@ -106,7 +106,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         walls_m: walls.iter().map(|wall| wall.ends_m).collect(),
         with_errors: captures.iter().any(|capture| capture.truth_m.is_some()),
         consistency: true,
-        neighbours: None,
+        neighbours: Some(vec![None; solved.len()]),
         solved: &solved,
     })
 }
