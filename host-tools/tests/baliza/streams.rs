@@ -531,7 +531,10 @@ fn a_restart_of_the_node_starts_no_epoch_again() {
 fn a_replay_gives_what_decode_gives_or_the_very_bytes() {
     let folder = folder();
     let decoded = folder.run("decode --file walk.bin").ok().stdout;
-    assert_eq!(folder.run("replay walk.bin --speed 1000000").ok().stdout, decoded);
+    assert_eq!(folder.run("decode walk.bin").ok().stdout, decoded);
+    let replayed = folder.run("replay walk.bin --speed 1000000").ok();
+    assert_eq!(replayed.stdout, decoded);
+    assert_eq!(replayed.stderr, folder.run("decode walk.bin").ok().stderr, "the same count in the end");
     folder.run("record --file walk.bin --out walk").ok();
     let raw = folder.command("replay walk --speed 1000000 --raw").output().expect("baliza runs");
     assert_eq!((raw.status.code(), raw.stdout), (Some(0), folder.read("walk.bin")));
