@@ -13,6 +13,7 @@ mod onchip;
 mod qemu;
 mod qemu_tag;
 mod simulation;
+mod sizes;
 mod target;
 mod toolchain;
 mod tracks;
@@ -56,6 +57,8 @@ enum Chore {
     /// Build the images of all roles, boards and variants into target/firmware, check what boards, bootloaders and probes look for
     /// in them, and compare their sizes with their budgets.
     Firmware(firmware::Arguments),
+    /// Print what the flash of images is spent on: driver, exchanges, engine, solvers, telemetry, Bluetooth and so on.
+    Sizes(sizes::Arguments),
     /// Run a node's images in QEMU, and compare what they find with what the same app finds on the desktop.
     Qemu {
         /// Which node.
@@ -97,6 +100,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Ci => ci::run(),
         Chore::NoStd => no_std(),
         Chore::Firmware(arguments) => firmware::run(arguments),
+        Chore::Sizes(arguments) => sizes::run(arguments),
         Chore::Qemu { node: Node::Tag } => qemu_tag::run(),
         Chore::Bench { check: true, .. } => onchip::check(),
         Chore::Bench { check: false, tables } => bench::run(tables),

@@ -1,0 +1,187 @@
+//! `cargo xtask sizes`: what an image's flash is spent on. Images go in, out flows a table of kibibytes by purpose.
+//!
+//! Code counts for the source that it was written in: of what the compiler has put into each other, the innermost that is not a library
+//! of use to all. What has no source is the makers' Bluetooth controllers.
+
+use std::path::Path;
+
+use addr2line::Loader;
+use anyhow::{Context, Result, anyhow};
+use object::read::{Object, ObjectSection};
+use object::{File, SectionFlags, elf};
+
+use crate::{document, firmware, root};
+
+/// Images that users choose between; the last is the largest with a budget.
+const IMAGES: [&str; 3] = ["tag-dwm1001", "tag-dwm1001-ble", "tag-esp32c3-ble"];
+
+/// What an image is made of, and how the paths of its sources begin; the first that fits counts.
+const PURPOSES: [(&str, &[&str]); 10] = [
+    ("DW1000: driver", &["ranging/src/dw1000"]),
+    ("Exchanges: frames, slots, networks, times of flight", &["ranging/"]),
+    ("Line of sight", &["positioning-core/src/nlos", "firmware-tag/src/sounding"]),
+    (
+        "Beacons: levels, positions by them, rooms, scans",
+        &["positioning-core/src/ble", "positioning-core/src/engine/beacons", "advertising/"],
+    ),
+    ("Engine: tracks", &["positioning-core/src/engine", "positioning-core/src/track"]),
+    ("Solvers", &["positioning-core/"]),
+    ("Node record and models in flash", &["node-record/", "packed/", "crc-"]),
+    (
+        "Telemetry and log",
+        &[
+            "telemetry/",
+            "firmware-common/src/journal",
+            "firmware-common/src/lines",
+            "firmware-common/src/reporter",
+            "postcard-",
+            "serde",
+            "cobs-",
+            "defmt",
+            "rtt-target",
+        ],
+    ),
+    ("Node: tasks, settings, supervision", &["firmware-"]),
+    ("Bluetooth: commands and events", &["bt-hci", "nrf-sdc", "nrf-mpsl", "esp-radio", "boards/src/dwm1001/bluetooth"]),
+];
+const BOARD: &str = "Board: processor, buses, executor";
+const ARITHMETIC: &str = "Arithmetic and memory by software";
+const WITHOUT_SOURCE: &str = "Without source: Bluetooth controller, boot code";
+const CONSTANTS: &str = "Constants: tables, texts, places of panics, initial values";
+
+/// Sources that belong to whoever calls them, wherever they were put into a caller.
+const SHARED: [&str; 8] = [
+    "rustc/",
+    "library/",
+    "heapless-",
+    "positioning-core/src/linalg",
+    "positioning-core/src/real",
+    "embassy-sync-",
+    "embassy-futures-",
+    "critical-section-",
+];
+
+/// Which images, and whether the document is to have them.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Images by name, as `cargo xtask firmware` prints them
+    #[arg(default_values_t = IMAGES.map(String::from))]
+    images: Vec<String>,
+    /// Remake the table of docs/performance.md.
+    #[arg(long, conflicts_with = "images")]
+    document: bool,
+}
+
+/// Builds, weighs, prints.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let weighed = arguments.images.iter().map(|name| weigh(&firmware::elf(name)?)).collect::<Result<Vec<_>>>()?;
+    let table = table(&arguments.images, &weighed);
+    println!("\n{table}");
+    if arguments.document {
+        document::remake(&root().join("docs/performance.md"), "sizes", &table)?;
+    }
+    Ok(())
+}
+
+/// Every row of the table, from top to bottom.
+fn rows() -> impl Iterator<Item = &'static str> {
+    let named = PURPOSES.iter().map(|(name, _)| *name);
+    named.chain([BOARD, ARITHMETIC, WITHOUT_SOURCE, CONSTANTS])
+}
+
+/// Bytes of an image, a row each.
+fn weigh(file: &Path) -> Result<Vec<u64>> {
+    let bytes = std::fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
+    let image = File::parse(bytes.as_slice()).with_context(|| format!("{} is no ELF file", file.display()))?;
+    let sources = Loader::new(file).map_err(|error| anyhow!("{}: {error}", file.display()))?;
+    let mut weights = vec![0; rows().count()];
+    let mut add = |row: &str, bytes: u64| {
+        if let Some(place) = rows().position(|other| other == row) {
+            weights[place] += bytes;
+        }
+    };
+    for section in image.sections() {
+        let SectionFlags::Elf { sh_flags } = section.flags() else { continue };
+        if sh_flags & u64::from(elf::SHF_ALLOC) == 0 || section.kind().is_bss() {
+            continue;
+        }
+        if sh_flags & u64::from(elf::SHF_EXECINSTR) == 0 {
+            add(CONSTANTS, section.size());
+            continue;
+        }
+        // The shortest instruction of either processor has two bytes.
+        let end = section.address() + section.size();
+        for address in (section.address()..end).step_by(2) {
+            add(purpose(&sources, address)?, 2.min(end - address));
+        }
+    }
+    Ok(weights)
+}
+
+/// The row of the instruction at an address.
+fn purpose(sources: &Loader, address: u64) -> Result<&'static str> {
+    let mut frames = sources.find_frames(address).map_err(|error| anyhow!("{address:#x}: {error}"))?;
+    let (mut has_source, mut file) = (false, String::new());
+    while let Some(frame) = frames.next().map_err(|error| anyhow!("{address:#x}: {error}"))? {
+        let Some(path) = frame.location.and_then(|location| location.file) else { continue };
+        has_source = true;
+        file = path.trim_start_matches('/').to_owned();
+        if !SHARED.iter().any(|shared| file.starts_with(shared)) {
+            break;
+        }
+    }
+    Ok(if has_source { of_file(&file) } else { WITHOUT_SOURCE })
+}
+
+/// The row of a source.
+fn of_file(path: &str) -> &'static str {
+    let fits = |begins: &&str| path.starts_with(*begins);
+    if let Some((name, _)) = PURPOSES.iter().find(|(_, begins)| begins.iter().any(fits)) {
+        name
+    } else if SHARED.iter().any(fits) || path.starts_with("libm-") || path.contains("compiler-builtins") {
+        ARITHMETIC
+    } else {
+        BOARD
+    }
+}
+
+fn table(names: &[String], weighed: &[Vec<u64>]) -> String {
+    let kib = |bytes: u64| if bytes == 0 { String::new() } else { format!("{:.1}", bytes as f64 / 1024.0) };
+    let line = |row: &str, of: &dyn Fn(&Vec<u64>) -> u64| {
+        let cells: String = weighed.iter().map(|weights| format!(" {} |", kib(of(weights)))).collect();
+        format!("| {row} |{cells}\n")
+    };
+    let mut text = format!("| KiB of flash | {} |\n|---|{}\n", names.join(" | "), "---:|".repeat(names.len()));
+    for (place, row) in rows().enumerate() {
+        text += &line(row, &|weights| weights[place]);
+    }
+    text + &line("all", &|weights| weights.iter().sum())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_source_has_the_first_purpose_that_fits() {
+        assert_eq!(of_file("ranging/src/dw1000/receive.rs"), "DW1000: driver");
+        assert_eq!(of_file("ranging/src/native/tag.rs"), "Exchanges: frames, slots, networks, times of flight");
+        assert_eq!(
+            of_file("positioning-core/src/engine/beacons.rs"),
+            "Beacons: levels, positions by them, rooms, scans"
+        );
+        assert_eq!(of_file("positioning-core/src/engine/round.rs"), "Engine: tracks");
+        assert_eq!(of_file("positioning-core/src/robust.rs"), "Solvers");
+        assert_eq!(of_file("embassy-nrf-0.11.0/src/spim.rs"), BOARD);
+        assert_eq!(of_file("rustc/0/library/core/src/slice.rs"), ARITHMETIC);
+    }
+
+    #[test]
+    fn rows_without_bytes_are_empty_and_the_last_is_the_sum() {
+        let mut weights = vec![0; rows().count()];
+        (weights[0], weights[1]) = (1024, 512);
+        let table = table(&["tag".to_owned()], &[weights]);
+        assert!(table.starts_with("| KiB of flash | tag |\n|---|---:|\n| DW1000: driver | 1.0 |\n"), "{table}");
+        assert!(table.contains("| Solvers |  |\n") && table.ends_with("| all | 1.5 |\n"), "{table}");
+    }
+}
