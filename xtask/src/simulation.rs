@@ -53,7 +53,7 @@ struct Errors {
 const SCENARIOS: [[&str; 2]; 4] = [
     ["beacons.toml", "six beacons around 12 m × 8 m"],
     ["anchors.toml", "four anchors in the same room"],
-    ["both.toml", "both"],
+    ["both.toml", "both in one room"],
     ["leaving.toml", "from four anchors behind steel and concrete to eight beacons"],
 ];
 /// Each is simulated with these seeds.
