@@ -32,8 +32,8 @@ const ROUND_US: u64 = 200_000;
 /// Rounds of adverts before anything is measured.
 const WARM_UP: u64 = 20;
 
-/// A fusion on a node: 256 particles, nine nodes.
-type Fused = Fusion<f32, 2, { fusion::ON_NODE }, 9>;
+/// A fusion on a node: its hypotheses, five beacons and four anchors.
+type Fused = Fusion<f32, 2, { fusion::ON_NODE }, 9, { fusion::states(2, 5, 4) }>;
 
 /// Measures, or only makes, a computation on a state; its answer is one number.
 pub trait Measure {

@@ -12,7 +12,7 @@ use positioning_core::ble::multilateration;
 use positioning_core::ble::path_loss::PathLoss;
 use positioning_core::ble::surroundings::{Level, Site, Surroundings};
 use positioning_core::engine::{self, Dimensions, Engine, Measurement, Range};
-use positioning_core::fusion::{Channel, Fusion, ON_NODE, Observation, Settings, Sources};
+use positioning_core::fusion::{self, Channel, Fusion, ON_NODE, Observation, Settings, Sources};
 
 use crate::Statistics;
 use world::{BELIEVED, Conditions, HALL_M, HEIGHT_M, Round};
@@ -21,14 +21,16 @@ pub use table::{sweep_to_markdown, to_markdown};
 
 /// Three anchors, one of them blocked, and five beacons.
 pub const BASE: Conditions = Conditions { anchors: 3, blocked: 1, range_sigma_m: 0.1, excess_m: 1.0, beacons: 5 };
-/// Particles on a desktop.
-pub const ON_HOST: usize = 2048;
+/// Hypotheses on a desktop.
+pub const ON_HOST: usize = 64;
 /// Seconds of a walk.
 const SECONDS: u32 = 120;
 /// From here on errors count, microseconds.
 const BEGIN_US: u64 = 5_000_000;
 /// Nodes that are heard, anchors and beacons.
 const NODES: usize = 12;
+/// States of the fusion: eight beacons and four anchors in the plane.
+const STATES: usize = fusion::states(2, 8, 4);
 /// Deviations of a power for the Kalman filter, dB: of fading, and of what lasts (shadowing and the beacon's own).
 const FADING_DB: f64 = 2.5;
 const LASTING_DB: f64 = 4.0;
@@ -62,7 +64,7 @@ impl Heard {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Algorithm {
-    /// The fusion with the particles of a desktop.
+    /// The fusion with the hypotheses of a desktop.
     Fusion,
     /// The fusion with those of a node.
     FusionOnNode,
@@ -90,7 +92,14 @@ pub struct Score {
     pub p90_m: Option<f64>,
     /// The share of rounds with a position.
     pub answered: f64,
+    /// The squared error over the covariance, on average: 2 is honest.
+    pub nees: Option<f64>,
+    /// The share of errors inside the ellipse of one sigma: 0.39 is honest.
+    pub inside_1_sigma: Option<f64>,
 }
+
+/// A position, metres, and its covariance, m².
+type Found = ([f64; 2], [[f64; 2]; 2]);
 
 /// A score with the errors behind it, metres.
 pub type Scored = (Score, Vec<f64>);
@@ -112,6 +121,10 @@ pub struct Swept {
     pub rmse_m: [Option<f64>; 3],
     /// That of both over the lesser of the other two.
     pub ratio: Option<f64>,
+    /// The squared error over the covariance, on average, with both: 2 is honest.
+    pub nees: Option<f64>,
+    /// The share of errors inside one sigma, with both: 0.39 is honest.
+    pub inside_1_sigma: Option<f64>,
 }
 
 /// Runs all algorithms on so many walks under [`BASE`].
@@ -142,13 +155,15 @@ pub fn sweep(walks: u32, seed: u64, progress: impl Fn()) -> Vec<Swept> {
     conditions()
         .map(|conditions| {
             let drawn = draw(&conditions, walks, seed);
-            let rmse_m = Heard::ALL.map(|heard| score(Algorithm::Fusion, heard, &conditions, &drawn).0.rmse_m);
+            let scores = Heard::ALL.map(|heard| score(Algorithm::Fusion, heard, &conditions, &drawn).0);
             progress();
+            let rmse_m = [0, 1, 2].map(|heard| scores[heard].rmse_m);
             let [uwb, ble, both] = rmse_m;
+            let [.., Score { nees, inside_1_sigma, .. }] = scores;
             let better = uwb.unwrap_or(f64::INFINITY).min(ble.unwrap_or(f64::INFINITY));
             let Conditions { anchors, blocked, range_sigma_m, excess_m, beacons } = conditions;
             let ratio = both.map(|both| both / better);
-            Swept { anchors, blocked, range_sigma_m, excess_m, beacons, rmse_m, ratio }
+            Swept { anchors, blocked, range_sigma_m, excess_m, beacons, rmse_m, ratio, nees, inside_1_sigma }
         })
         .collect()
 }
@@ -160,33 +175,42 @@ fn draw(conditions: &Conditions, walks: u32, seed: u64) -> Vec<Vec<Round>> {
 }
 
 fn score(algorithm: Algorithm, heard: Heard, conditions: &Conditions, walks: &[Vec<Round>]) -> Scored {
-    let positions: Vec<(f64, Option<[f64; 2]>)> = walks
-        .iter()
-        .enumerate()
-        .flat_map(|(walk, rounds)| {
-            let found = match algorithm {
-                Algorithm::Fusion => fused::<ON_HOST>(rounds, heard, conditions, walk as u64),
-                Algorithm::FusionOnNode => fused::<ON_NODE>(rounds, heard, conditions, walk as u64),
-                Algorithm::Engine => filtered(rounds, heard, conditions),
-            };
-            let counted = rounds.iter().zip(found).filter(|(round, _)| round.t_us >= BEGIN_US);
-            counted.map(|(round, found)| {
-                let error = found.map(|[x, y]| (x - round.at_m[0]).hypot(y - round.at_m[1]));
-                (error.unwrap_or(f64::NAN), found)
-            })
-        })
-        .collect();
-    let errors: Vec<f64> = positions.iter().filter(|(_, found)| found.is_some()).map(|(error, _)| *error).collect();
+    let mut errors = Vec::new();
+    let mut squares = Vec::new();
+    let mut rounds_counted = 0;
+    for (walk, rounds) in walks.iter().enumerate() {
+        let found = match algorithm {
+            Algorithm::Fusion => fused::<ON_HOST>(rounds, heard, conditions, walk as u64),
+            Algorithm::FusionOnNode => fused::<ON_NODE>(rounds, heard, conditions, walk as u64),
+            Algorithm::Engine => filtered(rounds, heard, conditions),
+        };
+        for (round, found) in rounds.iter().zip(found).filter(|(round, _)| round.t_us >= BEGIN_US) {
+            rounds_counted += 1;
+            if let Some(([x, y], covariance)) = found {
+                let off = [x - round.at_m[0], y - round.at_m[1]];
+                errors.push(off[0].hypot(off[1]));
+                squares.push(squared_over(&covariance, off));
+            }
+        }
+    }
     let figures = Statistics::of(&errors);
+    let answers = errors.len() as f64;
     let score = Score {
         algorithm,
         heard,
         rmse_m: figures.map(|figures| figures.rmse),
         mae_m: figures.map(|figures| figures.mae),
         p90_m: figures.map(|figures| figures.p90),
-        answered: errors.len() as f64 / positions.len().max(1) as f64,
+        answered: answers / f64::from(rounds_counted.max(1)),
+        nees: figures.map(|_| squares.iter().sum::<f64>() / answers),
+        inside_1_sigma: figures.map(|_| squares.iter().filter(|square| **square < 1.0).count() as f64 / answers),
     };
     (score, errors)
+}
+
+/// dᵀ C⁻¹ d.
+fn squared_over([[a, b], [_, c]]: &[[f64; 2]; 2], [x, y]: [f64; 2]) -> f64 {
+    (c * x * x - 2.0 * b * x * y + a * y * y) / (a * c - b * b)
 }
 
 fn area() -> Area<f32, 3> {
@@ -198,13 +222,13 @@ fn single(place: [f64; 3]) -> [f32; 3] {
 }
 
 /// A position a round by the fusion.
-fn fused<const P: usize>(rounds: &[Round], heard: Heard, conditions: &Conditions, seed: u64) -> Vec<Option<[f64; 2]>> {
+fn fused<const H: usize>(rounds: &[Round], heard: Heard, conditions: &Conditions, seed: u64) -> Vec<Option<Found>> {
     let mut settings = Settings::indoors(HEIGHT_M as f32);
     settings.sources = heard.sources();
     settings.area = Some(area());
     settings.delay.noise = conditions.range_sigma_m as f32;
     settings.seed = seed;
-    let mut fusion: Box<Fusion<f32, 2, P, NODES>> = Box::new(Fusion::new(settings));
+    let mut fusion: Box<Fusion<f32, 2, H, NODES, STATES>> = Box::new(Fusion::new(settings));
     let power = Channel::Power { at_1m: BELIEVED[0] as f32, exponent: BELIEVED[1] as f32 };
     rounds
         .iter()
@@ -217,13 +241,14 @@ fn fused<const P: usize>(rounds: &[Round], heard: Heard, conditions: &Conditions
                 let (node, place, channel) = (anchor as u16, single(world::anchor_m(anchor)), Channel::range());
                 fusion.observe(round.t_us, &Observation { node, place, channel, value: metres as f32 });
             }
-            fusion.step(round.t_us).ok().map(|estimate| estimate.mean.map(f64::from))
+            let estimate = fusion.step(round.t_us).ok()?;
+            Some((estimate.mean.map(f64::from), estimate.covariance.map(|row| row.map(f64::from))))
         })
         .collect()
 }
 
 /// A position a round by the engine.
-fn filtered(rounds: &[Round], heard: Heard, conditions: &Conditions) -> Vec<Option<[f64; 2]>> {
+fn filtered(rounds: &[Round], heard: Heard, conditions: &Conditions) -> Vec<Option<Found>> {
     let dimensions = Dimensions::Plane { height: HEIGHT_M as f32 };
     let settings = engine::Settings { area: Some(area()), ..engine::Settings::track(dimensions) };
     let mut engine: Engine<f32> = Engine::new(settings);
@@ -265,7 +290,42 @@ fn filtered(rounds: &[Round], heard: Heard, conditions: &Conditions) -> Vec<Opti
                 engine.step(round.t_us, &Measurement::Range(range));
             }
             let fix = engine.step(round.t_us, &Measurement::RoundEnd).fix;
-            fix.ok().map(|fix| [fix.position[0], fix.position[1]].map(f64::from))
+            fix.ok().map(|fix| {
+                let plane = [0, 1].map(|r| [0, 1].map(|c| f64::from(fix.covariance[r][c])));
+                ([fix.position[0], fix.position[1]].map(f64::from), plane)
+            })
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_square_over_a_covariance_is_that_of_its_axes() {
+        // Along (1, 1) the variance is 4, across it 1: 3² ⁄ 4 + 2² ⁄ 1 = 6.25.
+        let covariance = [[2.5, 1.5], [1.5, 2.5]];
+        let root = 0.5_f64.sqrt();
+        let square = squared_over(&covariance, [root * (3.0 - 2.0), root * (3.0 + 2.0)]);
+        assert!((square - 6.25).abs() < 1e-12, "{square}");
+    }
+
+    #[test]
+    fn beacons_beside_a_blocked_anchor_halve_the_error_and_the_covariance_is_honest() {
+        // Walks that no constant was chosen on.
+        let drawn = draw(&BASE, 4, 1);
+        let both = score(Algorithm::FusionOnNode, Heard::Both, &BASE, &drawn).0;
+        assert!(both.rmse_m.is_some_and(|rmse| rmse < 0.6), "{both:?}");
+        assert!(both.nees.is_some_and(|nees| nees < 6.0), "{both:?}");
+        assert!(both.inside_1_sigma.is_some_and(|inside| (0.25..0.55).contains(&inside)), "{both:?}");
+    }
+
+    #[test]
+    fn two_anchors_one_of_them_blocked_are_no_worse_than_beacons_alone() {
+        let conditions = Conditions { anchors: 2, blocked: 1, range_sigma_m: 0.3, excess_m: 3.0, beacons: 8 };
+        let drawn = draw(&conditions, 4, 1);
+        let [ble, both] = [Heard::Ble, Heard::Both].map(|heard| score(Algorithm::Fusion, heard, &conditions, &drawn).0);
+        assert!(both.rmse_m < ble.rmse_m.map(|rmse| 1.05 * rmse), "{both:?} {ble:?}");
+    }
 }

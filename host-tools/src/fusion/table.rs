@@ -8,8 +8,8 @@ impl Algorithm {
     /// As the table has it.
     pub fn as_str(self) -> &'static str {
         match self {
-            Self::Fusion => "fusion, 2048 particles",
-            Self::FusionOnNode => "fusion, 256 particles",
+            Self::Fusion => "fusion, 64 hypotheses",
+            Self::FusionOnNode => "fusion, 24 hypotheses",
             Self::Engine => "engine",
         }
     }
@@ -30,11 +30,18 @@ fn metres(figure: Option<f64>) -> String {
     figure.map_or_else(|| "–".to_owned(), |metres| format!("{metres:.3}"))
 }
 
+/// How the errors go with the covariance, in two cells.
+fn consistency(inside_1_sigma: Option<f64>, nees: Option<f64>) -> String {
+    let inside = inside_1_sigma.map_or_else(|| "–".to_owned(), |inside| format!("{:.0} %", 100.0 * inside));
+    let nees = nees.map_or_else(|| "–".to_owned(), |nees| format!("{nees:.1}"));
+    format!("{inside} | {nees}")
+}
+
 /// A row an algorithm and what it hears.
 pub fn to_markdown(scores: &[Scored]) -> String {
     let mut text = String::from(
-        "| algorithm | heard | RMSE, m | MAE, m | P90, m | rounds with a position | both against the better one |\n\
-         |---|---|---:|---:|---:|---:|---:|\n",
+        "| algorithm | heard | RMSE, m | MAE, m | P90, m | rounds with a position | inside 1σ | NEES | both against the better one |\n\
+         |---|---|---:|---:|---:|---:|---:|---:|---:|\n",
     );
     for (score, _) in scores {
         let of = |heard| {
@@ -47,13 +54,14 @@ pub fn to_markdown(scores: &[Scored]) -> String {
         };
         let _ = writeln!(
             text,
-            "| {} | {} | {} | {} | {} | {:.0} % | {against} |",
+            "| {} | {} | {} | {} | {} | {:.0} % | {} | {against} |",
             score.algorithm.as_str(),
             score.heard.as_str(),
             metres(score.rmse_m),
             metres(score.mae_m),
             metres(score.p90_m),
             100.0 * score.answered,
+            consistency(score.inside_1_sigma, score.nees),
         );
     }
     text
@@ -62,8 +70,8 @@ pub fn to_markdown(scores: &[Scored]) -> String {
 /// A row a set of conditions.
 pub fn sweep_to_markdown(rows: &[Swept]) -> String {
     let mut text = String::from(
-        "| anchors | blocked, mean excess | σ of a range, m | beacons | UWB, m | BLE, m | both, m | both against the better one |\n\
-         |---:|---|---:|---:|---:|---:|---:|---:|\n",
+        "| anchors | blocked, mean excess | σ of a range, m | beacons | UWB, m | BLE, m | both, m | inside 1σ | NEES | both against the better one |\n\
+         |---:|---|---:|---:|---:|---:|---:|---:|---:|---:|\n",
     );
     for row in rows {
         let blocked = if row.blocked == 0 { "none".to_owned() } else { format!("{}, {} m", row.blocked, row.excess_m) };
@@ -71,8 +79,11 @@ pub fn sweep_to_markdown(rows: &[Swept]) -> String {
         let against = row.ratio.map_or_else(String::new, |ratio| format!("{:+.0} %", 100.0 * (ratio - 1.0)));
         let _ = writeln!(
             text,
-            "| {} | {blocked} | {} | {} | {uwb} | {ble} | {both} | {against} |",
-            row.anchors, row.range_sigma_m, row.beacons
+            "| {} | {blocked} | {} | {} | {uwb} | {ble} | {both} | {} | {against} |",
+            row.anchors,
+            row.range_sigma_m,
+            row.beacons,
+            consistency(row.inside_1_sigma, row.nees)
         );
     }
     text
@@ -86,14 +97,15 @@ mod tests {
     #[test]
     fn both_are_compared_with_the_better_one() {
         let score = |heard, rmse_m| {
-            let score =
-                Score { algorithm: Algorithm::Fusion, heard, rmse_m, mae_m: rmse_m, p90_m: rmse_m, answered: 1.0 };
+            let (mae_m, p90_m, nees, inside_1_sigma) = (rmse_m, rmse_m, Some(2.04), Some(0.394));
+            let algorithm = Algorithm::Fusion;
+            let score = Score { algorithm, heard, rmse_m, mae_m, p90_m, answered: 1.0, nees, inside_1_sigma };
             (score, Vec::new())
         };
         let text =
             to_markdown(&[score(Heard::Uwb, Some(0.4)), score(Heard::Ble, Some(1.6)), score(Heard::Both, Some(0.3))]);
         assert!(
-            text.ends_with("| fusion, 2048 particles | both | 0.300 | 0.300 | 0.300 | 100 % | -25 % |\n"),
+            text.ends_with("| fusion, 64 hypotheses | both | 0.300 | 0.300 | 0.300 | 100 % | 39 % | 2.0 | -25 % |\n"),
             "{text}"
         );
     }
@@ -108,8 +120,10 @@ mod tests {
             beacons: 8,
             rmse_m: [None, Some(1.25), Some(1.0)],
             ratio: Some(0.8),
+            nees: Some(5.25),
+            inside_1_sigma: None,
         };
         let text = sweep_to_markdown(&[row]);
-        assert!(text.ends_with("| 2 | 1, 3 m | 0.3 | 8 | – | 1.250 | 1.000 | -20 % |\n"), "{text}");
+        assert!(text.ends_with("| 2 | 1, 3 m | 0.3 | 8 | – | 1.250 | 1.000 | – | 5.2 | -20 % |\n"), "{text}");
     }
 }

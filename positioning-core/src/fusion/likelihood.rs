@@ -24,8 +24,6 @@ pub(super) struct Likelihood<T> {
     inverse_step: T,
     /// 1 ⁄ the mean excess of a blocked link; 0: there is no such thing.
     decay: T,
-    /// Variance of the mean, without the bias.
-    pub(super) variance: T,
 }
 
 impl<T: Real> Likelihood<T> {
@@ -56,7 +54,6 @@ impl<T: Real> Likelihood<T> {
             half,
             inverse_step: T::ONE / step,
             decay: excess.map_or(T::ZERO, |excess| T::ONE / excess),
-            variance,
         };
         this.normalise(step);
         this
@@ -101,11 +98,6 @@ impl<T: Real> Likelihood<T> {
                 [direct * far, tail.at_least(direct * far)]
             }
         }
-    }
-
-    /// The greatest density.
-    pub(super) fn peak(&self) -> T {
-        self.direct.iter().fold(T::ZERO, |peak, &d| peak.at_least(d))
     }
 
     /// The knot below x and the part of the way to the next, or the table's end beyond which x lies.

@@ -23,7 +23,8 @@
 //! own way it keeps the mean of every node's bias and the probability that the link is blocked, the variance being the same for all
 //! (a Rao-Blackwellised filter; so is the velocity). Errors that last therefore count once, and a beacon beside good anchors is calibrated as the
 //! tag walks. `docs/architecture.md` has the reasons.
-mod cloud;
+mod bank;
+mod hypothesis;
 mod likelihood;
 mod node;
 mod output;
@@ -31,7 +32,7 @@ mod settings;
 mod start;
 #[cfg(test)]
 mod tests;
-mod weigh;
+mod values;
 mod window;
 
 pub use node::{Channel, Observation};
@@ -42,32 +43,38 @@ use heapless::Vec;
 
 use crate::Real;
 use crate::ble::particles::Random;
-use cloud::Cloud;
+use hypothesis::Hypothesis;
 use node::Node;
-use window::Window;
 
-/// Particles on a node.
-pub const ON_NODE: usize = crate::ble::particles::ON_NODE;
+/// Hypotheses on a node.
+pub const ON_NODE: usize = 24;
+/// Nodes that can be told apart.
+const MOST_NODES: usize = 16;
+
+/// States for a plane (2) or for space (3), nodes that give powers, and nodes that give delays: the last parameter of [`Fusion`].
+pub const fn states(dimensions: usize, powers: usize, delays: usize) -> usize {
+    2 * dimensions + powers + 2 * delays
+}
 
 /// A clock that goes back by more than this has begun anew, microseconds.
 const OVERTAKING_US: u64 = 1_000_000;
 /// A node that was not heard for so long may lose its room to another, microseconds.
 const SILENT_US: u64 = 5_000_000;
-/// Fewer effective particles than this share are resampled.
-const FEW: f64 = 0.5;
 /// Below this evidence a node, a step's values are unexplained.
 const UNEXPLAINED: f64 = -4.0;
 /// So many such steps in sequence end a track.
 const PATIENCE: u8 = 5;
-/// What a position outside the area takes from the logarithm of a weight.
-const OUTSIDE: f64 = 20.0;
 
-/// The fusion: P particles ([`ON_NODE`] on a tag) in D dimensions (2: at a known height; 3), at most N nodes.
+/// The fusion: H hypotheses ([`ON_NODE`] on a tag) in D dimensions (2: at a known height; 3), at most N nodes, and S [`states`].
 #[derive(Clone, Debug)]
-pub struct Fusion<T, const D: usize, const P: usize, const N: usize> {
+pub struct Fusion<T, const D: usize, const H: usize, const N: usize, const S: usize> {
     settings: Settings<T>,
     nodes: Vec<Node<T>, N>,
-    cloud: Cloud<T, D, P, N>,
+    bank: Vec<Hypothesis<T, N, S>, H>,
+    /// States that belong to something.
+    used: usize,
+    /// Which delay's link may change next.
+    turn: usize,
     random: Random,
     tracking: bool,
     evidence: T,
@@ -78,17 +85,20 @@ pub struct Fusion<T, const D: usize, const P: usize, const N: usize> {
     used_us: u64,
 }
 
-impl<T: Real, const D: usize, const P: usize, const N: usize> Fusion<T, D, P, N> {
+impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fusion<T, D, H, N, S> {
     /// A fusion that has heard nothing.
     #[inline(always)]
     pub fn new(settings: Settings<T>) -> Self {
         const { assert!(D == 2 || D == 3, "positions are in the plane or in space") };
-        const { assert!(P > 0 && P <= 32_768, "there are particles, and 16 bits count them") };
+        const { assert!(H > 0 && N <= MOST_NODES, "there are hypotheses, and 16 bits say which links are blocked") };
+        const { assert!(S >= 2 * D, "there is room for position and velocity") };
         let random = Random::new(settings.seed);
         Self {
             settings,
             nodes: Vec::new(),
-            cloud: Cloud::new(),
+            bank: Vec::new(),
+            used: 2 * D,
+            turn: 0,
             random,
             tracking: false,
             evidence: T::ZERO,
@@ -140,32 +150,34 @@ impl<T: Real, const D: usize, const P: usize, const N: usize> Fusion<T, D, P, N>
             if fresh <= D {
                 return Err(Missing::TooFewNodes);
             }
+            self.nodes.iter_mut().for_each(|node| node.known = false);
             self.start();
         } else {
-            self.go_on(dt, fresh);
+            self.go_on(dt);
         }
-        let balance = self.cloud.normalise();
-        let Some(balance) = balance.filter(|_| self.cloud.is_finite()) else {
-            self.tracking = false;
-            return Err(Missing::Diverged);
-        };
-        self.tracking = true;
-        self.watch(balance.evidence, fresh);
         if fresh > 0 {
+            self.weigh();
+            let evidence = self.normalise().filter(|_| self.is_finite());
+            let Some(evidence) = evidence else {
+                self.tracking = false;
+                return Err(Missing::Diverged);
+            };
+            self.tracking = true;
+            self.watch(evidence, fresh);
             self.used_us = self.now_us;
+            self.nodes.iter_mut().filter(|node| node.window.has_fresh()).for_each(|node| node.known = true);
             self.nodes.iter_mut().for_each(|node| node.window.used());
+            self.merge();
+            self.narrow();
         }
-        let estimate = self.estimate(fresh, started);
-        if balance.effective < T::of(FEW) * T::count(P) {
-            self.cloud.resample(self.nodes.len(), &mut self.random);
-        }
-        Ok(estimate)
+        Ok(self.estimate(fresh, started))
     }
 
     fn watch_clock(&mut self, now_us: u64) {
         if now_us.saturating_add(OVERTAKING_US) < self.now_us {
             self.tracking = false;
             self.nodes.clear();
+            self.used = 2 * D;
             (self.now_us, self.stepped_us, self.used_us) = (now_us, now_us, now_us);
         }
         self.now_us = self.now_us.max(now_us);
@@ -189,12 +201,21 @@ impl<T: Real, const D: usize, const P: usize, const N: usize> Fusion<T, D, P, N>
             }
             return Some(at);
         }
-        if self.nodes.push(self.node(observation)).is_ok() {
-            let at = self.nodes.len() - 1;
+        let states = if observation.channel.is_power() { 1 } else { 2 };
+        if !self.nodes.is_full() && self.used + states <= S {
+            let slope = (states == 2).then_some(self.used + 1);
+            let node = Node::new(observation, self.now_us, self.used, slope);
+            self.used += states;
+            let at = self.nodes.len();
+            // There is room.
+            let _ = self.nodes.push(node);
             self.replace(at, observation);
             return Some(at);
         }
-        let (at, oldest) = self.nodes.iter().enumerate().min_by_key(|(_, node)| node.heard_us)?;
+        // The states of a node serve another one of its kind.
+        let alike = |node: &Node<T>| node.channel.is_power() == observation.channel.is_power();
+        let nodes = self.nodes.iter().enumerate().filter(|(_, node)| alike(node));
+        let (at, oldest) = nodes.min_by_key(|(_, node)| node.heard_us)?;
         if self.now_us.saturating_sub(oldest.heard_us) < SILENT_US {
             return None;
         }
@@ -202,67 +223,41 @@ impl<T: Real, const D: usize, const P: usize, const N: usize> Fusion<T, D, P, N>
         Some(at)
     }
 
-    fn node(&self, observation: &Observation<T>) -> Node<T> {
-        Node {
-            id: observation.node,
-            place: observation.place,
-            channel: observation.channel,
-            window: Window::new(),
-            heard_us: self.now_us,
-            variance: self.settings.bias_variance(observation.channel.is_power()),
-            share: self.settings.delay.blocked,
-            known: false,
-            way: T::ZERO,
-            time: T::ZERO,
-        }
-    }
-
     /// A node of which nothing is known yet.
     fn replace(&mut self, at: usize, observation: &Observation<T>) {
-        let fresh = self.node(observation);
-        let belief = self.settings.belief();
-        if let (Some(node), Some(memory)) = (self.nodes.get_mut(at), self.cloud.memory.get_mut(at)) {
-            *node = fresh;
-            *memory = [belief; P];
+        let Self { nodes, bank, settings, now_us, .. } = self;
+        let Some(node) = nodes.get_mut(at) else { return };
+        *node = Node::new(observation, *now_us, node.bias, node.slope);
+        for hypothesis in bank {
+            hypothesis.blocked &= !(1 << at);
+            hypothesis.share[at] = settings.delay.blocked;
+            hypothesis.doubt(node, at, settings);
         }
     }
 
     /// The next step of a track.
-    fn go_on(&mut self, dt: T, fresh: usize) {
-        let velocity = self.cloud.mean_velocity();
-        let speed = velocity.iter().fold(T::ZERO, |sum, v| sum + v.squared()).sqrt();
-        for node in &mut self.nodes {
-            node.way += speed * dt;
-            node.time += dt;
+    fn go_on(&mut self, dt: T) {
+        self.predict(dt);
+        let delays = self.nodes.iter().filter(|node| !node.channel.is_power()).count();
+        // Links take turns in changing.
+        for _ in 0..self.nodes.len() {
+            self.turn = if self.turn + 1 < self.nodes.len() { self.turn + 1 } else { 0 };
+            if self.nodes.get(self.turn).is_some_and(|node| !node.channel.is_power()) {
+                let rate = T::ONE - (-dt * T::count(delays) / self.settings.delay.lasting).exp();
+                self.branch(self.turn, rate);
+                break;
+            }
         }
-        self.learn_shares(dt);
-        self.cloud.predict(dt, self.settings.acceleration.squared(), &mut self.random);
-        self.cloud.unlog();
-        if fresh > 0 {
-            self.keep_inside();
-            self.weigh(T::ONE, true);
+        // A link that is heard for the first time may be either.
+        for at in 0..self.nodes.len() {
+            let new = |node: &Node<T>| !node.known && !node.channel.is_power() && node.window.has_fresh();
+            if self.nodes.get(at).is_some_and(new) {
+                self.branch(at, T::ONE);
+            }
         }
     }
 
-    fn estimate(&self, nodes: usize, started: bool) -> Estimate<T, D> {
-        let mean = self.cloud.mean_position();
-        let covariance = self.cloud.covariance(&mean);
-        let mut estimate = Estimate {
-            mean,
-            mode: mean,
-            covariance,
-            velocity: self.cloud.mean_velocity(),
-            evidence: self.evidence,
-            nodes,
-            started,
-        };
-        let mut heaviest = T::ZERO;
-        for (position, &weight) in self.cloud.position.iter().zip(&self.cloud.weight) {
-            if weight > heaviest {
-                (heaviest, estimate.mode) = (weight, *position);
-            }
-        }
-        estimate.mode = self.cloud.mode(estimate.mode, estimate.spread());
-        estimate
+    fn is_finite(&self) -> bool {
+        self.bank.iter().flat_map(|hypothesis| &hypothesis.mean).fold(T::ZERO, |sum, m| sum + m.abs()).is_finite()
     }
 }

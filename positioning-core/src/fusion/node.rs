@@ -80,6 +80,14 @@ impl<T: Real> Channel<T> {
         }
     }
 
+    /// By how much a power changes with the natural logarithm of the distance, dB.
+    pub(super) fn per_neper(&self) -> Option<T> {
+        match *self {
+            Self::Power { exponent, .. } => Some(exponent * T::of(-10.0 / core::f64::consts::LN_10)),
+            Self::Delay { .. } => None,
+        }
+    }
+
     /// The distance at which a level is expected, metres; at most [`FARTHEST_M`].
     pub(super) fn distance(&self, level: T) -> T {
         let distance = match *self {
@@ -121,36 +129,30 @@ pub(super) struct Node<T> {
     pub(super) window: Window<T>,
     /// When it was heard last.
     pub(super) heard_us: u64,
-    /// Variance of the bias, dB² or m², given a particle's way.
-    pub(super) variance: T,
-    /// Share of the time in which the link has been blocked.
-    pub(super) share: T,
-    /// Whether particles have learnt of it.
+    /// The state that is its bias.
+    pub(super) bias: usize,
+    /// Of delays, the state that is the slope of the excess.
+    pub(super) slope: Option<usize>,
+    /// Whether values of it have been used.
     pub(super) known: bool,
-    /// Way and time since its values were last used, metres and seconds.
-    pub(super) way: T,
-    pub(super) time: T,
 }
 
 impl<T: Real> Node<T> {
+    pub(super) fn new(observation: &Observation<T>, heard_us: u64, bias: usize, slope: Option<usize>) -> Self {
+        Self {
+            id: observation.node,
+            place: observation.place,
+            channel: observation.channel,
+            window: Window::new(),
+            heard_us,
+            bias,
+            slope,
+            known: false,
+        }
+    }
+
     pub(super) fn is(&self, observation: &Observation<T>) -> bool {
         self.id == observation.node && self.channel.is_power() == observation.channel.is_power()
-    }
-
-    /// How much of a bias is still the same as when the node's values were last used, with these lengths, metres and seconds.
-    pub(super) fn kept(&self, way: T, time: T) -> T {
-        (-(self.way / way + self.time / time)).exp()
-    }
-
-    /// How probable it is that the link is what it was, where it stays so for this time, seconds.
-    pub(super) fn sight_kept(&self, time: T) -> T {
-        if self.known { (-self.time / time).exp() } else { T::ZERO }
-    }
-
-    /// The particles have learnt from its values.
-    pub(super) fn learnt(&mut self) {
-        self.known = true;
-        (self.way, self.time) = (T::ZERO, T::ZERO);
     }
 
     /// The squared distance to a point, of which the plane's third coordinate is `height`, m².

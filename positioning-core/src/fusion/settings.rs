@@ -1,6 +1,5 @@
 //! How the fusion is to work.
 
-use super::cloud::Belief;
 use crate::{Area, Real};
 
 /// Which values count.
@@ -39,10 +38,14 @@ pub struct DelayErrors<T> {
     pub blocked: T,
     /// Mean of the positive bias of such a link, metres.
     pub excess: T,
+    /// Deviation of it, metres.
+    pub spread: T,
     /// After this way the bias of a blocked link is another one, metres.
     pub way: T,
-    /// A link stays blocked, or direct, about so long, seconds.
+    /// After this time too, seconds.
     pub time: T,
+    /// A link stays blocked, or direct, about so long, seconds.
+    pub lasting: T,
     /// Each link's own share of blocked time is that of about so long, seconds.
     pub learning: T,
 }
@@ -70,8 +73,25 @@ pub struct Settings<T> {
     pub recent_us: u64,
     /// After so long without a value the position is lost, microseconds.
     pub gap_us: u64,
-    /// Seed of the particles' random numbers.
+    /// Seed of the random numbers that places are drawn by.
     pub seed: u64,
+}
+
+impl<T: Real> DelayErrors<T> {
+    /// Ranges by UWB in a building.
+    pub fn indoors() -> Self {
+        Self {
+            noise: T::of(0.1),
+            bias: T::of(0.03),
+            blocked: T::of(0.3),
+            excess: T::of(2.0),
+            spread: T::of(2.5),
+            way: T::of(4.0),
+            time: T::of(60.0),
+            lasting: T::of(100.0),
+            learning: T::of(40.0),
+        }
+    }
 }
 
 impl<T: Real> Settings<T> {
@@ -82,17 +102,9 @@ impl<T: Real> Settings<T> {
             height,
             area: None,
             power: PowerErrors { noise: T::of(3.0), bias: T::of(5.0), way: T::of(2.0), time: T::of(30.0) },
-            delay: DelayErrors {
-                noise: T::of(0.1),
-                bias: T::of(0.03),
-                blocked: T::of(0.3),
-                excess: T::of(1.5),
-                way: T::of(2.0),
-                time: T::of(5.0),
-                learning: T::of(40.0),
-            },
+            delay: DelayErrors::indoors(),
             reach: T::of(40.0),
-            acceleration: T::of(0.7),
+            acceleration: T::of(0.6),
             speed: T::of(0.7),
             recent_us: 2_000_000,
             gap_us: 10_000_000,
@@ -100,13 +112,8 @@ impl<T: Real> Settings<T> {
         }
     }
 
-    /// Variance of a bias of which nothing is known, dB² or m².
-    pub(super) fn bias_variance(&self, power: bool) -> T {
-        if power { self.power.bias.squared() } else { self.delay.excess.squared() }
-    }
-
-    /// What a particle believes of a node that it has not heard.
-    pub(super) fn belief(&self) -> Belief<T> {
-        Belief { bias: T::ZERO, blocked: self.delay.blocked }
+    /// Deviation of a single value, dB or metres.
+    pub(super) fn noise(&self, power: bool) -> T {
+        if power { self.power.noise } else { self.delay.noise }
     }
 }

@@ -1,56 +1,99 @@
-//! The first position: the maximum of the likelihood in the box that the nodes' ranges allow (equation 5).
+//! The first position: the maximum of the likelihood in the box that the nodes' ranges allow (equation 5), and all that comes near it.
 
-use super::Fusion;
+use super::hypothesis::Hypothesis;
 use super::likelihood::Likelihood;
+use super::node::Node;
+use super::{Fusion, Settings};
 use crate::Real;
+use crate::ble::particles::Random;
 
-/// Parts of the likelihood's logarithm that come in one after the other; together 1.
-const PARTS: [f64; 6] = [1.0 / 32.0, 1.0 / 32.0, 1.0 / 16.0, 1.0 / 8.0, 1.0 / 4.0, 1.0 / 2.0];
-/// From stage to stage the particles are scattered so much less.
-const FINER: f64 = 0.5;
+/// Places of the box that are tried.
+const PLACES: usize = 2048;
+/// Hypotheses are drawn by this power of their likelihood, and the rest of it is their weight: so the improbable ones are there too.
+const POWER: f64 = 0.4;
+/// No hypothesis begins narrower than this, metres.
+const NARROWEST_M: f64 = 0.25;
 /// Steps of the sequence that fills squares and cubes evenly (M. Roberts, 2018: powers of 1 ⁄ g, g³ = g + 1 and g⁴ = g + 1).
 const EVEN: [[f64; 3]; 2] = [[0.754_877_67, 0.569_840_29, 0.0], [0.819_172_51, 0.671_043_61, 0.549_700_48]];
+/// Less than this is no likelihood.
+const NOTHING: f64 = 1e-30;
 
-impl<T: Real, const D: usize, const P: usize, const N: usize> Fusion<T, D, P, N> {
-    /// Fills the box, then closes in on what is likely.
+/// A node's values as places see them.
+struct Seen<'a, T> {
+    node: &'a Node<T>,
+    mean: T,
+    likelihood: Likelihood<T>,
+}
+
+/// A place and a state of all links: the logarithm of what it is drawn by, and of what remains as its weight.
+struct Draw<T> {
+    blocked: u16,
+    drawn: T,
+    weight: T,
+}
+
+impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fusion<T, D, H, N, S> {
+    /// Tries an even sequence of places, and makes hypotheses of H of them.
     #[inline(never)]
     pub(super) fn start(&mut self) {
         let (low, high) = self.ranges_box();
+        let offset: [T; D] = core::array::from_fn(|_| self.random.uniform());
         let steps = EVEN[D - 2];
-        let mut widest = T::ZERO;
-        for axis in 0..D {
-            let width = high[axis] - low[axis];
-            widest = widest.at_least(width);
-            let step = T::of(steps[axis]);
-            let mut part = self.random.uniform::<T>();
-            for position in &mut self.cloud.position {
-                position[axis] = low[axis] + part * width;
-                part += step;
-                if part >= T::ONE {
-                    part -= T::ONE;
+        let place = |number: usize| -> [T; D] {
+            core::array::from_fn(|axis| {
+                let turns = offset[axis].to_f64() + steps[axis] * (number + 1) as f64;
+                low[axis] + T::of(turns - f64::from(T::of(turns).truncated())) * (high[axis] - low[axis])
+            })
+        };
+        // Between neighbours.
+        let volume = (0..D).fold(T::ONE, |volume, axis| volume * (high[axis] - low[axis]).at_least(T::of(NARROWEST_M)));
+        let room = volume / T::count(PLACES);
+        let width =
+            if D == 2 { room.sqrt() } else { (room.ln() * T::of(1.0 / 3.0)).exp() }.at_least(T::of(NARROWEST_M));
+
+        let Self { nodes, settings, random, bank, .. } = self;
+        let mut seen = heapless::Vec::<Seen<'_, T>, N>::new();
+        seen.extend(nodes.iter().filter_map(|node| Seen::new(node, settings, width)));
+        let again = *random;
+        let (mut greatest, mut sum) = (T::of(-1e30), T::ZERO);
+        for number in 0..PLACES {
+            let draw = draw(&place(number), &seen, nodes, settings, random);
+            if draw.drawn > greatest {
+                sum = sum * (greatest - draw.drawn).exp();
+                greatest = draw.drawn;
+            }
+            sum += (draw.drawn - greatest).exp();
+        }
+        // The same draws once more, of which every one that passes a mark stays.
+        *random = again;
+        bank.clear();
+        let scale = T::count(H) / sum;
+        let (mut reached, mut mark) = (T::ZERO, T::of(0.5));
+        let mut most = T::of(-1e30);
+        for number in 0..PLACES {
+            let at = place(number);
+            let draw = draw(&at, &seen, nodes, settings, random);
+            reached += scale * (draw.drawn - greatest).exp();
+            let mut times = T::ZERO;
+            while mark < reached {
+                (times, mark) = (times + T::ONE, mark + T::ONE);
+            }
+            if times > T::ZERO {
+                let mut hypothesis = Hypothesis::new(settings.delay.blocked);
+                (hypothesis.blocked, hypothesis.log) = (draw.blocked, draw.weight + times.ln());
+                most = most.at_least(hypothesis.log);
+                for axis in 0..D {
+                    hypothesis.reset(axis, at[axis], width.squared());
+                    hypothesis.reset(D + axis, T::ZERO, settings.speed.squared());
                 }
+                for (number, node) in nodes.iter().enumerate() {
+                    hypothesis.doubt(node, number, settings);
+                }
+                // At most H of them pass a mark.
+                let _ = bank.push(hypothesis);
             }
         }
-        self.cloud.velocity = [[T::ZERO; D]; P];
-        self.cloud.variance = self.settings.speed.squared();
-        for (node, memory) in self.nodes.iter_mut().zip(&mut self.cloud.memory) {
-            (node.known, node.way, node.time) = (false, T::ZERO, T::ZERO);
-            node.variance = self.settings.bias_variance(node.channel.is_power());
-            *memory = [self.settings.belief(); P];
-        }
-        // About the distance between neighbours: P = n² ⇒ width ⁄ n in the plane.
-        let mut scatter = T::of(0.5) * widest / if D == 2 { T::count(P).sqrt() } else { T::count(P).sqrt().sqrt() };
-        for (stage, &part) in PARTS.iter().enumerate() {
-            let last = stage + 1 == PARTS.len();
-            self.cloud.weight = [T::ZERO; P];
-            self.weigh(T::of(part), last);
-            if !last {
-                self.cloud.normalise();
-                self.cloud.resample(self.nodes.len(), &mut self.random);
-                self.cloud.scatter(scatter, &mut self.random);
-                scatter *= T::of(FINER);
-            }
-        }
+        bank.iter_mut().for_each(|hypothesis| hypothesis.weight = (hypothesis.log - most).exp());
     }
 
     /// No coordinate can be beyond that of a node and the farthest from which it is heard with these values.
@@ -58,11 +101,11 @@ impl<T: Real, const D: usize, const P: usize, const N: usize> Fusion<T, D, P, N>
         let reach = self.settings.reach;
         let (mut low, mut high) = ([T::of(-1e6); D], [T::of(1e6); D]);
         for node in &self.nodes {
-            let errors = if node.channel.is_power() { self.settings.power.noise } else { self.settings.delay.noise };
-            let Some(mixture) = node.window.mixture(errors) else { continue };
-            let far = if node.channel.is_power() {
-                let likelihood = Likelihood::new(&mixture, node.variance, None);
-                let doubt = T::of(2.0) * (likelihood.variance + node.variance).sqrt();
+            let power = node.channel.is_power();
+            let Some(mixture) = node.window.mixture(self.settings.noise(power)) else { continue };
+            let variance = mixture.variance / T::count(mixture.fresh.len().max(1));
+            let far = if power {
+                let doubt = T::of(2.0) * (variance + self.settings.power.bias.squared()).sqrt();
                 node.channel.distance(mixture.mean - doubt).at_most(reach)
             } else {
                 // A blocked delay is too long, never too short.
@@ -87,4 +130,55 @@ impl<T: Real, const D: usize, const P: usize, const N: usize> Fusion<T, D, P, N>
         }
         (low, high)
     }
+}
+
+impl<'a, T: Real> Seen<'a, T> {
+    /// What is expected is good to the width of a place.
+    fn new(node: &'a Node<T>, settings: &Settings<T>, width: T) -> Option<Self> {
+        let power = node.channel.is_power();
+        let mixture = node.window.mixture(settings.noise(power))?;
+        let likelihood = if power {
+            Likelihood::new(&mixture, settings.power.bias.squared(), None)
+        } else {
+            let bias = settings.delay.bias.squared() + width.squared();
+            Likelihood::new(&mixture, bias, Some(settings.delay.excess))
+        };
+        Some(Self { node, mean: mixture.mean, likelihood })
+    }
+}
+
+/// The product over the nodes at a place (equation 4), with a state drawn for every link.
+fn draw<T: Real, const D: usize>(
+    place: &[T; D],
+    seen: &[Seen<'_, T>],
+    nodes: &[Node<T>],
+    settings: &Settings<T>,
+    random: &mut Random,
+) -> Draw<T> {
+    let mut draw = Draw { blocked: 0, drawn: T::ZERO, weight: T::ZERO };
+    let (power, rest) = (T::of(POWER), T::of(1.0 - POWER));
+    for Seen { node, mean, likelihood } in seen {
+        let x = *mean - node.channel.expected(node.squared(place, settings.height));
+        let log = |density: T| density.at_least(T::of(NOTHING)).ln();
+        if node.channel.is_power() {
+            let direct = log(likelihood.direct(x));
+            draw.drawn += power * direct;
+            draw.weight += rest * direct;
+            continue;
+        }
+        let [direct, blocked] = likelihood.both(x);
+        let share = settings.delay.blocked;
+        let [direct, blocked] = [log((T::ONE - share) * direct), log(share * blocked)];
+        let [by_direct, by_blocked] = [direct, blocked].map(|log| (power * log).exp());
+        let both = by_direct + by_blocked;
+        draw.drawn += both.ln();
+        if random.uniform::<T>() * both < by_blocked {
+            draw.weight += rest * blocked;
+            let at = nodes.iter().position(|other| core::ptr::eq(other, *node)).unwrap_or(0);
+            draw.blocked |= 1 << at;
+        } else {
+            draw.weight += rest * direct;
+        }
+    }
+    draw
 }

@@ -6,11 +6,11 @@ use std::vec::Vec;
 use super::*;
 use crate::Area;
 
-type Node256 = Box<Fusion<f32, 2, 256, 12>>;
+type OnNode = Box<Fusion<f32, 2, ON_NODE, 12, { states(2, 12, 6) }>>;
 
 const POWER: Channel<f32> = Channel::Power { at_1m: -59.0, exponent: 2.0 };
 
-fn fusion(sources: Sources) -> Node256 {
+fn fusion(sources: Sources) -> OnNode {
     Box::new(Fusion::new(Settings { sources, ..Settings::indoors(0.0) }))
 }
 
@@ -55,7 +55,7 @@ fn the_first_position_by_powers_is_that_of_a_fine_grid() {
     let area = Some(Area { min: [0.0; 3], max: [10.0, 8.0, 1.0] });
     let errors: Vec<[f64; 2]> = (0..20)
         .map(|seed| {
-            let mut fusion: Node256 = Box::new(Fusion::new(Settings { area, seed, ..Settings::indoors(0.0) }));
+            let mut fusion: OnNode = Box::new(Fusion::new(Settings { area, seed, ..Settings::indoors(0.0) }));
             for (k, (place, value)) in CORNERS.iter().zip(&values).enumerate() {
                 fusion.observe(0, &observation(k as u16, *place, POWER, *value));
             }
@@ -63,9 +63,9 @@ fn the_first_position_by_powers_is_that_of_a_fine_grid() {
             [distance(mean, estimate.mean), f64::from(estimate.spread()) / spread]
         })
         .collect();
-    // 256 particles: the mean of a cloud of 3 m is worth 0.2 m, after stages of resampling somewhat less.
+    // 24 places are drawn: their mean is good to a fifth of the spread, 1 ⁄ √24, the worst one of twenty to twice that.
     let worst = errors.iter().map(|[error, _]| *error).fold(0.0, f64::max);
-    assert!(worst < 0.25 * spread, "{worst} of {spread}");
+    assert!(worst < 0.45 * spread, "{worst} of {spread}");
     assert!(errors.iter().all(|[_, ratio]| (0.75..1.3).contains(ratio)), "{errors:?} {spread}");
 }
 
@@ -76,10 +76,11 @@ fn straight_ranges_make_a_kalman_filter() {
     let anchors = [[-1000.0, 0.0], [1000.0, 0.0], [0.0, -1000.0], [0.0, 1000.0]];
     let settings = Settings {
         reach: 1200.0_f32,
-        delay: DelayErrors { noise: 0.1, bias: 0.01, blocked: 0.0, excess: 1.0, way: 2.0, time: 1e9, learning: 1e9 },
+        delay: DelayErrors { noise: 0.1, bias: 1e-3, blocked: 0.0, lasting: 1e9, ..DelayErrors::indoors() },
+        acceleration: 0.7,
         ..Settings::indoors(0.0)
     };
-    let mut fusion: Box<Fusion<f32, 2, 2048, 4>> = Box::new(Fusion::new(settings));
+    let mut fusion: Box<Fusion<f32, 2, ON_NODE, 4, { states(2, 0, 4) }>> = Box::new(Fusion::new(settings));
     let mut random = Random::new(9);
     let (mut x, mut v, mut p) = (0.0_f64, 0.0_f64, [1e3, 0.0, 0.49]);
     let (q, dt) = (0.49, 0.2);
@@ -273,7 +274,8 @@ fn a_full_table_refuses_until_a_node_falls_silent() {
 
 #[test]
 fn space_has_four_anchors_and_three_coordinates() {
-    let mut fusion: Box<Fusion<f32, 3, 1024, 8>> = Box::new(Fusion::new(Settings::indoors(0.0)));
+    let mut fusion: Box<Fusion<f32, 3, ON_NODE, 8, { states(3, 0, 8) }>> =
+        Box::new(Fusion::new(Settings::indoors(0.0)));
     let at = [4.0_f32, 3.0, 1.0];
     let places = [[0.0, 0.0, 3.0], [10.0, 0.0, 0.2], [10.0, 8.0, 2.8], [0.0, 8.0, 0.3], [5.0, 4.0, 3.0]];
     let mut last = None;
@@ -292,7 +294,8 @@ fn space_has_four_anchors_and_three_coordinates() {
 
 #[test]
 fn a_node_has_room_for_it() {
-    // Positions, velocities and weights: 256 · 5 numbers; beliefs: 9 · 256 · 2; windows of eight values with their times.
-    let size = size_of::<Fusion<f32, 2, ON_NODE, 9>>();
-    assert!(size < 26_000, "{size}");
+    // 24 hypotheses of 17 states: means, covariances, shares and weights are 24 · (17 + 17² + 9 + 3) numbers, 30.5 kB; windows of eight
+    // values with their times.
+    let size = size_of::<Fusion<f32, 2, ON_NODE, 9, { states(2, 5, 4) }>>();
+    assert!(size < 33_000, "{size}");
 }

@@ -11,7 +11,6 @@ mod resample;
 pub use levels::Levels;
 pub(crate) use levels::Term;
 pub use random::Random;
-pub(crate) use resample::systematic;
 
 use super::path_loss::Wall;
 use crate::{Area, Real};

@@ -6,7 +6,7 @@ use crate::Real;
 
 /// Resamples particles whose weights add up to 1; `start`, from 0 to below 1, places the marks. `copied` is told of every copy beyond
 /// the first of a particle.
-pub(crate) fn systematic<T: Real, P: Copy, const N: usize>(
+pub(super) fn systematic<T: Real, P: Copy, const N: usize>(
     particles: &mut [P; N],
     start: T,
     weight: impl Fn(&P) -> T,
