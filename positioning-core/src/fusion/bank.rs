@@ -120,7 +120,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
             let Some(first) = self.bank.get_mut(place) else { return };
             let (along, variance) = first.widest::<D>();
             let part = (variance - limit).at_most(T::of(BETWEEN) * variance);
-            first.weight = first.weight * T::of(0.5);
+            first.weight *= T::of(0.5);
             let mut second = first.clone();
             first.fix(&along, variance, part, T::ONE, self.used);
             second.fix(&along, variance, part, -T::ONE, self.used);
@@ -155,7 +155,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
             return None;
         }
         let scale = T::ONE / sum;
-        self.bank.iter_mut().for_each(|hypothesis| hypothesis.weight = hypothesis.weight * scale);
+        self.bank.iter_mut().for_each(|hypothesis| hypothesis.weight *= scale);
         Some(greatest + sum.ln())
     }
 

@@ -59,7 +59,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
         for number in 0..PLACES {
             let draw = draw(&place(number), &seen, nodes, settings, random);
             if draw.drawn > greatest {
-                sum = sum * (greatest - draw.drawn).exp();
+                sum *= (greatest - draw.drawn).exp();
                 greatest = draw.drawn;
             }
             sum += (draw.drawn - greatest).exp();
