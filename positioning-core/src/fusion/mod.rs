@@ -13,16 +13,18 @@
 //! 2. **All fresh values**, independent draws: p(r | u) = Πᵢ f(rᵢ − u), with u the level without noise.
 //! 3. **The bias marginalised**: L(d) = ∫ p(r | m(d) + b) p(b) db. Powers: m(d) = p₁ − 10 n log₁₀ d, b Gaussian: the error of the channel's
 //!    parameters, and shadowing. Delays: m(d) = d after the affine model; b = 0 in line of sight but for what calibration left, and else positive:
-//!    exponential when the link is new, then what the link showed so far.
+//!    exponential at first, then what the link showed so far.
 //! 4. **Product over nodes**: VP(x) = Πⱼ Lⱼ(‖x − aⱼ‖).
-//! 5. **First position**: argmax VP in the box maxⱼ (aⱼ − ρⱼ) ≤ x ≤ minⱼ (aⱼ + ρⱼ), with ρⱼ the farthest from which the values can come.
+//! 5. **First position**: argmax VP in the box maxⱼ (aⱼ − ρⱼ) ≤ x ≤ minⱼ (aⱼ + ρⱼ), with ρⱼ the farthest from which the values can come, and whatever
+//!    else is nearly as likely.
 //! 6. **Motion**, a Taylor series: x(t + Δ) = x + v Δ + …, its remainder a white acceleration.
-//! 7. **Recursion**: p(xₜ | r₁…ₜ) ∝ VP(xₜ) ∫ p(xₜ | xₜ₋₁) p(xₜ₋₁ | r₁…ₜ₋₁) dxₜ₋₁, by particles; its mean, its mode and its covariance are the estimate.
+//! 7. **Recursion**: p(xₜ | r₁…ₜ) ∝ VP(xₜ) ∫ p(xₜ | xₜ₋₁) p(xₜ₋₁ | r₁…ₜ₋₁) dxₜ₋₁, a mixture of normal distributions, one for each hypothesis of
+//!    which links are blocked and where; its mean, its mode and its covariance are the estimate.
 //!
-//! The patent estimates the channel's parameters at every instant, and marginalises over their error. Here each particle does both: along its
-//! own way it keeps the mean of every node's bias and the probability that the link is blocked, the variance being the same for all
-//! (a Rao-Blackwellised filter; so is the velocity). Errors that last therefore count once, and a beacon beside good anchors is calibrated as the
-//! tag walks. `docs/architecture.md` has the reasons.
+//! The patent estimates the channel's parameters at every instant, and marginalises over their error. Here every hypothesis does both: the biases of all
+//! nodes are states beside position and velocity (a mixture Kalman filter: R. Chen and J. S. Liu, Journal of the Royal Statistical Society B
+//! 62(3), 2000). The mixtures of equation 1 enter it by their two moments. Errors that last therefore count once, and a beacon beside good
+//! anchors is calibrated as the tag walks. `docs/architecture.md` has the reasons.
 mod bank;
 mod hypothesis;
 mod likelihood;
