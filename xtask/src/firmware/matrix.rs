@@ -146,7 +146,7 @@ const ESP_BLE: Budget = Budget { flash: Some(430 << 10), ram: None, heap: Some(8
 /// The whole matrix.
 pub const IMAGES: [Image; 16] = [
     Image::new("anchor", Board::Dwm1001, &[], kib(64, 12)),
-    Image::new("anchor", Board::Evk1000, &[], missed(64, 74, 12)),
+    Image::new("anchor", Board::Evk1000, &[], missed(64, 78, 12)),
     Image::new("anchor", Board::Esp32C3, &[], NONE),
     Image::new("anchor", Board::Esp32C6, &[], NONE),
     // Some 15 KiB, and 2 KiB of RAM, are trained classifiers and impulse responses.
