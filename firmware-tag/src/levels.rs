@@ -30,7 +30,7 @@ const INTERVAL_US: u32 = 100_000;
 /// The deviation of what stays with the place, dB: shadowing, and how far the path loss is from the beacon's own.
 const LASTING_DB: f32 = 5.0;
 /// Single levels of one sender scatter by noise, and by what a step changes; beyond this, dB, there are two.
-const TORN_DB: f32 = 9.0;
+const TORN_DB: f32 = 8.0;
 /// How much a new level counts in what a beacon's levels are seen to deviate by.
 const LEARNING: f32 = 0.1;
 /// A path-loss exponent that nobody has calibrated.

@@ -1,5 +1,6 @@
 //! The file of positions: what `solve` writes and `plot` reads.
 
+use std::collections::HashMap;
 use std::path::Path;
 
 use crate::recording::{Epoch, Place};
@@ -47,6 +48,26 @@ pub fn to_csv<'a>(
         }
     }
     writer.into_inner().map_err(|error| error.into_error().into())
+}
+
+/// Reads the positions of one method, by epoch: the place, metres, and the standard deviation of an axis; rows without a position are left out.
+///
+/// # Errors
+/// The first line that is wrong: an epoch that stands twice is of a second method.
+pub fn read_track(file: &Path) -> Result<HashMap<String, ([f64; 2], f64)>, Wrong> {
+    let mut table = Table::open(file)?;
+    let [epoch, x, y] = [table.column("epoch")?, table.column("x_m")?, table.column("y_m")?];
+    let sigmas = [table.optional("sigma_x_m"), table.optional("sigma_y_m")];
+    let mut track = HashMap::new();
+    while let Some(row) = table.next_row()? {
+        let name = row.some_text(epoch)?.to_owned();
+        let (Some(x_m), Some(y_m)) = (row.number(x)?, row.number(y)?) else { continue };
+        let [sigma_x, sigma_y] = [row.number(sigmas[0])?, row.number(sigmas[1])?].map(|sigma| sigma.unwrap_or(0.0));
+        if track.insert(name, ([x_m, y_m], (sigma_x.powi(2) + sigma_y.powi(2)).sqrt() / 2.0_f64.sqrt())).is_some() {
+            return Err(row.wrong(epoch, "stands twice: give the positions of one method"));
+        }
+    }
+    Ok(track)
 }
 
 fn coordinates(place: Option<Place>) -> [String; 3] {

@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 use sim::scenario::{Epoch, RangeRecord, Record, Scenario, Simulation, Summary, What};
+use telemetry::Condition;
 
 /// A scenario that has been run.
 pub struct Run {
@@ -37,6 +38,17 @@ impl Run {
             What::Epoch(epoch) => Some((record.t_s, epoch)),
             What::Link(_) | What::RadioFailed(_) | What::Fault(_) | What::Sighting(_) | What::Beacon(_) => None,
         })
+    }
+
+    /// What a tag came to believe of beacons, with the times.
+    pub fn words(&self, tag: u16) -> Vec<(f64, Condition)> {
+        let of_tag = self.records.iter().filter(|record| record.node == tag);
+        of_tag
+            .filter_map(|record| match record.what {
+                What::Beacon(word) => Some((record.t_s, word)),
+                What::Epoch(_) | What::Link(_) | What::RadioFailed(_) | What::Fault(_) | What::Sighting(_) => None,
+            })
+            .collect()
     }
 
     /// When a tag had positions, within a time.

@@ -1,13 +1,13 @@
 //! Path loss of every beacon from levels at known points: what `baliza calibrate path-loss` does.
 //!
-//! Stays flow in; a point counts once, with the mean of its levels (section 4.3.1). Out flow level at one metre and exponent of
+//! Stays flow in, or a walk in pieces of a metre; a point counts once, with the mean of its levels (section 4.3.1). Out flow level at one metre and exponent of
 //! every beacon by regression on (1), robust against points in a shadow (Huber's weights), with a prior so wide that it matters for a
-//! handful of points alone.
+//! handful of points alone. Beside it stands what a node learns that knows where it is, point by point in their order ([`OnlinePathLoss`]).
 
-use positioning_core::ble::path_loss::{PathLoss, Wall, attenuation};
+use positioning_core::ble::path_loss::{OnlinePathLoss, PathLoss, Wall, attenuation};
 use positioning_core::ble::signal::level;
 
-use super::files::{self, Beacon, Stay};
+use super::files::{self, Beacon, Capture, Stay};
 
 /// Distances are not told apart below this, metres.
 const NEAREST_M: f64 = 0.1;
@@ -15,6 +15,10 @@ const NEAREST_M: f64 = 0.1;
 const EXPONENTS: (f64, f64) = (0.5, 6.0);
 /// What is believed before: an exponent to so much, a level at one metre to so many dB.
 const PRIOR: (f64, f64) = (2.0, 30.0);
+/// What a node believes of a beacon before it has heard it: level at one metre and exponent, standard deviations.
+const UNKNOWN: (f64, f64) = (8.0, 0.7);
+/// A piece of a walk, metres.
+const PIECE_M: f64 = 1.0;
 /// The usual deviation is worth so many points.
 const BELIEF: f64 = 2.0;
 /// A residual of so many deviations weighs less (P. Huber, *Robust Statistics*, 1981).
@@ -31,6 +35,26 @@ pub struct Heard {
     pub distance_m: f64,
     /// Mean level, dBm; what walls took is put back.
     pub level_dbm: f64,
+    /// Standard deviation of the distance, metres.
+    pub distance_sigma_m: f64,
+}
+
+/// A path loss that was learnt point by point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Learnt {
+    /// The path loss; its deviation is the root mean square of how far the points are from it.
+    pub path_loss: PathLoss<f64>,
+    /// Standard deviations of the level at one metre, dB, and of the exponent.
+    pub sigma: [f64; 2],
+}
+
+/// A position of a walk.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// Metres.
+    pub position_m: [f64; 2],
+    /// Standard deviation of an axis, metres.
+    pub sigma_m: f64,
 }
 
 /// The path loss of one beacon.
@@ -44,13 +68,39 @@ pub struct Calibrated {
     pub path_loss: Option<PathLoss<f64>>,
     /// Standard deviations of the level at one metre, dB, and of the exponent.
     pub sigma: [f64; 2],
+    /// What was learnt on the way; `None` where it was never heard.
+    pub online: Option<Learnt>,
+}
+
+/// A walk in pieces of a metre of way: levels that are heard without moving share a shadow, and count once. Captures without a position
+/// are left out.
+pub fn pieces(captures: &[Capture], step: impl Fn(&Capture) -> Option<Step>) -> Vec<(Stay, f64)> {
+    let mut pieces: Vec<(Stay, f64)> = Vec::new();
+    for (capture, step) in captures.iter().filter_map(|capture| Some((capture, step(capture)?))) {
+        let [x, y] = step.position_m;
+        match pieces.last_mut().filter(|(piece, _)| (piece.position_m[0] - x).hypot(piece.position_m[1] - y) < PIECE_M)
+        {
+            Some((piece, sigma_m)) => {
+                piece.samples.extend(capture.samples.iter().cloned());
+                *sigma_m = sigma_m.max(step.sigma_m);
+            }
+            None => {
+                let point = capture.name.clone();
+                let samples = capture.samples.clone();
+                // Levels of a piece come from up to a metre around its place.
+                let sigma_m = step.sigma_m.hypot(PIECE_M / 2.0);
+                pieces.push((Stay { point, room: None, position_m: step.position_m, samples }, sigma_m));
+            }
+        }
+    }
+    pieces
 }
 
 /// Calibrates every beacon, in their order. Heights of beacons count where that of the tag is known. Walls that are given took what they
 /// take from the levels (2), and `wall_db` where that is not known.
 pub fn calibrate(
     beacons: &[Beacon],
-    stays: &[Stay],
+    stays: &[(Stay, f64)],
     height_m: Option<f64>,
     walls: &[files::Wall],
     wall_db: f64,
@@ -62,10 +112,12 @@ pub fn calibrate(
     beacons
         .iter()
         .map(|beacon| {
-            let points: Vec<Heard> = stays.iter().filter_map(|stay| heard(beacon, stay, height_m, &walls)).collect();
+            let heard = |(stay, sigma_m): &(Stay, f64)| heard(beacon, stay, *sigma_m, height_m, &walls);
+            let points: Vec<Heard> = stays.iter().filter_map(heard).collect();
             let fitted = fit(&points);
             Calibrated {
                 beacon: beacon.name.clone(),
+                online: learn(&points),
                 points,
                 path_loss: fitted.map(|(path_loss, _)| path_loss),
                 sigma: fitted.map_or([0.0; 2], |(_, sigma)| sigma),
@@ -77,7 +129,7 @@ pub fn calibrate(
 /// What a wall takes, dB, in steps of a half: the one with which all levels are most likely.
 pub fn wall_attenuation(
     beacons: &[Beacon],
-    stays: &[Stay],
+    stays: &[(Stay, f64)],
     height_m: Option<f64>,
     walls: &[files::Wall],
     step: impl Fn(),
@@ -92,7 +144,13 @@ pub fn wall_attenuation(
     most.map_or(0.0, |(half, _)| f64::from(half) / 2.0)
 }
 
-fn heard(beacon: &Beacon, stay: &Stay, height_m: Option<f64>, walls: &[Wall<f64>]) -> Option<Heard> {
+fn heard(
+    beacon: &Beacon,
+    stay: &Stay,
+    distance_sigma_m: f64,
+    height_m: Option<f64>,
+    walls: &[Wall<f64>],
+) -> Option<Heard> {
     let of_it = stay.samples.iter().filter(|sample| sample.beacon == beacon.name);
     let levels: Vec<f64> = of_it.filter_map(|sample| level(sample.rssi_dbm).ok()).collect();
     let up = beacon.height_m.zip(height_m).map_or(0.0, |(beacon, tag)| beacon - tag);
@@ -100,7 +158,19 @@ fn heard(beacon: &Beacon, stay: &Stay, height_m: Option<f64>, walls: &[Wall<f64>
     let distance_m = (x * x + y * y + up * up).sqrt().max(NEAREST_M);
     let taken = attenuation(walls, beacon.position_m, stay.position_m);
     let mean = levels.iter().sum::<f64>() / levels.len() as f64;
-    (!levels.is_empty()).then_some(Heard { distance_m, level_dbm: mean + taken })
+    (!levels.is_empty()).then_some(Heard { distance_m, level_dbm: mean + taken, distance_sigma_m })
+}
+
+/// What is learnt of points in their order, by the node's own estimator; `None` without points.
+fn learn(points: &[Heard]) -> Option<Learnt> {
+    let mut online = OnlinePathLoss::<f64>::new(PathLoss::default(), UNKNOWN.0, UNKNOWN.1);
+    for point in points {
+        online.learn(point.level_dbm, point.distance_m, point.distance_sigma_m);
+    }
+    let found = *online.model();
+    let squares = points.iter().map(|point| (point.level_dbm - found.level(point.distance_m)).powi(2)).sum::<f64>();
+    let deviation = (squares / points.len() as f64).sqrt();
+    (!points.is_empty()).then(|| Learnt { path_loss: PathLoss { deviation, ..found }, sigma: online.deviations() })
 }
 
 /// Regression of levels on 10 log₁₀ d; `None` without points.
@@ -168,7 +238,7 @@ mod tests {
     use super::{Heard, fit};
 
     fn points(levels: &[(f64, f64)]) -> Vec<Heard> {
-        levels.iter().map(|&(distance_m, level_dbm)| Heard { distance_m, level_dbm }).collect()
+        levels.iter().map(|&(distance_m, level_dbm)| Heard { distance_m, level_dbm, distance_sigma_m: 0.0 }).collect()
     }
 
     #[test]

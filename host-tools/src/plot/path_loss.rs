@@ -1,4 +1,4 @@
-//! Levels against distance with the fitted path loss, a panel a beacon (the thesis' figure 4.5).
+//! Levels against distance with the path loss by regression and, dotted, as it is learnt on line, a panel a beacon (the thesis' figure 4.5).
 
 use anyhow::Result;
 use plotters::prelude::*;
@@ -45,6 +45,14 @@ pub fn path_loss(calibrated: &[Calibrated]) -> Result<String> {
                 .filter(|(_, level)| (faintest - 4.0..=loudest + 4.0).contains(level))
                 .collect();
             chart.draw_series([pen("robust").line::<(f64, f64)>(curve)])?;
+            if let Some(online) = beacon.online {
+                let curve: Vec<(f64, f64)> = (1..=POINTS)
+                    .map(|step| farthest * f64::from(step) / f64::from(POINTS))
+                    .map(|distance| (distance, online.path_loss.level(distance)))
+                    .filter(|(_, level)| (faintest - 4.0..=loudest + 4.0).contains(level))
+                    .collect();
+                chart.draw_series([pen("bb-nls-r").line::<(f64, f64)>(curve)])?;
+            }
             let dots = beacon.points.iter().map(|point| (point.distance_m, point.level_dbm));
             chart.draw_series(dots.map(|at| Circle::new(at, stroke(3.0), INK.mix(0.6).filled())))?;
         }

@@ -126,6 +126,54 @@ fn what_is_wrong_is_said_in_one_line() {
 }
 
 #[test]
+fn a_walk_whose_positions_are_known_calibrates_on_line_as_by_regression() {
+    // To and fro through the room in steps of 0.2 m; the beacons are -50 dBm and 2. Positions come as truth, or of a track.
+    let (mut rssi, mut truth) = (String::from("epoch,t_s,beacon,rssi_dbm\n"), String::from("epoch,t_s,x_m,y_m\n"));
+    let mut track =
+        String::from("epoch,t_s,method,x_m,y_m,z_m,sigma_x_m,sigma_y_m,sigma_z_m,used,reason\nlost,0,track,,,,,,,,x\n");
+    for epoch in 0..200 {
+        let at = [0.5 + 0.2 * f64::from(epoch % 25), 0.5 + f64::from(epoch / 25)];
+        let _ = writeln!(truth, "{epoch},{epoch},{},{}", at[0], at[1]);
+        let _ = writeln!(track, "{epoch},{epoch},track,{},{},1,0.02,0.02,0,4,", at[0], at[1]);
+        for (name, place) in CORNERS {
+            let _ = writeln!(rssi, "{epoch},{epoch},{name},{}", level(place, at));
+        }
+    }
+    let unknown = "beacon,x_m,y_m\na,0,0\nb,6,0\nc,0,8\nd,6,8\n";
+    let folder = Folder::with(&[
+        ("beacons.csv", unknown),
+        ("rssi.csv", &rssi),
+        ("truth.csv", &truth),
+        ("track.csv", &track),
+        ("twice.csv", "epoch,x_m,y_m\n1,0,0\n1,0,0\n"),
+    ]);
+    for known in ["--truth truth.csv", "--positions track.csv"] {
+        let calibrate = format!("calibrate path-loss --beacons beacons.csv --rssi rssi.csv {known}");
+        let rows = folder.run(&format!("{calibrate} --plot p.svg --json")).ok().json();
+        for row in rows.as_array().expect("a list") {
+            let number = |key: &str| row[key].as_f64().expect("a number");
+            // What is expected before the first level, -59 dBm and 2.4, is worth as much as a point or two.
+            for (key, truth, within) in [
+                ("rssi_1m_dbm", -50.0, 0.7),
+                ("path_loss_exponent", 2.0, 0.1),
+                ("online_rssi_1m_dbm", -50.0, 2.5),
+                ("online_path_loss_exponent", 2.0, 0.35),
+            ] {
+                assert!((number(key) - truth).abs() < within, "{known}, {key}: {row}");
+            }
+            assert!(number("points") >= 30.0 && number("online_deviation_db") < 1.5, "{row}");
+        }
+        let table = folder.run(&calibrate).ok().stdout;
+        assert!(table.contains("| a, on line |"), "{table}");
+    }
+    let run = folder.run("calibrate path-loss --beacons beacons.csv --rssi rssi.csv --positions twice.csv");
+    assert_eq!(run.code, Some(2), "{run:?}");
+    assert!(run.stderr.starts_with("twice.csv:3: epoch stands twice"), "{run:?}");
+    let run = folder.run("calibrate path-loss --beacons beacons.csv --rssi rssi.csv");
+    assert_eq!(run.code, Some(2), "{run:?}");
+}
+
+#[test]
 fn a_calibration_is_what_solve_reads() {
     // Sixteen points in the room; the beacons' path losses are unknown at first, and are -50 dBm and 2.
     let mut stays = String::from("point,x_m,y_m,beacon,rssi_dbm,t_s\n");

@@ -3,6 +3,7 @@
 use positioning_core::NoFix;
 use sim::scenario::What;
 use system_tests::{Run, TAG};
+use telemetry::{BeaconWord, Condition};
 
 use super::{ROUND, STANDS, by_beacons, errors, room};
 
@@ -62,6 +63,58 @@ fn a_beacon_that_was_moved_is_doubted() {
     let (error_m, normalised) = walked(&["listed_at = [11.0, 7.0, 2.2]"], "");
     // A lie in six may double the variance.
     assert!(error_m < 1.2 * GUESS_M && normalised < 2.0 * HONEST, "{error_m} m, {normalised}");
+}
+
+/// A hall of 30 m × 8 m with eight beacons around; the first has 1-1 and more text.
+fn hall(head: &str, first: &str) -> String {
+    const PLACES: [[f64; 2]; 8] =
+        [[0.3, 0.3], [10.0, 0.3], [20.0, 0.3], [29.7, 0.3], [29.7, 7.7], [20.0, 7.7], [10.0, 7.7], [0.3, 7.7]];
+    let mut text = format!("height_m = 1.2\nlevel = \"air\"\n{head}\n");
+    for (place, [x, y]) in PLACES.into_iter().enumerate() {
+        text += &format!("[[beacon]]\nat = [{x}, {y}, 2.2]\n{}\n", if place == 0 { first } else { "" });
+    }
+    text + "[[tag]]\npath = [[2, 2, 1.2], [28, 2, 1.2], [28, 6, 1.2], [2, 6, 1.2]]\nspeed_m_s = 0.8\nclosed = true\n"
+}
+
+#[test]
+fn a_beacon_that_was_moved_is_named_and_believed_when_it_is_back() {
+    // From the end where it is listed to the other one; after 80 s it is carried back, which a twin is there for.
+    let at_home = "[[beacon]]\nat = [29.0, 4.0, 2.2]\nminor = 1\nlisted = false\n";
+    let on = format!("[[fault]]\nat_s = 80.0\nnode = {}\nwhat = \"on\"\n", FIRST + 8);
+    for seed in 1..=3 {
+        let text = hall(&format!("seconds = 240\nseed = {seed}"), "listed_at = [29.0, 4.0, 2.2]");
+        let run = Run::of_text(&(text + at_home + &off(0.0, FIRST + 8) + &off(80.0, FIRST) + &on));
+        let words = run.words(TAG);
+        let named = |word: &Condition| matches!(word, Condition::BeaconElsewhere(BeaconWord { minor: 1, .. }));
+        let believed = |word: &Condition| matches!(word, Condition::BeaconBelieved(BeaconWord { minor: 1, .. }));
+        assert!(words.iter().any(|(t_s, word)| *t_s < 80.0 && named(word)), "seed {seed}: {words:?}");
+        assert!(words.iter().any(|(t_s, word)| *t_s > 80.0 && believed(word)), "seed {seed}: {words:?}");
+        assert!(words.iter().all(|(_, word)| named(word) || believed(word)), "seed {seed}: {words:?}");
+        // Seven make the positions meanwhile.
+        let epochs = by_beacons(&run, 60.0, 80.0);
+        let used = epochs.iter().filter_map(|(_, epoch)| epoch.outcome.as_ref().ok()).map(|p| p.used.count_ones());
+        assert!(used.max().is_some_and(|used| used <= 7), "seed {seed}");
+    }
+}
+
+#[test]
+fn among_good_beacons_nobody_is_named() {
+    let standing = Run::of_text(&(room("seconds = 300", &[]) + STANDS));
+    let walking = Run::of_text(&hall("seconds = 180", ""));
+    assert!(standing.words(TAG).is_empty() && walking.words(TAG).is_empty());
+}
+
+#[test]
+fn a_clone_is_named_where_anchors_tell_the_place() {
+    let twin = "[[beacon]]\nat = [11.0, 7.0, 2.2]\nminor = 1\nlisted = false\n";
+    let anchors: String = [[0.2, 0.2, 2.6], [11.8, 0.2, 1.8], [11.8, 7.8, 2.6], [0.2, 7.8, 1.8]]
+        .iter()
+        .map(|at| format!("[[anchor]]\nat = {at:?}\n"))
+        .collect();
+    let run = Run::of_text(&(room("seconds = 60", &[]) + twin + &anchors + ROUND));
+    let words = run.words(TAG);
+    let (_, first) = words.first().expect("a word");
+    assert!(matches!(first, Condition::BeaconDoubled(BeaconWord { minor: 1, .. })), "{words:?}");
 }
 
 #[test]

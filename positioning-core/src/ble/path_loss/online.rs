@@ -119,6 +119,31 @@ mod tests {
     }
 
     #[test]
+    fn what_is_learnt_level_by_level_is_what_least_squares_make_of_all() {
+        // Batch: (XᵀX ⁄ R + P⁻¹) θ = Xᵀz ⁄ R + P⁻¹ θ₀ with rows (1, −10 log₁₀ d), R = 4², P = diag(8², 0.7²), θ₀ = (−59, 2.4). Levels by
+        // −52 dBm and 2.9, off by ±3 dB in turn: no wonders, which would be clipped.
+        let start = PathLoss { level_1m: -59.0, exponent: 2.4, deviation: 4.0 };
+        let mut online = OnlinePathLoss::<f64>::new(start, 8.0, 0.7);
+        let (mut a, mut b, mut d) = (1.0 / 64.0, 0.0, 1.0 / 0.49);
+        let (mut u, mut v) = (-59.0 / 64.0, 2.4 / 0.49);
+        for step in 0..60_i32 {
+            let distance = 1.0 + 0.2 * f64::from(step % 37);
+            let level = -52.0 - 29.0 * distance.log10() + f64::from(step % 3 - 1) * 3.0;
+            assert!(online.learn(level, distance, 0.0));
+            let x = -10.0 * distance.log10();
+            (a, b, d) = (a + 1.0 / 16.0, b + x / 16.0, d + x * x / 16.0);
+            (u, v) = (u + level / 16.0, v + x * level / 16.0);
+        }
+        let determinant = a * d - b * b;
+        let (level, exponent) = ((d * u - b * v) / determinant, (a * v - b * u) / determinant);
+        let found = online.model();
+        assert!((found.level_1m - level).abs() < 1e-6 && (found.exponent - exponent).abs() < 1e-6, "{found:?}");
+        let deviations = [(d / determinant).sqrt(), (a / determinant).sqrt()];
+        let off = online.deviations().into_iter().zip(deviations).map(|(a, b)| (a - b).abs());
+        assert!(off.fold(0.0, f64::max) < 1e-6, "{online:?} {deviations:?}");
+    }
+
+    #[test]
     fn what_is_no_number_teaches_nothing_and_nonsense_stays_in_bounds() {
         let mut online = OnlinePathLoss::<f32>::new(PathLoss::default(), 8.0, 0.7);
         let before = online;

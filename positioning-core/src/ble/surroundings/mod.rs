@@ -20,7 +20,7 @@ use crate::{Area, MAX_ANCHORS, NoFix, Real};
 use standing::Record;
 
 /// Beacons are judged no sooner again, microseconds.
-const PASS_US: u64 = 4_000_000;
+const PASS_US: u64 = 3_000_000;
 /// After so many metres of way the shadows are others …
 const SHADOW_M: f64 = 2.0;
 /// … and after so many seconds: people move.
@@ -132,6 +132,8 @@ struct Pass<T> {
     at: Option<[T; 2]>,
     /// How much of what is heard was not heard in the last one.
     weight: T,
+    /// The same for what only another place changes: how channels fade.
+    moved: T,
     /// The next beacon to be judged is this one, or one after it.
     next: usize,
 }
@@ -162,7 +164,7 @@ impl<T: Real, const N: usize> Surroundings<T, N> {
         Self {
             receiver: ReceiverOffset::new(deviation),
             records: [Record::default(); N],
-            pass: Pass { began_us: 0, at: None, weight: T::ONE, next: 0 },
+            pass: Pass { began_us: 0, at: None, weight: T::ONE, moved: T::ONE, next: 0 },
             due: T::ONE,
             been: None,
             news: None,
@@ -244,17 +246,19 @@ impl<T: Real, const N: usize> Surroundings<T, N> {
     /// Begins the next pass where the last one has ended.
     fn go_on(&mut self, now_us: u64, at: [T; 2]) {
         let since_us = now_us.saturating_sub(self.pass.began_us);
+        let mut moved = T::ONE;
         let weight = match self.pass.at {
             None => T::ONE,
             Some(_) if since_us < PASS_US => return,
             Some(last) => {
                 let way = ((at[0] - last[0]).squared() + (at[1] - last[1]).squared()).sqrt();
                 let seconds = T::count(since_us.min(3_600_000_000) as usize) * T::of(1.0e-6);
-                (way * T::of(1.0 / SHADOW_M) + seconds * T::of(1.0 / SHADOW_S)).at_most(T::ONE)
+                moved = (way * T::of(1.0 / SHADOW_M)).at_most(T::ONE);
+                (moved + seconds * T::of(1.0 / SHADOW_S)).at_most(T::ONE)
             }
         };
         self.due += weight;
-        self.pass = Pass { began_us: now_us, at: Some(at), weight, next: 0 };
+        self.pass = Pass { began_us: now_us, at: Some(at), weight, moved, next: 0 };
     }
 
     /// Judges the next of the beacons that are heard.
@@ -287,11 +291,14 @@ impl<T: Real, const N: usize> Surroundings<T, N> {
                 if others.len() < JUDGES {
                     return;
                 }
-                too_loud(&one, &others, &site.area, site.walls, belief)
+                // Where one beacon is does not hang on how many others share a shadow.
+                too_loud(&one, &others, &site.area, site.walls, &Belief { trust: T::ONE, ..*belief })
             }
         };
         let (Some([excess, variance]), Some(record)) = (off, self.records.get_mut(level.beacon)) else { return };
-        let change = record.take(now_us, excess.squared() / variance, level.is_torn, self.pass.weight);
+        // Where a tag stands, the levels of three channels may be as far apart as those of two senders.
+        let weight = if level.is_torn { self.pass.moved } else { self.pass.weight };
+        let change = record.take(now_us, excess.squared() / variance, level.is_torn, weight);
         let Some((standing, seconds)) = change else { return };
         self.news = Some(News { beacon: level.beacon, standing, seconds });
         if known.is_none() {
