@@ -48,6 +48,9 @@ pub struct Learnt {
     pub sigma: [f64; 2],
 }
 
+/// Levels at a place, and the standard deviation of the place, metres.
+pub type Placed = (Stay, f64);
+
 /// A position of a walk.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
@@ -74,21 +77,27 @@ pub struct Calibrated {
 
 /// A walk in pieces of a metre of way: levels that are heard without moving share a shadow, and count once. Captures without a position
 /// are left out.
-pub fn pieces(captures: &[Capture], step: impl Fn(&Capture) -> Option<Step>) -> Vec<(Stay, f64)> {
-    let mut pieces: Vec<(Stay, f64)> = Vec::new();
+pub fn pieces(captures: &[Capture], step: impl Fn(&Capture) -> Option<Step>) -> Vec<Placed> {
+    let mut pieces: Vec<Placed> = Vec::new();
+    // Where the last one began, and how many positions it is the mean of.
+    let (mut began, mut count) = ([f64::NAN; 2], 0.0);
     for (capture, step) in captures.iter().filter_map(|capture| Some((capture, step(capture)?))) {
         let [x, y] = step.position_m;
-        match pieces.last_mut().filter(|(piece, _)| (piece.position_m[0] - x).hypot(piece.position_m[1] - y) < PIECE_M)
-        {
+        let goes_on = (began[0] - x).hypot(began[1] - y) < PIECE_M;
+        match pieces.last_mut().filter(|_| goes_on) {
             Some((piece, sigma_m)) => {
+                count += 1.0;
+                for (mean, at) in piece.position_m.iter_mut().zip(step.position_m) {
+                    *mean += (at - *mean) / count;
+                }
                 piece.samples.extend(capture.samples.iter().cloned());
                 *sigma_m = sigma_m.max(step.sigma_m);
             }
             None => {
-                let point = capture.name.clone();
-                let samples = capture.samples.clone();
-                // Levels of a piece come from up to a metre around its place.
-                let sigma_m = step.sigma_m.hypot(PIECE_M / 2.0);
+                (began, count) = (step.position_m, 1.0);
+                let (point, samples) = (capture.name.clone(), capture.samples.clone());
+                // Levels of a piece come from half a metre around its place.
+                let sigma_m = step.sigma_m.hypot(PIECE_M / 4.0);
                 pieces.push((Stay { point, room: None, position_m: step.position_m, samples }, sigma_m));
             }
         }
@@ -100,7 +109,7 @@ pub fn pieces(captures: &[Capture], step: impl Fn(&Capture) -> Option<Step>) -> 
 /// take from the levels (2), and `wall_db` where that is not known.
 pub fn calibrate(
     beacons: &[Beacon],
-    stays: &[(Stay, f64)],
+    stays: &[Placed],
     height_m: Option<f64>,
     walls: &[files::Wall],
     wall_db: f64,
@@ -112,7 +121,7 @@ pub fn calibrate(
     beacons
         .iter()
         .map(|beacon| {
-            let heard = |(stay, sigma_m): &(Stay, f64)| heard(beacon, stay, *sigma_m, height_m, &walls);
+            let heard = |(stay, sigma_m): &Placed| heard(beacon, stay, *sigma_m, height_m, &walls);
             let points: Vec<Heard> = stays.iter().filter_map(heard).collect();
             let fitted = fit(&points);
             Calibrated {
@@ -129,7 +138,7 @@ pub fn calibrate(
 /// What a wall takes, dB, in steps of a half: the one with which all levels are most likely.
 pub fn wall_attenuation(
     beacons: &[Beacon],
-    stays: &[(Stay, f64)],
+    stays: &[Placed],
     height_m: Option<f64>,
     walls: &[files::Wall],
     step: impl Fn(),

@@ -152,10 +152,11 @@ fn a_walk_whose_positions_are_known_calibrates_on_line_as_by_regression() {
         let rows = folder.run(&format!("{calibrate} --plot p.svg --json")).ok().json();
         for row in rows.as_array().expect("a list") {
             let number = |key: &str| row[key].as_f64().expect("a number");
-            // What is expected before the first level, -59 dBm and 2.4, is worth as much as a point or two.
+            // A metre of way is one point, over which a level bends by a dB near a beacon. What a node expects before the first
+            // level, -59 dBm and 2.4, is worth as much as some points.
             for (key, truth, within) in [
-                ("rssi_1m_dbm", -50.0, 0.7),
-                ("path_loss_exponent", 2.0, 0.1),
+                ("rssi_1m_dbm", -50.0, 1.0),
+                ("path_loss_exponent", 2.0, 0.12),
                 ("online_rssi_1m_dbm", -50.0, 2.5),
                 ("online_path_loss_exponent", 2.0, 0.35),
             ] {

@@ -4,8 +4,10 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use host_tools::ble::calibration::{Calibrated, Learnt, Step, WALL_STEPS, calibrate, pieces, to_csv, wall_attenuation};
-use host_tools::ble::files::{Stay, read_beacons, read_captures, read_stays, read_walls};
+use host_tools::ble::calibration::{
+    Calibrated, Learnt, Placed, Step, WALL_STEPS, calibrate, pieces, to_csv, wall_attenuation,
+};
+use host_tools::ble::files::{read_beacons, read_captures, read_stays, read_walls};
 use host_tools::{Wrong, output, plot, positions};
 
 use crate::commands::recorded::finite;
@@ -135,7 +137,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// Points with levels, each with the standard deviation of its place, metres; and the file that they are from.
-fn points(arguments: &Arguments) -> Result<(Vec<(Stay, f64)>, &Path), Wrong> {
+fn points(arguments: &Arguments) -> Result<(Vec<Placed>, &Path), Wrong> {
     if let Some(file) = &arguments.fingerprints {
         return Ok((read_stays(file)?.into_iter().map(|stay| (stay, 0.0)).collect(), file));
     }
