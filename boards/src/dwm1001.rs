@@ -138,6 +138,14 @@ impl Board {
     }
 }
 
+/// The flash with models of beacons' levels, where the processor sees it: they are read where they lie.
+#[cfg(feature = "ble")]
+pub fn models() -> &'static [u8] {
+    let at = const { node_record::Pages::DWM1001.models_address().unwrap() };
+    // SAFETY: flash of the chip that the linker gives to nothing else (`memory/dwm1001.x`), and that no program writes while it runs.
+    unsafe { core::slice::from_raw_parts(at as *const u8, node_record::MODELS_BYTES) }
+}
+
 /// FICR.DEVICEID: 64 random bits of this chip.
 fn device_id() -> u64 {
     u64::from(pac::FICR.deviceid(1).read()) << 32 | u64::from(pac::FICR.deviceid(0).read())

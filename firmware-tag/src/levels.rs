@@ -61,6 +61,15 @@ pub(crate) struct Signals {
     signals: [Signal; LISTED],
 }
 
+/// The levels of a window.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Scan {
+    /// Smoothed, dBm, by the beacons' place in the list; `None`: not heard in it.
+    pub(crate) levels_dbm: [Option<f32>; LISTED],
+    /// Their mean variance by noise, dB².
+    pub(crate) noise_db2: f32,
+}
+
 impl Signals {
     /// Nothing yet.
     pub(crate) fn new() -> Self {
@@ -81,6 +90,19 @@ impl Signals {
             Step::Smoothed => signal.spread_db2 += LEARNING * (off * off - signal.spread_db2),
         }
         (signal.told_1m_dbm, signal.is_fresh) = (told_1m_dbm, true);
+    }
+
+    /// What the window has until now.
+    pub(crate) fn scan(&self, now_us: u64) -> Scan {
+        let mut scan = Scan { levels_dbm: [None; LISTED], noise_db2: 0.0 };
+        let mut heard = 0.0;
+        for (level, signal) in scan.levels_dbm.iter_mut().zip(&self.signals).filter(|(_, signal)| signal.is_fresh) {
+            *level = signal.kalman.level();
+            scan.noise_db2 += signal.kalman.variance_at(now_us, &self.smoothing);
+            heard += 1.0;
+        }
+        scan.noise_db2 /= f32::max(heard, 1.0);
+        scan
     }
 
     /// The window ends: the nearest of the beacons heard in it, the nearest first.

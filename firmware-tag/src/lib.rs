@@ -17,6 +17,7 @@ pub mod scan;
 mod shelf;
 mod sightings;
 mod sounding;
+mod surveyed;
 mod told;
 mod tracker;
 mod windows;
@@ -46,6 +47,7 @@ pub use pace::Pace;
 pub use shelf::Shelf;
 pub use sightings::KnownBeacons;
 pub use sounding::Sounding;
+pub use surveyed::{RoomTold, Surveyed};
 pub use told::Told;
 pub use tracker::Tracker;
 
@@ -91,6 +93,11 @@ pub trait Sink {
     /// Something else is believed of a listed beacon.
     fn beacon(&self, word: Condition) {
         let _ = word;
+    }
+
+    /// The tag is in this room.
+    fn room(&self, told: RoomTold) {
+        let _ = told;
     }
 
     /// A beacon's advertisement was heard, which cost so many older ones their place.
@@ -186,11 +193,16 @@ pub async fn engine<M: RawMutex>(
             }
             Either3::Third(()) => {}
         }
-        if HEARS_BEACONS && let Some(epoch) = tracker.window(sink.now_us()) {
-            if let Ok(position) = &epoch.outcome {
-                handover.guide(Guidance { position_m: Some(position.position_m), rate: None, turns });
+        if HEARS_BEACONS {
+            if let Some(epoch) = tracker.window(sink.now_us()) {
+                if let Ok(position) = &epoch.outcome {
+                    handover.guide(Guidance { position_m: Some(position.position_m), rate: None, turns });
+                }
+                sink.publish(epoch).await;
             }
-            sink.publish(epoch).await;
+            if let Some(told) = tracker.room() {
+                sink.room(told);
+            }
         }
         if HEARS_BEACONS && let Some(word) = tracker.word() {
             sink.beacon(word);

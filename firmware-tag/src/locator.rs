@@ -6,7 +6,7 @@ use positioning_core::engine::{Dimensions, Settings, Solvers};
 use positioning_core::nlos::Classifier;
 use positioning_core::{NoFix, Noise, Real, Side};
 
-use crate::{HEARS_BEACONS, KnownBeacons, Measured, Sounding};
+use crate::{HEARS_BEACONS, KnownBeacons, Measured, Sounding, Surveyed};
 
 /// A track by beacons that has become more uncertain than this is given up, metres, all axes together.
 const LOST_AMONG_BEACONS_M: f32 = 10.0;
@@ -35,6 +35,8 @@ pub struct Locator<'a> {
     pub model: Option<&'a dyn Classifier>,
     /// Beacons by whose levels it finds itself as well, where it follows a track.
     pub beacons: KnownBeacons<'a>,
+    /// What it knows of their levels on the spot.
+    pub surveyed: Option<&'a Surveyed<'a>>,
 }
 
 /// What became of one round, or of a window of levels.
@@ -80,7 +82,7 @@ impl<'a> Locator<'a> {
         };
         let settings =
             Settings { noise: Noise::by_powers(), solvers: Solvers::on_node(), ..Settings::track(dimensions) };
-        Self { settings, anchors, model: None, beacons: KnownBeacons::new(&[], None) }
+        Self { settings, anchors, model: None, beacons: KnownBeacons::new(&[], None), surveyed: None }
     }
 
     /// That of a tag with this record.
@@ -96,6 +98,11 @@ impl<'a> Locator<'a> {
             self.settings.noise = Noise::by_model();
         }
         self
+    }
+
+    /// The same, that knows this of beacons' levels on the spot.
+    pub fn with_surveyed(self, surveyed: &'a Surveyed<'a>) -> Self {
+        Self { surveyed: Some(surveyed), ..self }
     }
 
     /// The same, that listens for these beacons. By them alone a track is uncertain by metres, and no less a track.

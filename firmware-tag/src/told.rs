@@ -5,7 +5,7 @@ use firmware_common::Reporter;
 use ranging::exchange::{Event, Link};
 use telemetry::{Condition, Difference, Fix, Outcome, Range, Sighting};
 
-use crate::{Epoch, Measured, Position, Sink, Task};
+use crate::{Epoch, Measured, Position, RoomTold, Sink, Task};
 
 /// A tag's results, told by a reporter.
 pub struct Told<'r, M: RawMutex, const BYTES: usize> {
@@ -87,6 +87,10 @@ impl<M: RawMutex, const BYTES: usize> Sink for Told<'_, M, BYTES> {
 
     fn beacon(&self, word: Condition) {
         self.reporter.journal.state(self.now_us(), word);
+    }
+
+    fn room(&self, told: RoomTold) {
+        self.reporter.journal.room(told.room, told.is_news);
     }
 
     fn heard(&self, dropped: u32) {

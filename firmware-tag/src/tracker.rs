@@ -15,8 +15,9 @@ use ranging::native::MAX_ROUND;
 
 use crate::handover::Level;
 use crate::levels::{MOST, Signals};
+use crate::surveyed::OnTheSpot;
 use crate::windows::Window;
-use crate::{AnchorPlace, Epoch, KnownBeacons, Locator, Measured, Position, Sounding};
+use crate::{AnchorPlace, Epoch, HEARS_BEACONS, KnownBeacons, Locator, Measured, Position, Sounding};
 
 /// How far a tag's receiver, and the body that carries it, may be off from what beacons are told to be, all alike, dB.
 const RECEIVER_DB: f32 = 5.0;
@@ -33,6 +34,8 @@ pub struct Tracker<'a> {
     pub(crate) signals: Signals,
     /// What it knows of the receiver and of the beacons.
     pub(crate) surroundings: Surroundings<f32, ON_NODE>,
+    /// What it knows of their levels on the spot, if anything.
+    pub(crate) on_the_spot: Vec<OnTheSpot<'a>, { HEARS_BEACONS as usize }>,
     /// What the last window had.
     pub(crate) levels: Vec<Level, MOST>,
     pub(crate) window: Window,
@@ -54,7 +57,7 @@ pub(crate) struct Taken {
 impl<'a> Tracker<'a> {
     /// Knows nothing of the tag yet.
     pub fn new(locator: Locator<'a>) -> Self {
-        let Locator { settings, anchors, model, beacons } = locator;
+        let Locator { settings, anchors, model, beacons, surveyed } = locator;
         Self {
             engine: Engine::new(settings),
             anchors,
@@ -63,6 +66,7 @@ impl<'a> Tracker<'a> {
             beacons,
             signals: Signals::new(),
             surroundings: Surroundings::new(RECEIVER_DB),
+            on_the_spot: surveyed.map(OnTheSpot::new).into_iter().take(HEARS_BEACONS.into()).collect(),
             levels: Vec::new(),
             window: Window::default(),
             number: 0,

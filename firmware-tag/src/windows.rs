@@ -8,8 +8,9 @@ use telemetry::{BeaconWord, Condition, Sighting};
 
 use crate::handover::{Heard, Level, Levels};
 use crate::levels::{MOST, WINDOW_US};
+use crate::surveyed::OnTheSpot;
 use crate::tracker::{Taken, outcome};
-use crate::{Epoch, HEARS_BEACONS, Measured, Tracker};
+use crate::{Epoch, HEARS_BEACONS, Measured, RoomTold, Tracker};
 
 /// A tag that has heard no beacon for so long is told to be without, microseconds: a scan may pause for a while.
 const SILENT_US: u64 = 5 * WINDOW_US;
@@ -56,19 +57,32 @@ impl Tracker<'_> {
             return None;
         }
         self.window.end_us = Some(now_us.saturating_add(WINDOW_US));
+        let scan = self.signals.scan(now_us);
+        if let Some(on_the_spot) = self.on_the_spot.first_mut() {
+            on_the_spot.note_room(now_us, &scan);
+        }
         self.levels = self.signals.take(now_us, self.beacons.listed());
         let found = core::mem::take(&mut self.window.found_by_anchors);
         if self.levels.is_empty() {
             let is_silent = now_us.saturating_sub(self.window.heard_us) >= SILENT_US;
             if self.window.after_anchors || !is_silent {
                 // Anchors alone, or nothing yet.
-                self.window.end_us = self.window.end_us.filter(|_| !is_silent);
+                self.window.end_us =
+                    self.window.end_us.filter(|_| !is_silent || self.on_the_spot.iter().any(OnTheSpot::is_in_a_room));
                 return None;
             }
         }
         let mut taken = Taken::default();
         let levels = core::mem::take(&mut self.levels);
-        self.take_levels(&levels, now_us, &mut taken);
+        match self.on_the_spot.first_mut().and_then(|on_the_spot| on_the_spot.locate(now_us, &scan)) {
+            Some(position) => {
+                let verdict = self.engine.step_on_node(now_us, &Measurement::BeaconPosition(position)).verdict;
+                let is_mapped = |level: &Level| self.on_the_spot.iter().any(|known| known.maps(level.beacon));
+                let mapped = (0..MOST as u16).zip(&levels).filter(|(_, level)| is_mapped(level));
+                taken.count(mapped.fold(0, |set, (place, _)| set | 1 << place), verdict);
+            }
+            None => self.take_levels(&levels, now_us, &mut taken),
+        }
         self.levels = levels;
         let end = self.engine.step_on_node(now_us, &Measurement::RoundEnd);
         self.last_m = end.fix.as_ref().ok().map(|fix| fix.position);
@@ -80,6 +94,11 @@ impl Tracker<'_> {
         let outcome = outcome(&end, taken, self.levels.len());
         let measured = Measured::Levels(Levels { number: self.number, levels: &self.levels });
         Some(Epoch { measured, poll_us: now_us, outcome, sounding: None })
+    }
+
+    /// In which room the tag is, where the last window had something to tell of that.
+    pub fn room(&mut self) -> Option<RoomTold> {
+        self.on_the_spot.first_mut()?.news.take()
     }
 
     /// What is new of a listed beacon since it was asked last: it is doubted, or believed again.

@@ -36,7 +36,12 @@ impl Run {
     pub fn epochs(&self, tag: u16) -> impl Iterator<Item = (f64, &Epoch)> {
         self.records.iter().filter(move |record| record.node == tag).filter_map(|record| match &record.what {
             What::Epoch(epoch) => Some((record.t_s, epoch)),
-            What::Link(_) | What::RadioFailed(_) | What::Fault(_) | What::Sighting(_) | What::Beacon(_) => None,
+            What::Link(_)
+            | What::RadioFailed(_)
+            | What::Fault(_)
+            | What::Sighting(_)
+            | What::Room(_)
+            | What::Beacon(_) => None,
         })
     }
 

@@ -6,6 +6,8 @@ use boards::dwm1001::{self, Board, Bus, Delay, Interrupt, Reset};
 use boards::node::{self, Guard, Reporter, Tasks};
 use embassy_executor::Spawner;
 use firmware_common::TagMachine;
+#[cfg(feature = "ble")]
+use firmware_tag::Surveyed;
 use firmware_tag::{AnchorPlace, Locator, Pace, Shelf, Told};
 use node_record::{Pages, Role, Tag};
 use positioning_core::nlos::NodeModel;
@@ -22,6 +24,8 @@ static RADIO: StaticCell<Radio> = StaticCell::new();
 static MACHINE: StaticCell<TagMachine> = StaticCell::new();
 #[cfg(feature = "ble")]
 static RECORD: StaticCell<node_record::Record> = StaticCell::new();
+#[cfg(feature = "ble")]
+static SURVEYED: StaticCell<Surveyed<'static>> = StaticCell::new();
 static SHELF: Shelf = Shelf::new();
 static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
 
@@ -32,6 +36,8 @@ struct Shared {
     reporter: &'static Reporter,
     #[cfg(feature = "ble")]
     record: &'static node_record::Record,
+    #[cfg(feature = "ble")]
+    surveyed: &'static Surveyed<'static>,
     tag: Tag,
     model: Option<&'static NodeModel>,
 }
@@ -50,7 +56,8 @@ async fn ranging(radio: &'static mut Radio, delay: Delay, machine: &'static mut 
 #[embassy_executor::task]
 async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
     #[cfg(feature = "ble")]
-    let locator = Locator::of(&shared.tag, shared.record, anchors).with_model(shared.model);
+    let locator =
+        Locator::of(&shared.tag, shared.record, anchors).with_model(shared.model).with_surveyed(shared.surveyed);
     #[cfg(not(feature = "ble"))]
     let locator = Locator::new(shared.tag.height_m, anchors).with_model(shared.model);
     let pace = Pace::of(&shared.tag);
@@ -110,6 +117,11 @@ fn start(spawner: Spawner) {
                     reporter,
                     #[cfg(feature = "ble")]
                     record,
+                    #[cfg(feature = "ble")]
+                    surveyed: SURVEYED.init_with(|| {
+                        let complain = |condition| reporter.journal.state(reporter.now_us(), condition);
+                        Surveyed::of(node_record::decode_models(dwm1001::models()), &record.beacons, complain)
+                    }),
                     tag,
                     model: SHELF.fill(&mut board.flash, Pages::DWM1001.offsets),
                 };

@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
-use firmware_common::lines::StateLine;
+use firmware_common::lines::{RoomLine, StateLine};
 use host_tools::nlos::Chosen;
-use host_tools::simulate::{Capture, Logbook, picture, position_header, position_row};
+use host_tools::presence::read_outlines;
+use host_tools::simulate::{Capture, Logbook, load_levels, picture, position_header, position_row, survey_csv};
 use host_tools::{Wrong, output};
 use positioning_core::Method;
 use sim::scenario::{BluetoothSummary, Cover, Epoch, Level, Mode, Record, Scenario, Simulation, Summary, What};
@@ -81,6 +82,19 @@ pub struct Arguments {
     /// Draw the tracks on the floor plan, as .svg or .png
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
+    /// Survey the beacons instead, and write the stays (fingerprints.csv): what `baliza ble map` and `baliza ble rooms` make the map and the
+    /// rooms of that the scenario names
+    #[arg(long, value_name = "FILE", requires = "scenario", conflicts_with_all = ["out", "pcap", "plot", "json"])]
+    survey: Option<PathBuf>,
+    /// From one point of the survey to the next, metres, 0.1 to 100
+    #[arg(long, value_name = "M", default_value_t = 1.0, value_parser = step)]
+    survey_step_m: f64,
+    /// How long a stay is, seconds
+    #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = seconds)]
+    survey_stay_s: f64,
+    /// The rooms' outlines: CSV with room,x_m,y_m; points outside of all are left out
+    #[arg(long, value_name = "FILE", requires = "survey")]
+    survey_rooms: Option<PathBuf>,
     /// Print JSON and no positions: tags, anchors, seconds, fixes, fixes_per_s, rmse_m, p50_m, p90_m, frames_sent,
     /// frames_lost, collisions, airtime_share; with beacons also bluetooth
     #[arg(long)]
@@ -94,6 +108,7 @@ Examples:
   baliza simulate --scenario office.toml --out run --pcap run.pcap
   baliza simulate --scenario office.toml --model nlos.model --classifier skewness
   baliza simulate --scenario examples/leaving.toml --plot leaving.png
+  baliza simulate --scenario examples/fingerprints.toml --survey fingerprints.csv
   baliza simulate --mode tdoa --tags 100 --anchors 8 --level air
   baliza simulate --level air --tags 1000 --anchors 200 --rate 10 --json";
 
@@ -140,6 +155,10 @@ fn seconds(text: &str) -> Result<f64, String> {
     number(text, 0.001, 1e6)
 }
 
+fn step(text: &str) -> Result<f64, String> {
+    number(text, 0.1, 100.0)
+}
+
 fn probability(text: &str) -> Result<f64, String> {
     number(text, 0.0, 1.0)
 }
@@ -169,6 +188,9 @@ impl Arguments {
                     (ModeName::Listening, Mode::Native | Mode::DecaRanging(_)) => Mode::LISTENING,
                 };
             }
+        }
+        if let Some(file) = self.scenario.as_ref().filter(|_| self.survey.is_none()) {
+            load_levels(&mut scenario, file)?;
         }
         scenario.seconds = self.seconds.unwrap_or(scenario.seconds);
         scenario.seed = self.seed.unwrap_or(scenario.seed);
@@ -204,6 +226,14 @@ fn read(file: &Path) -> Result<Scenario, Wrong> {
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let scenario = arguments.scenario()?;
+    if let Some(file) = &arguments.survey {
+        output::check("--survey", file)?;
+        let rooms = arguments.survey_rooms.as_deref().map(read_outlines).transpose()?;
+        let survey = survey_csv(&scenario, arguments.survey_step_m, arguments.survey_stay_s, rooms.as_deref())?;
+        super::write(file, &survey)?;
+        super::tell(&format!("survey: {}\n", file.display()));
+        return Ok(());
+    }
     let drawing = PictureFile::plot(arguments.plot.as_deref())?;
     if let Some(file) = &arguments.pcap {
         output::check("--pcap", file)?;
@@ -328,11 +358,19 @@ impl Show {
                 (Self::Lines { .. }, What::Beacon(word)) => {
                     text.extend(format!("{:>8.3} {:>6} {}\n", record.t_s, record.node, StateLine(*word)).into_bytes());
                 }
+                (Self::Lines { .. }, What::Room(is)) => {
+                    text.extend(format!("{:>8.3} {:>6} {}\n", record.t_s, record.node, RoomLine(*is)).into_bytes());
+                }
                 (Self::Lines { .. }, What::Sighting(_))
                 | (Self::Nothing, _)
                 | (
                     Self::Rows { .. },
-                    What::Link(_) | What::Fault(_) | What::RadioFailed(_) | What::Sighting(_) | What::Beacon(_),
+                    What::Link(_)
+                    | What::Fault(_)
+                    | What::RadioFailed(_)
+                    | What::Sighting(_)
+                    | What::Beacon(_)
+                    | What::Room(_),
                 ) => {}
             }
         }

@@ -2,10 +2,11 @@
 //! bound to the beacons that the tag is told of; and what a node has of them, in words.
 
 use std::fs;
+use std::path::Path;
 
 use node_record::{Beacon, BeaconModels, MODELS_BYTES, OfBeacons, decode_models, encode_models};
 use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map};
-use positioning_core::ble::rooms::{Classifier, Model};
+use positioning_core::ble::rooms::{Classifier, Model, NodeModel};
 
 use super::calibrated::numbers;
 use super::document::{Field, Section};
@@ -48,62 +49,60 @@ impl Files {
             needs(field, "height_m", "beacons are heeded in the plane, at the height at which a tag is carried")?;
         }
         Ok(Self {
-            map: map.map(|field| read(&field, "ble map", |bytes| of_map(&bytes).map(|()| bytes))).transpose()?,
-            rooms: rooms.map(|field| read(&field, "ble rooms", |bytes| ModelFile::parse(&bytes))).transpose()?,
+            map: map.map(|field| named(&field, "ble map", read_map)).transpose()?,
+            rooms: rooms.map(|field| named(&field, "ble rooms", read_rooms)).transpose()?,
         })
     }
 
     /// The models as a node has them, bound to these beacons; `None` without any. The error is of a line.
     pub(super) fn bound(&self, beacons: &[Beacon]) -> Result<Option<Vec<u8>>, (u64, String)> {
-        let Some(line) = self.map.as_ref().map(|map| map.line).or(self.rooms.as_ref().map(|rooms| rooms.line)) else {
+        let map = self.map.as_ref().map(|map| map.content.as_slice());
+        let rooms = self.rooms.as_ref().map(|rooms| &rooms.content);
+        if map.is_none() && rooms.is_none() {
             return Ok(None);
-        };
-        let (mut of_map, mut of_rooms) = (Vec::new(), Vec::new());
-        if let Some(Named { content, line }) = &self.map {
-            let identities: Vec<u16> =
-                Map::decode(content).map(|(map, _)| map.identities().collect()).unwrap_or_default();
-            let called = identities.into_iter().map(|minor| Some((None, minor)));
-            of_map = bind("fingerprint_map", called, beacons).map_err(|what| (*line, what))?;
         }
-        if let Some(Named { content, line }) = &self.rooms {
-            let called = content.names.beacons.iter().map(|name| called(name));
-            of_rooms = bind("room_model", called, beacons).map_err(|what| (*line, what))?;
-        }
-        let names = self.rooms.as_ref().map(|rooms| rooms.content.names.rooms.join("\n")).unwrap_or_default();
-        let models = BeaconModels {
-            map: self.map.as_ref().map(|map| OfBeacons { beacons: &of_map, model: &map.content }),
-            rooms: self.rooms.as_ref().map(|rooms| OfBeacons { beacons: &of_rooms, model: &rooms.content.model }),
-            room_names: &names,
-        };
-        let bytes = encode_models(&models, &mut [0; MODELS_BYTES]).map(<[u8]>::to_vec);
-        let sizes = || {
-            let of =
-                |name, model: Option<OfBeacons<'_>>| model.map(|of| format!("{name} has {} bytes", of.model.len()));
-            [of("fingerprint_map", models.map), of("room_model", models.rooms)]
-                .into_iter()
-                .flatten()
-                .collect::<Vec<_>>()
-                .join(", ")
-        };
-        bytes.map(Some).ok_or_else(|| (line, format!("{}: a node has room for {MODELS_BYTES} in all", sizes())))
+        encode(map, rooms, beacons).map(Some).map_err(|(part, what)| {
+            let lines = [self.map.as_ref().map(|map| map.line), self.rooms.as_ref().map(|rooms| rooms.line)];
+            let line = lines.get(part).copied().flatten().unwrap_or(1);
+            (line, format!("{} {what}", KEYS.get(part).unwrap_or(&"")))
+        })
     }
 }
 
-/// The file that a field names, its path from the site's folder.
-fn read<T>(
-    field: &Field<'_>,
-    maker: &str,
-    parse: impl FnOnce(Vec<u8>) -> Result<T, String>,
-) -> Result<Named<T>, Wrong> {
-    let file = field.path(&format!("the name of a file of `baliza {maker} --out`"))?;
-    let wrong = |what: String| field.wrong(format!("{}: {}: {what}", field.key, file.display()));
-    let bytes = fs::read(&file).map_err(|error| wrong(format!("cannot open it: {error}")))?;
-    Ok(Named { content: parse(bytes).map_err(wrong)?, line: field.line })
+/// A map and a model of rooms as a node has them, bound to the beacons that it is told of. The error says what is wrong with the map,
+/// 0, or with the rooms, 1.
+///
+/// # Errors
+/// A beacon of theirs is not among those, or two may be it; or they are too long.
+pub fn encode(map: Option<&[u8]>, rooms: Option<&ModelFile>, beacons: &[Beacon]) -> Result<Vec<u8>, (usize, String)> {
+    let (mut of_map, mut of_rooms) = (Vec::new(), Vec::new());
+    if let Some(map) = map {
+        let identities: Vec<u16> = Map::decode(map).map(|(map, _)| map.identities().collect()).unwrap_or_default();
+        of_map = bind(identities.into_iter().map(|minor| Some((None, minor))), beacons).map_err(|what| (0, what))?;
+    }
+    if let Some(rooms) = rooms {
+        of_rooms = bind(rooms.names.beacons.iter().map(|name| called(name)), beacons).map_err(|what| (1, what))?;
+    }
+    let models = BeaconModels {
+        map: map.map(|model| OfBeacons { beacons: &of_map, model }),
+        rooms: rooms.map(|rooms| OfBeacons { beacons: &of_rooms, model: &rooms.model }),
+        room_names: &rooms.map(|rooms| rooms.names.rooms.join("\n")).unwrap_or_default(),
+    };
+    let bytes = encode_models(&models, &mut [0; MODELS_BYTES]).map(<[u8]>::to_vec);
+    bytes.ok_or_else(|| {
+        let size = |model: Option<OfBeacons<'_>>| model.map_or(0, |of| of.model.len());
+        let all = size(models.map) + size(models.rooms);
+        (usize::from(map.is_none()), format!("makes models of {all} bytes: a node has room for {MODELS_BYTES} in all"))
+    })
 }
 
-/// Whether bytes are a map for a node, and nothing else.
-fn of_map(bytes: &[u8]) -> Result<(), String> {
-    let (map, rest) = Map::decode(bytes).map_err(|fault| fault.to_string())?;
+/// A map for a node, from a file of `baliza ble map`.
+///
+/// # Errors
+/// In words: the file cannot be read, or it is no map for a node.
+pub fn read_map(file: &Path) -> Result<Vec<u8>, String> {
+    let bytes = read(file)?;
+    let (map, rest) = Map::decode(&bytes).map_err(|fault| fault.to_string())?;
     if !rest.is_empty() {
         return Err(format!("a map, and {} bytes behind it", rest.len()));
     }
@@ -113,7 +112,30 @@ fn of_map(bytes: &[u8]) -> Result<(), String> {
     if map.points() > MAX_NODE_POINTS {
         return Err(format!("a map of {} points: a tag has time for {MAX_NODE_POINTS}", map.points()));
     }
-    Ok(())
+    Ok(bytes)
+}
+
+/// A model of rooms, from a file of `baliza ble rooms --out`.
+///
+/// # Errors
+/// In words: the file cannot be read, or it is none.
+pub fn read_rooms(file: &Path) -> Result<ModelFile, String> {
+    let read = ModelFile::parse(&read(file)?)?;
+    match NodeModel::decode(&read.model) {
+        Ok(_) => Ok(read),
+        Err(_) => Err("a model of the nearest fingerprints: a tag wants a machine, made by --method svm".to_owned()),
+    }
+}
+
+fn read(file: &Path) -> Result<Vec<u8>, String> {
+    fs::read(file).map_err(|error| format!("cannot open it: {error}"))
+}
+
+/// What the file that a field names holds; its path counts from the site's folder.
+fn named<T>(field: &Field<'_>, maker: &str, read: impl FnOnce(&Path) -> Result<T, String>) -> Result<Named<T>, Wrong> {
+    let file = field.path(&format!("the name of a file of `baliza {maker} --out`"))?;
+    let content = read(&file).map_err(|what| field.wrong(format!("{}: {}: {what}", field.key, file.display())))?;
+    Ok(Named { content, line: field.line })
 }
 
 fn called(name: &str) -> Option<Called> {
@@ -121,13 +143,11 @@ fn called(name: &str) -> Option<Called> {
 }
 
 /// Major and minor of each beacon, as the node stores them.
-fn bind(key: &str, called: impl Iterator<Item = Option<Called>>, beacons: &[Beacon]) -> Result<Vec<u8>, String> {
+fn bind(called: impl Iterator<Item = Option<Called>>, beacons: &[Beacon]) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::new();
     for called in called {
         let Some((major, minor)) = called else {
-            return Err(format!(
-                "{key} has beacons whose names are no numbers: name them by major-minor in the survey"
-            ));
+            return Err("has beacons whose names are no numbers: name them by major-minor in the survey".to_owned());
         };
         let name = major.map_or_else(|| minor.to_string(), |major| format!("{major}-{minor}"));
         let is_it = |beacon: &&Beacon| beacon.minor == minor && major.is_none_or(|major| beacon.major == major);
@@ -138,10 +158,10 @@ fn bind(key: &str, called: impl Iterator<Item = Option<Called>>, beacons: &[Beac
                 bytes.extend(beacon.minor.to_le_bytes());
             }
             (None, _) => {
-                return Err(format!("{key} has beacon {name}, of which the tag is not told: list it as [[beacon]]"));
+                return Err(format!("has beacon {name}, of which the tag is not told: list it as [[beacon]]"));
             }
             (Some(_), Some(_)) => {
-                return Err(format!("{key} has beacon {name}, and the tag is told of two with that minor: change one"));
+                return Err(format!("has beacon {name}, and the tag is told of two with that minor: change one"));
             }
         }
     }

@@ -6,7 +6,7 @@
 mod calibrated;
 mod document;
 pub mod image;
-mod levels;
+pub mod levels;
 mod lists;
 mod network;
 mod node;

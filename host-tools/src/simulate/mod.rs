@@ -2,12 +2,15 @@
 //!
 //! [`Logbook`] takes a simulation's records and makes the CSV files of a recording and of its positions, so that
 //! `solve` reads what was simulated; [`Capture`] takes every frame on the air and makes a capture for Wireshark;
-//! [`picture`] draws the tracks on the floor plan.
+//! [`picture`] draws the tracks on the floor plan. [`load_levels`] gives tags the maps and room models that a scenario names,
+//! [`survey_csv`] makes the survey that they come from.
 
 mod capture;
+mod levels;
 mod logbook;
 mod picture;
 
 pub use capture::Capture;
+pub use levels::{load_levels, survey_csv};
 pub use logbook::{Logbook, position_header, position_row};
 pub use picture::picture;

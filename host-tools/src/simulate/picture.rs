@@ -9,7 +9,12 @@ pub fn picture(scenario: &Scenario, records: &[Record]) -> Picture {
     let epochs = || {
         records.iter().filter_map(|record| match &record.what {
             What::Epoch(epoch) => Some((record.node, epoch)),
-            What::Link(_) | What::RadioFailed(_) | What::Fault(_) | What::Sighting(_) | What::Beacon(_) => None,
+            What::Link(_)
+            | What::RadioFailed(_)
+            | What::Fault(_)
+            | What::Sighting(_)
+            | What::Room(_)
+            | What::Beacon(_) => None,
         })
     };
     let flat = |at: [f64; 3]| [at[0], at[1]];

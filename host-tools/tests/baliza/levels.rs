@@ -1,4 +1,4 @@
-//! `baliza provision`: a map of levels and a model of rooms, from a survey into the flash of a tag.
+//! A map of levels and a model of rooms, from a survey into the flash of a tag: by `baliza provision`, and in `baliza simulate`.
 
 use positioning_core::ble::fingerprint::{Point, encode};
 
@@ -118,6 +118,11 @@ fn what_a_tag_cannot_use_is_refused_with_its_line() {
         &site(&scanning("room_model = \"flat.rooms\"\n"), &[(2, 7), (1, 8)]),
         "site.toml:8: room_model has beacon 1-7, of which the tag is not told: list it as [[beacon]]",
     );
+    folder.run("ble rooms --fingerprints f.csv --method knn --out knn.rooms").ok();
+    refused(
+        &site(&scanning("room_model = \"knn.rooms\"\n"), both),
+        "site.toml:8: room_model: knn.rooms: a model of the nearest fingerprints: a tag wants a machine, made by --method svm",
+    );
     refused(&site(&scanning("room_model = \"flat.map\"\n"), both), "site.toml:8: room_model: flat.map: not a model");
     let point = |index: usize| Point {
         position_m: [(index / 20) as f64, (index % 20) as f64],
@@ -128,4 +133,42 @@ fn what_a_tag_cannot_use_is_refused_with_its_line() {
     let mut buffer = [0; 4096];
     folder.write("large.map", encode(&points, &[7, 8], &[-90.0; 2], Some(1.0), &mut buffer).expect("it fits"));
     refused(&map("large.map"), "site.toml:8: fingerprint_map: large.map: a map of 201 points: a tag has time for 200");
+}
+
+#[test]
+fn a_scenario_is_surveyed_and_its_tags_get_what_comes_of_it() {
+    let text = "seconds = 5\nheight_m = 1.2\nlevel = \"air\"\n[[beacon]]\nat = [0, 0, 2]\n[[beacon]]\nat = [4, 0, 2]\n\
+        [[beacon]]\nat = [4, 4, 2]\n[[beacon]]\nat = [0, 4, 2]\n[[tag]]\npath = [[1, 3, 1.2]]\n";
+    let outlines =
+        "room,x_m,y_m\nwest,-1,-1\nwest,2,-1\nwest,2,5\nwest,-1,5\neast,2,-1\neast,3.5,-1\neast,3.5,5\neast,2,5\n";
+    let folder = Folder::with(&[("s.toml", text), ("o.csv", outlines)]);
+    let survey = "simulate --scenario s.toml --survey f.csv --survey-step-m 2 --survey-stay-s 3 --survey-rooms o.csv";
+    folder.run(survey).ok();
+    let stays = String::from_utf8(folder.read("f.csv")).expect("text");
+    assert!(stays.starts_with("point,room,x_m,y_m,beacon,rssi_dbm,t_s\n"));
+    // Of nine points three have x = 4, which is in no room.
+    let points: std::collections::BTreeSet<_> =
+        stays.lines().skip(1).map(|row| row.split(',').take(4).collect::<Vec<_>>().join(",")).collect();
+    assert_eq!(points.len(), 6, "{points:?}");
+    assert!(points.contains("p0,west,0.000,0.000") && points.contains("p5,east,2.000,4.000"), "{points:?}");
+    // Four beacons, ten a second, three seconds at six points, a third of the channels heard.
+    let rows = stays.lines().count();
+    assert!((500..1000).contains(&rows), "{rows}");
+    folder.run("ble map --fingerprints f.csv --points 20 --out s.map").ok();
+    folder.run("ble rooms --fingerprints f.csv --out s.rooms").ok();
+    let with = |lines: &str| text.replace("level", &format!("bluetooth = {{ {lines} }}\nlevel"));
+    folder.write("s.toml", with("map = \"s.map\", rooms = \"s.rooms\"").as_bytes());
+    let json = folder.run("simulate --scenario s.toml --json").ok().json();
+    assert!(json["bluetooth"]["by_beacons"]["fixes"].as_u64() > Some(6), "{json}");
+
+    let refused = |text: &str, said: &str| {
+        folder.write("s.toml", text.as_bytes());
+        let run = folder.run("simulate --scenario s.toml --json");
+        assert_eq!((run.code, run.stderr.trim_end()), (Some(2), said), "{text}");
+    };
+    refused(&with("map = \"s.rooms\""), "s.toml: map: s.rooms: not a map of levels");
+    refused(
+        &with("map = \"s.map\"").replacen("at = [4, 4, 2]", "at = [4, 4, 2]\nminor = 9", 1),
+        "s.toml: map has beacon 3, of which the tag is not told: list it as [[beacon]]",
+    );
 }

@@ -59,12 +59,26 @@ pub struct BluetoothSettings {
     pub air: BluetoothConfig,
     /// When tags scan.
     pub scan: Plan,
+    /// What tags know of levels on the spot, by the files' names.
+    pub files: LevelFiles,
+    /// The same as a tag has it in flash (`node_record::decode_models`), of the beacons that tags are told of; it should be sound.
+    pub levels: Option<Rc<[u8]>>,
+}
+
+/// The files of what tags know of levels on the spot; their paths count from the scenario's.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LevelFiles {
+    /// A map, of `baliza ble map`.
+    pub map: Option<String>,
+    /// A model of rooms, of `baliza ble rooms`.
+    pub rooms: Option<String>,
 }
 
 impl Default for BluetoothSettings {
     /// Tags scan all the time.
     fn default() -> Self {
-        Self { air: BluetoothConfig::default(), scan: Plan { interval_us: 1_000_000, window_us: 1_000_000 } }
+        let scan = Plan { interval_us: 1_000_000, window_us: 1_000_000 };
+        Self { air: BluetoothConfig::default(), scan, files: LevelFiles::default(), levels: None }
     }
 }
 

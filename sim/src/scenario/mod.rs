@@ -12,6 +12,7 @@ mod motion;
 mod record;
 mod run;
 mod sink;
+mod survey;
 
 use positioning_core::Method;
 use ranging::frame::decaranging::Variant;
@@ -20,11 +21,12 @@ use ranging::{PhyConfig, RadioDuration};
 use crate::air::Wall;
 use crate::board::BoardProfile;
 
-pub use beacon::{Beacon, BluetoothSettings, Format};
+pub use beacon::{Beacon, BluetoothSettings, Format, LevelFiles};
 pub use file::ScenarioError;
 pub use motion::{Walk, distance};
 pub use record::{BluetoothSummary, Cover, DifferenceRecord, Epoch, RangeRecord, Record, Source, Summary, What};
 pub use run::Simulation;
+pub use survey::{Surveyed, survey};
 
 /// What is simulated.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,7 +5,7 @@ use positioning_core::NoFix;
 use positioning_core::nlos::Shape;
 use ranging::exchange::{Difference, Link, Range};
 use serde::Serialize;
-use telemetry::{Condition, Sighting};
+use telemetry::{Condition, Sighting, Whereabouts};
 
 use crate::air::AirStatistics;
 use crate::bluetooth::BluetoothStatistics;
@@ -28,8 +28,10 @@ pub enum What {
     Epoch(Epoch),
     /// A tag heard a beacon that it knows.
     Sighting(Sighting),
-    /// Something else is believed of a beacon.
+    /// Something else is believed of a beacon, or what a tag knows of beacons is not used.
     Beacon(Condition),
+    /// A tag has gone to another room.
+    Room(Whereabouts),
     /// A link has changed.
     Link(Link),
     /// The radio failed for the so-manieth time in a row.

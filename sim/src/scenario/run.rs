@@ -8,7 +8,7 @@ use std::rc::Rc;
 use embassy_futures::join::join3;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_tag::scan::{self, Plan};
-use firmware_tag::{AnchorPlace, Handover, KnownBeacons, Locator, Pace};
+use firmware_tag::{AnchorPlace, Handover, KnownBeacons, Locator, Pace, Surveyed};
 use positioning_core::Blocked;
 use positioning_core::engine::{Settings, Solvers};
 use positioning_core::nlos::Model;
@@ -76,6 +76,7 @@ impl Simulation {
                 path: path.clone(),
                 plan: settings.scan,
                 known: known.clone(),
+                levels: settings.levels.clone(),
             });
             let plan = plan(&world, &scenario, tag.address, path, tag.network, Role::Tag);
             let firmware = TagFirmware { tag: tag.clone(), notebook: notebook(tag.address), ears };
@@ -263,6 +264,7 @@ struct Ears {
     path: Path,
     plan: Plan,
     known: Rc<[node_record::Beacon]>,
+    levels: Option<Rc<[u8]>>,
 }
 
 /// A tag's life: its two tasks, and where there are beacons the scan beside them, as on a board.
@@ -274,7 +276,7 @@ async fn live<R: Restart + 'static>(
     sink: TagSink,
     ears: Option<Ears>,
 ) -> Infallible {
-    let Some(Ears { air, address, path, plan, known }) = ears else {
+    let Some(Ears { air, address, path, plan, known, levels }) = ears else {
         return firmware_tag::run(radio, delay, machine, locator, pace, sink).await;
     };
     let (handover, sink) = (Rc::new(Handover::<NoopRawMutex>::new()), Rc::new(sink));
@@ -282,7 +284,9 @@ async fn live<R: Restart + 'static>(
         let (handover, sink) = (handover.clone(), sink.clone());
         air.scanner(address, path, move |data, rssi_dbm| scan::hear(&handover, &*sink, data, rssi_dbm))
     };
-    let locator = locator.with_beacons(KnownBeacons::new(&known, None));
+    let models = levels.as_deref().map_or(Err(node_record::Fault::Missing), node_record::decode_models);
+    let surveyed = Surveyed::of(models, &known, |condition| sink.unused(condition));
+    let locator = locator.with_beacons(KnownBeacons::new(&known, None)).with_surveyed(&surveyed);
     let ranging = firmware_tag::ranging(radio, delay.clone(), machine, &handover, &*sink);
     let engine = firmware_tag::engine(&handover, delay.clone(), locator, pace, &*sink);
     join3(ranging, engine, scan::run(&handover, plan, scanner, delay, &*sink)).await.0

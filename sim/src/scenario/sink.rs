@@ -5,7 +5,7 @@ use std::fmt::Debug;
 use std::rc::Rc;
 use std::time::Duration;
 
-use firmware_tag::Measured;
+use firmware_tag::{Measured, RoomTold};
 use ranging::RadioInstant;
 use ranging::exchange::{Difference, Guidance, Link, Report};
 use ranging::node::Listener;
@@ -68,6 +68,13 @@ impl Listener for AnchorSink {
 pub(super) struct TagSink {
     pub(super) notebook: Notebook,
     pub(super) walk: Walk,
+}
+
+impl TagSink {
+    /// What the tag knows of levels on the spot is not used.
+    pub(super) fn unused(&self, condition: Condition) {
+        self.notebook.write(What::Beacon(condition));
+    }
 }
 
 impl firmware_tag::Sink for TagSink {
@@ -148,6 +155,12 @@ impl firmware_tag::Sink for TagSink {
 
     fn beacon(&self, word: Condition) {
         self.notebook.write(What::Beacon(word));
+    }
+
+    fn room(&self, told: RoomTold) {
+        if told.is_news {
+            self.notebook.write(What::Room(told.room.is));
+        }
     }
 
     fn radio_failed(&self, _: &impl Debug, failures: u32) {

@@ -15,6 +15,7 @@ fn listen(level: Level, tags: usize, seconds: f64, loss: f64) -> (f64, f64, u64)
         | sim::scenario::What::RadioFailed(_)
         | sim::scenario::What::Fault(_)
         | sim::scenario::What::Sighting(_)
+        | sim::scenario::What::Room(_)
         | sim::scenario::What::Beacon(_) => None,
     });
     let errors_m: Vec<f64> = errors_m.collect();

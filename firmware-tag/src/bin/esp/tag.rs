@@ -6,10 +6,14 @@ use boards::node::{self, Guard, Reporter, Tasks};
 use embassy_executor::Spawner;
 use embassy_time::Delay;
 use firmware_common::{Settings, TagMachine};
+#[cfg(feature = "ble")]
+use firmware_tag::Surveyed;
 use firmware_tag::{AnchorPlace, Locator, Pace, Shelf, Told};
 use node_record::{Pages, Record, Role, Tag};
 use positioning_core::nlos::NodeModel;
 use ranging::dw1000::Dw1000;
+#[cfg(feature = "ble")]
+use static_cell::ConstStaticCell;
 use static_cell::StaticCell;
 use telemetry::{Condition, RecordFault};
 
@@ -24,12 +28,21 @@ static RECORD: StaticCell<Record> = StaticCell::new();
 static SHELF: Shelf = Shelf::new();
 static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
 
+/// The flash is not in the processor's memory: what it has of beacons' levels is copied, once.
+#[cfg(feature = "ble")]
+static MODELS: ConstStaticCell<[u8; node_record::MODELS_BYTES]> = ConstStaticCell::new([0; node_record::MODELS_BYTES]);
+
+#[cfg(feature = "ble")]
+static SURVEYED: StaticCell<Surveyed<'static>> = StaticCell::new();
+
 /// What the tag's tasks share.
 #[derive(Clone, Copy)]
 struct Shared {
     handover: &'static Handover,
     reporter: &'static Reporter,
     record: &'static Record,
+    #[cfg(feature = "ble")]
+    surveyed: &'static Surveyed<'static>,
     tag: Tag,
     model: Option<&'static NodeModel>,
 }
@@ -48,6 +61,8 @@ async fn ranging(radio: &'static mut Radio, machine: &'static mut TagMachine, sh
 #[embassy_executor::task]
 async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
     let locator = Locator::of(&shared.tag, shared.record, anchors).with_model(shared.model);
+    #[cfg(feature = "ble")]
+    let locator = locator.with_surveyed(shared.surveyed);
     let pace = Pace::of(&shared.tag);
     firmware_tag::engine(shared.handover, Delay, locator, pace, &shared.told()).await;
 }
@@ -105,7 +120,23 @@ pub fn start(spawner: Spawner) {
             (Role::Tag(tag), Ok(uwb)) => {
                 tasks = Tasks::RangingAndEngine;
                 let model = SHELF.fill(&mut board.flash, Pages::ESP.offsets);
-                let shared = Shared { handover: HANDOVER.init_with(Handover::new), reporter, record, tag, model };
+                #[cfg(feature = "ble")]
+                let surveyed = {
+                    let models = match Pages::ESP.models {
+                        Some(at) => node_record::load_models(&mut board.flash, at, MODELS.take()),
+                        None => Err(node_record::Fault::Missing),
+                    };
+                    SURVEYED.init_with(|| Surveyed::of(models, &record.beacons, complain))
+                };
+                let shared = Shared {
+                    handover: HANDOVER.init_with(Handover::new),
+                    reporter,
+                    record,
+                    #[cfg(feature = "ble")]
+                    surveyed,
+                    tag,
+                    model,
+                };
                 work(spawner, uwb, &settings, shared);
                 #[cfg(feature = "ble")]
                 if let Some(wanted) = tag.scan {

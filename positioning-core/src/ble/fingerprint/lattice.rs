@@ -81,6 +81,19 @@ pub fn locate<T: Real>(map: &Map<'_>, scan: &[Option<T>], receiver: &Receiver<T>
     Ok(moments.posterior(map, &likelihood))
 }
 
+/// [`locate`], compiled in this crate and so optimised as it is, whatever the image is optimised for.
+///
+/// # Errors
+/// As [`locate`].
+#[inline(never)]
+pub fn locate_on_node(
+    map: &Map<'_>,
+    scan: &[Option<f32>],
+    receiver: &Receiver<f32>,
+) -> Result<Posterior<f32>, NoPosition> {
+    locate(map, scan, receiver)
+}
+
 /// How likely a scan is at the points of a map.
 pub(super) struct Likelihood<T> {
     /// Of each beacon that is heard: its place in the map, its level, and what it has where a point did not hear it.

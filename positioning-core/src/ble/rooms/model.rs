@@ -58,6 +58,54 @@ impl Model<'_> {
     }
 }
 
+/// A classifier as a node holds it: of the kinds of [`Model`] the support vector machine alone, so that an image has no code for the
+/// others. Its bytes are those of the same [`Model`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum NodeModel<'a> {
+    /// A support vector machine.
+    #[serde(borrow)]
+    Svm(Svm<'a>),
+}
+
+impl<'a> NodeModel<'a> {
+    /// Reads a model from the beginning of `bytes`; returns it and what follows.
+    ///
+    /// # Errors
+    /// The bytes are no model, or not one that can be trusted; one of another kind is [`Fault::Invalid`].
+    pub fn decode(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), Fault> {
+        stored::decode(bytes)
+    }
+
+    /// How many beacons a scan has.
+    pub fn beacons(&self) -> usize {
+        let Self::Svm(svm) = self;
+        svm.fallback_dbm.len() / 4
+    }
+}
+
+impl Stored for NodeModel<'_> {
+    const CONTENT: Content = Model::CONTENT;
+
+    fn is_sane(&self) -> bool {
+        let Self::Svm(svm) = self;
+        svm.is_sane()
+    }
+}
+
+impl Classifier for NodeModel<'_> {
+    type Evidence = [Option<f32>];
+
+    fn rooms(&self) -> usize {
+        let Self::Svm(svm) = self;
+        svm.rooms()
+    }
+
+    fn probabilities(&self, scan: &[Option<f32>]) -> Option<Probabilities> {
+        let Self::Svm(svm) = self;
+        svm.probabilities(scan)
+    }
+}
+
 impl Stored for Model<'_> {
     const CONTENT: Content = Content { magic: *b"RM", version: MODEL_VERSION };
 
@@ -118,6 +166,19 @@ mod tests {
         let bytes = svm(&numbers).encode(&mut buffer).expect("it fits");
         assert_eq!(bytes.split_last_chunk::<2>().expect("a checksum").0, expected);
         assert_eq!(Model::decode(bytes), Ok((svm(&numbers), &[][..])));
+    }
+
+    #[test]
+    fn a_node_reads_a_machine_and_no_fingerprints() {
+        let (mut buffer, numbers) = ([0; 64], numbers());
+        let bytes = svm(&numbers).encode(&mut buffer).expect("it fits").to_vec();
+        let (node, rest) = NodeModel::decode(&bytes).expect("a machine");
+        assert_eq!((node.beacons(), node.rooms(), rest), (1, 2, &[][..]));
+        let scan = [Some(-60.0)];
+        assert_eq!(node.probabilities(&scan), svm(&numbers).probabilities(&scan));
+        let nearest = Nearest { rooms: 2, neighbours: 1, fallback: &[76], fingerprints: &[1, 99] };
+        let bytes = Model { kind: Kind::Nearest(nearest) }.encode(&mut buffer).expect("it fits").to_vec();
+        assert_eq!(NodeModel::decode(&bytes), Err(Fault::Invalid));
     }
 
     #[test]

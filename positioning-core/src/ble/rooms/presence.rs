@@ -86,8 +86,12 @@ impl Presence {
         self.answer
     }
 
+    /// The smoothed probability of a room, 0 where there is none of that number.
+    pub fn probability(&self, room: u8) -> f32 {
+        self.smoothed.get(usize::from(room)).copied().unwrap_or(0.0)
+    }
+
     fn judge(&self) -> Whereabouts {
-        let of = |room: u8| self.smoothed.get(usize::from(room)).copied().unwrap_or(0.0);
         let (mut first, mut second) = (0, 0);
         let (mut most, mut next) = (-1.0, -1.0);
         for (room, &p) in (0..MAX_ROOMS as u8).zip(&self.smoothed) {
@@ -99,7 +103,7 @@ impl Presence {
             }
         }
         match self.answer {
-            Whereabouts::Room(room) if of(room) >= self.settings.leave && most < self.settings.enter => {
+            Whereabouts::Room(room) if self.probability(room) >= self.settings.leave && most < self.settings.enter => {
                 Whereabouts::Room(room)
             }
             Whereabouts::Room(_) | Whereabouts::Between(..) | Whereabouts::Unknown => {

@@ -6,14 +6,14 @@ use serde::Deserialize;
 
 use super::values::{decibels, level, not_negative, optional_place, place, positive, probability};
 use crate::bluetooth::{BluetoothConfig, Medium};
-use crate::scenario::{Beacon, BluetoothSettings, Format, beacon};
+use crate::scenario::{Beacon, BluetoothSettings, Format, LevelFiles, beacon};
 
 /// The UUID of a scenario's beacons; Eddystone has its first ten bytes as namespace.
 const UUID: [u8; 16] = *b"baliza scenario\0";
 /// Channels 37, 38, 39.
 const CHANNELS: std::ops::RangeInclusive<u8> = 37..=39;
 
-#[derive(Clone, Copy, Deserialize)]
+#[derive(Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct BluetoothTable {
     #[serde(deserialize_with = "positive")]
@@ -35,11 +35,13 @@ pub(super) struct BluetoothTable {
     unknown_rssi_dbm: i8,
     scan_interval_ms: u16,
     scan_window_ms: u16,
+    map: Option<String>,
+    rooms: Option<String>,
 }
 
 impl Default for BluetoothTable {
     fn default() -> Self {
-        let BluetoothSettings { air, scan } = BluetoothSettings::default();
+        let BluetoothSettings { air, scan, files: LevelFiles { map, rooms }, levels: _ } = BluetoothSettings::default();
         Self {
             path_loss_exponent: air.medium.exponent,
             shadowing_db: air.medium.shadowing_db,
@@ -52,6 +54,8 @@ impl Default for BluetoothTable {
             unknown_rssi_dbm: air.unknown_rssi_dbm,
             scan_interval_ms: (scan.interval_us / 1000) as u16,
             scan_window_ms: (scan.window_us / 1000) as u16,
+            map,
+            rooms,
         }
     }
 }
@@ -73,6 +77,8 @@ impl BluetoothTable {
                 unknown_rssi_dbm: self.unknown_rssi_dbm,
             },
             scan: Plan::from(node_record::Scan { interval_ms: self.scan_interval_ms, window_ms: self.scan_window_ms }),
+            files: LevelFiles { map: self.map.clone(), rooms: self.rooms.clone() },
+            levels: None,
         }
     }
 }

@@ -1,0 +1,204 @@
+//! What a survey of the place gave the tag: a map of levels, by which it is found instead of by path losses, and a model of rooms, by
+//! which it tells in which it is. Both lie in flash beside the record and are read where they lie; here they are bound to the record's
+//! list of beacons. In flow the smoothed levels of a window, out flow a position with its covariance, and rooms.
+
+use heapless::Vec;
+use node_record::{Beacon, BeaconModels, Fault, OfBeacons};
+use positioning_core::ble::fingerprint::{self, MAX_NODE_POINTS, Map, Receiver, locate_on_node};
+use positioning_core::ble::rooms::{self, Classifier, Presence, Whereabouts};
+use positioning_core::engine::BeaconPosition;
+use telemetry::{Condition, LevelsFault, Likely, Room};
+
+use crate::levels::{Scan, WINDOW_US};
+
+/// Most beacons of a model: as many as a tag is told of.
+const MOST: usize = node_record::MAX_BEACONS;
+/// What a map's levels are off by where nothing was measured twice, dB²: recorded surveys have deviations of 3 to 5 dB. It stays with
+/// the place; the noise of a window comes beside.
+const LASTING_DB2: f32 = 16.0;
+/// The receiver's offset is learnt from one window in so long, microseconds: those between are shadowed alike.
+const LEARNT_US: u64 = 4 * WINDOW_US;
+/// In which room the tag is, is told again after so long, microseconds.
+const REPEATED_US: u64 = 5_000_000;
+
+/// What a survey of the place gave the tag, for a `static`.
+#[derive(Debug, Default)]
+pub struct Surveyed<'a> {
+    map: Option<Fingerprints<'a>>,
+    rooms: Option<Rooms<'a>>,
+}
+
+/// The place in the record's list of each beacon of a model, in its order.
+type Places = Vec<u8, MOST>;
+
+#[derive(Debug)]
+struct Fingerprints<'a> {
+    map: Map<'a>,
+    places: Places,
+}
+
+#[derive(Debug)]
+struct Rooms<'a> {
+    model: rooms::NodeModel<'a>,
+    places: Places,
+}
+
+/// What becomes of it from window to window.
+#[derive(Clone, Debug)]
+pub(crate) struct OnTheSpot<'a> {
+    surveyed: &'a Surveyed<'a>,
+    receiver: Receiver<f32>,
+    /// When the receiver was learnt last.
+    learnt_us: Option<u64>,
+    presence: Presence,
+    /// What was told last of rooms, and when.
+    told: Option<(Whereabouts, u64)>,
+    /// What there is to tell.
+    pub(crate) news: Option<RoomTold>,
+}
+
+/// Word of a room.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RoomTold {
+    /// In which the tag is.
+    pub room: Room,
+    /// It is another than before.
+    pub is_news: bool,
+}
+
+impl<'a> Surveyed<'a> {
+    /// Of what flash has, for a tag that is told of these beacons. What cannot be used is left out, and `complain` hears of it once.
+    pub fn of(models: Result<BeaconModels<'a>, Fault>, list: &[Beacon], mut complain: impl FnMut(Condition)) -> Self {
+        let models = match models {
+            Ok(models) => models,
+            Err(fault) => {
+                let told = match fault {
+                    Fault::Missing => None,
+                    Fault::Version(version) => Some(LevelsFault::Version(version)),
+                    Fault::Corrupt => Some(LevelsFault::Corrupt),
+                    Fault::Invalid(_) => Some(LevelsFault::Invalid),
+                };
+                told.into_iter().for_each(|fault| complain(Condition::Unused(telemetry::Levels::All, fault)));
+                return Self::default();
+            }
+        };
+        let mut used = |part, fault| complain(Condition::Unused(part, fault));
+        let map = models.map.and_then(|of| match Fingerprints::of(&of, list) {
+            Ok(map) => Some(map),
+            Err(fault) => {
+                used(telemetry::Levels::Map, fault);
+                None
+            }
+        });
+        let rooms = models.rooms.and_then(|of| match Rooms::of(&of, list) {
+            Ok(rooms) => Some(rooms),
+            Err(fault) => {
+                used(telemetry::Levels::Rooms, fault);
+                None
+            }
+        });
+        Self { map, rooms }
+    }
+}
+
+impl<'a> OnTheSpot<'a> {
+    /// Nothing was heard yet.
+    pub(crate) fn new(surveyed: &'a Surveyed<'a>) -> Self {
+        Self {
+            surveyed,
+            receiver: Receiver::default(),
+            learnt_us: None,
+            presence: Presence::new(rooms::Settings::default()),
+            told: None,
+            news: None,
+        }
+    }
+
+    /// Where the map has the tag by these levels; `None` without a map, or where none of its beacons is heard.
+    pub(crate) fn locate(&mut self, now_us: u64, scan: &Scan) -> Option<BeaconPosition<f32>> {
+        let Fingerprints { map, places } = self.surveyed.map.as_ref()?;
+        let believed = Receiver { noise_db2: scan.noise_db2, ..self.receiver };
+        let posterior = locate_on_node(map, &of_places(places, scan), &believed).ok()?;
+        if self.learnt_us.is_none_or(|before_us| now_us.saturating_sub(before_us) >= LEARNT_US) {
+            self.receiver.learn(&posterior);
+            self.learnt_us = Some(now_us);
+        }
+        let lasting = LASTING_DB2 / (LASTING_DB2 + scan.noise_db2);
+        Some(BeaconPosition { position: posterior.position, covariance: posterior.covariance, lasting })
+    }
+
+    /// Whether the map knows the beacon at this place of the record's list.
+    pub(crate) fn maps(&self, place: u16) -> bool {
+        self.surveyed.map.as_ref().is_some_and(|map| map.places.iter().any(|known| u16::from(*known) == place))
+    }
+
+    /// Takes note of the room that these levels are of, where there is a model of rooms: [`news`](Self::news) has what is to be told.
+    pub(crate) fn note_room(&mut self, now_us: u64, scan: &Scan) {
+        let Some(Rooms { model, places }) = &self.surveyed.rooms else { return };
+        let probabilities = model.probabilities(&of_places(places, scan));
+        let is = self.presence.step(now_us, probabilities.as_ref());
+        let is_news = self.told.is_none_or(|(before, _)| before != is);
+        if !is_news && self.told.is_none_or(|(_, told_us)| now_us.saturating_sub(told_us) < REPEATED_US) {
+            return;
+        }
+        self.told = Some((is, now_us));
+        let likely = |room| Likely::new(room, self.presence.probability(room));
+        let is = match is {
+            Whereabouts::Unknown => telemetry::Whereabouts::Unknown,
+            Whereabouts::Room(room) => telemetry::Whereabouts::Room(likely(room)),
+            Whereabouts::Between(one, other) => telemetry::Whereabouts::Between([likely(one), likely(other)]),
+        };
+        self.news = Some(RoomTold { room: Room { t_us: now_us, is }, is_news });
+    }
+
+    /// Whether it is in a room, as far as is known.
+    pub(crate) fn is_in_a_room(&self) -> bool {
+        self.presence.answer() != Whereabouts::Unknown
+    }
+}
+
+impl<'a> Fingerprints<'a> {
+    fn of(of: &OfBeacons<'a>, list: &[Beacon]) -> Result<Self, LevelsFault> {
+        let (map, _) = Map::decode(of.model).map_err(|fault| match fault {
+            fingerprint::Fault::Version(version) => LevelsFault::Version(version),
+            fingerprint::Fault::Missing | fingerprint::Fault::Corrupt => LevelsFault::Corrupt,
+            fingerprint::Fault::Invalid | fingerprint::Fault::TooLong => LevelsFault::Invalid,
+        })?;
+        if !map.has_deviations() || map.points() > MAX_NODE_POINTS {
+            return Err(LevelsFault::Invalid);
+        }
+        let places = places(of, list, map.beacons())?;
+        Ok(Self { map, places })
+    }
+}
+
+impl<'a> Rooms<'a> {
+    fn of(of: &OfBeacons<'a>, list: &[Beacon]) -> Result<Self, LevelsFault> {
+        let (model, _) = rooms::NodeModel::decode(of.model).map_err(|fault| match fault {
+            rooms::Fault::Version { found, read: _ } => LevelsFault::Version(found),
+            rooms::Fault::Missing | rooms::Fault::Corrupt => LevelsFault::Corrupt,
+            rooms::Fault::Invalid | rooms::Fault::TooLong => LevelsFault::Invalid,
+        })?;
+        let places = places(of, list, model.beacons())?;
+        Ok(Self { model, places })
+    }
+}
+
+/// Where the record lists the beacons of a model that has so many; one that it does not list makes it a model of other beacons.
+fn places(of: &OfBeacons<'_>, list: &[Beacon], count: usize) -> Result<Places, LevelsFault> {
+    let mut places = Places::new();
+    for numbers in of.numbers() {
+        let place = list.iter().position(|beacon| (beacon.major, beacon.minor) == numbers);
+        let place = place.and_then(|place| u8::try_from(place).ok()).ok_or(LevelsFault::OtherBeacons)?;
+        places.push(place).map_err(|_| LevelsFault::Invalid)?;
+    }
+    if places.len() == count { Ok(places) } else { Err(LevelsFault::Invalid) }
+}
+
+/// The levels by a model's order of beacons.
+fn of_places(places: &Places, scan: &Scan) -> Vec<Option<f32>, MOST> {
+    places.iter().map(|place| scan.levels_dbm.get(usize::from(*place)).copied().flatten()).collect()
+}
+
+#[cfg(test)]
+mod tests;

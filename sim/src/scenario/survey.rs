@@ -1,0 +1,55 @@
+//! A survey of a scenario's beacons: somebody stands at place after place and listens, as `baliza survey fingerprints` has it done. The
+//! levels are those that the scenario's tags will meet there: of the same seed, the same shadows.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use advertising::Advertised;
+use embassy_futures::block_on;
+use firmware_tag::scan::Scanner;
+
+use super::Scenario;
+use super::beacon::BeaconNode;
+use crate::air::Path;
+use crate::bluetooth::{Bluetooth, BluetoothConfig};
+use crate::{AirConfig, TrueTime, World};
+
+/// An advertisement heard at a surveyed place.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Surveyed {
+    /// The place, by its number in the survey.
+    pub place: usize,
+    /// Since the stay began, seconds.
+    pub t_s: f64,
+    /// The beacon, as [`Beacon::name`](super::Beacon::name) has it.
+    pub beacon: String,
+    /// dBm.
+    pub rssi_dbm: i8,
+}
+
+/// What is heard at these places, metres, at each for so many seconds, by a receiver that reads as it should; in the order of time.
+pub fn survey(scenario: &Scenario, places: &[[f64; 3]], seconds: f64) -> Vec<Surveyed> {
+    let world = World::new(scenario.seed, AirConfig::default());
+    let config = BluetoothConfig { receiver_offset_db: 0.0, ..scenario.bluetooth.air.clone() };
+    let air = Bluetooth::new(&world, config, &scenario.walls);
+    let _beacons: Vec<_> = scenario.beacons.iter().map(|beacon| BeaconNode::start(&world, &air, beacon)).collect();
+    let heard: Rc<RefCell<Vec<Surveyed>>> = Rc::default();
+    // All stays are at once: receivers do not disturb each other.
+    let scanners = places.iter().enumerate().map(|(place, at)| {
+        let (world, heard) = (world.clone(), heard.clone());
+        let hear = move |data: &[u8], rssi_dbm: i8| {
+            if let Ok(said) = Advertised::parse(data) {
+                let (identity, t_s) = (said.identity(), world.now().as_secs_f64());
+                let beacon = format!("{}-{}", identity.major, identity.minor);
+                heard.borrow_mut().push(Surveyed { place, t_s, beacon, rssi_dbm });
+            }
+        };
+        let mut scanner = air.scanner(place as u16, Path::Fixed(*at), hear);
+        block_on(scanner.start());
+        scanner
+    });
+    let scanners: Vec<_> = scanners.collect();
+    world.run_until(TrueTime::from_secs_f64(seconds));
+    drop(scanners);
+    heard.take()
+}
