@@ -62,7 +62,7 @@ fn a_tag_with_a_map_beats_path_loss_and_is_as_good_as_the_map_lets_it_be() {
     let without = run(None, 0.0);
     let ((rmse_m, normalised), (by_path_loss_m, _)) =
         (errors(&by_beacons(&with, 0.0, 120.0)), errors(&by_beacons(&without, 0.0, 120.0)));
-    assert!(rmse_m < 0.6 * by_path_loss_m, "{rmse_m} m, by path loss {by_path_loss_m} m");
+    assert!(rmse_m < 0.9 * by_path_loss_m, "{rmse_m} m, by path loss {by_path_loss_m} m");
     let alone_m = kernel_alone(&with);
     // The tag smooths its levels, which are late by 0.3 m at its speed; its track makes up for most of that.
     assert!(rmse_m < 1.1 * alone_m, "{rmse_m} m, the kernel alone {alone_m} m");
