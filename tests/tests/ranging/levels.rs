@@ -24,7 +24,12 @@ fn rounds(scenario: Scenario) -> Rounds {
     for record in &records {
         match &record.what {
             What::Epoch(epoch) => epochs.push(epoch),
-            What::Link(_) | What::RadioFailed(_) | What::Fault(_) | What::Sighting(_) | What::Beacon(_) => {}
+            What::Link(_)
+            | What::RadioFailed(_)
+            | What::Fault(_)
+            | What::Sighting(_)
+            | What::Beacon(_)
+            | What::Room(_) => {}
         }
     }
     let mean = |sum: usize| sum as f64 / epochs.len() as f64;
