@@ -51,7 +51,12 @@ impl Run {
         of_tag
             .filter_map(|record| match record.what {
                 What::Beacon(word) => Some((record.t_s, word)),
-                What::Epoch(_) | What::Link(_) | What::RadioFailed(_) | What::Fault(_) | What::Sighting(_) => None,
+                What::Epoch(_)
+                | What::Link(_)
+                | What::RadioFailed(_)
+                | What::Fault(_)
+                | What::Sighting(_)
+                | What::Room(_) => None,
             })
             .collect()
     }
