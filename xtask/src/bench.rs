@@ -111,7 +111,9 @@ pub fn run(names: &[String]) -> Result<()> {
         });
         failed += usize::from(outcome.is_err());
         let outcome = outcome.map_or_else(|error| format!("FAILED: {error:#}"), str::to_owned);
-        summary += &format!("{name:12} {outcome} ({} s)\n", begun.elapsed().as_secs());
+        let line = format!("{name:12} {outcome} ({} s)\n", begun.elapsed().as_secs());
+        eprint!("{line}");
+        summary += &line;
     }
     eprintln!("\n{summary}");
     if failed > 0 {
