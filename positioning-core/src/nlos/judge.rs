@@ -150,7 +150,7 @@ impl<'a> Judge<'a> {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "serde"))]
 mod tests {
     use super::*;
     use crate::nlos::{Input, Inputs, Kind, Logistic, Model, Platt, Skewness};
