@@ -12,8 +12,8 @@ use object::{File, SectionFlags, elf};
 
 use crate::{document, firmware, root};
 
-/// Images that users choose between; the last is the largest with a budget.
-const IMAGES: [&str; 3] = ["tag-dwm1001", "tag-dwm1001-ble", "tag-esp32c3-ble"];
+/// Images that users choose between.
+const IMAGES: [&str; 2] = ["tag-dwm1001", "tag-dwm1001-ble"];
 
 /// What an image is made of, and how the paths of its sources begin; the first that fits counts.
 const PURPOSES: [(&str, &[&str]); 10] = [
@@ -25,8 +25,8 @@ const PURPOSES: [(&str, &[&str]); 10] = [
         &["positioning-core/src/ble", "positioning-core/src/engine/beacons", "advertising/"],
     ),
     ("Engine: tracks", &["positioning-core/src/engine", "positioning-core/src/track"]),
+    ("Node record and models in flash", &["node-record/", "positioning-core/src/stored", "crc-"]),
     ("Solvers", &["positioning-core/"]),
-    ("Node record and models in flash", &["node-record/", "packed/", "crc-"]),
     (
         "Telemetry and log",
         &[
@@ -34,8 +34,6 @@ const PURPOSES: [(&str, &[&str]); 10] = [
             "firmware-common/src/journal",
             "firmware-common/src/lines",
             "firmware-common/src/reporter",
-            "postcard-",
-            "serde",
             "cobs-",
             "defmt",
             "rtt-target",
@@ -50,10 +48,12 @@ const WITHOUT_SOURCE: &str = "Without source: Bluetooth controller, boot code";
 const CONSTANTS: &str = "Constants: tables, texts, places of panics, initial values";
 
 /// Sources that belong to whoever calls them, wherever they were put into a caller.
-const SHARED: [&str; 8] = [
+const SHARED: [&str; 10] = [
     "rustc/",
     "library/",
     "heapless-",
+    "postcard-",
+    "serde",
     "positioning-core/src/linalg",
     "positioning-core/src/real",
     "embassy-sync-",
