@@ -13,10 +13,6 @@ use anyhow::{Context, Result, bail};
 use crate::target::Target;
 use crate::{root, target_directory};
 
-/// How much a function of an image may grow where another is put into it, in what is optimised for speed: LLVM's default is 225. A tag
-/// has 1.4 kB less with 100, and the same instructions (a range 3,450, a round's end 2 more, a track's start 127 less); with 50, `robust`
-/// has 3 % more.
-const SPARING: &str = "\u{1f}-Cllvm-args=-inlinedefault-threshold=100";
 /// The cargo profile of whatever runs on a chip.
 const PROFILE: &str = "firmware";
 
@@ -95,9 +91,6 @@ impl Toolchain {
     /// below the variables, so that an overflow faults.
     pub fn cargo_image(&self, subcommand: &str) -> Result<Command> {
         let mut command = self.cargo(subcommand);
-        let mut flags = remapped();
-        flags.push(SPARING);
-        command.env("CARGO_ENCODED_RUSTFLAGS", flags);
         if self.target.is_cortex_m() && is_installed("flip-link") {
             command.env(linker_variable(self.target), "flip-link");
             if !brings_linker(self.rustc) {
