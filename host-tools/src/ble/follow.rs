@@ -7,7 +7,7 @@ use positioning_core::ble::offset::ReceiverOffset;
 use positioning_core::ble::particles::{self, Levels, Likelihood, ON_HOST, ParticleFilter};
 use positioning_core::ble::posterior::Belief;
 use positioning_core::ble::signal::{Beacons, Smoothing};
-use positioning_core::ble::surroundings::{Level, Site, Surroundings};
+use positioning_core::ble::surroundings::{Level, News, Site, Surroundings};
 use positioning_core::engine::{Dimensions, Engine, Measurement, Settings};
 
 use super::files::{Capture, Sample};
@@ -50,6 +50,8 @@ pub(super) struct Learnt {
     receiver: ReceiverOffset<f32>,
     /// What the tag knows of receiver and beacons.
     surroundings: Box<Surroundings<f32, MOST_BEACONS>>,
+    /// What it came to believe of beacons, in order.
+    pub(super) news: Vec<News>,
     /// When the next capture begins for the kernel, microseconds.
     begin_us: u64,
 }
@@ -59,6 +61,7 @@ impl Learnt {
         Self {
             receiver: ReceiverOffset::new(offset_db),
             surroundings: Box::new(Surroundings::new(offset_db)),
+            news: Vec::new(),
             begin_us: BEGIN_US,
         }
     }
@@ -109,11 +112,12 @@ impl<'a> Follower<'a> {
             let end_s = samples.last().map_or(last_s, |sample| first_s + (window(sample) + 1.0) * window_s);
             let now_us = self.microseconds(end_s.min(last_s));
             let scan = self.beacons.scan(now_us);
-            let Learnt { receiver, surroundings, .. } = &mut self.learnt;
+            let Learnt { receiver, surroundings, news, .. } = &mut self.learnt;
             position = match &mut self.track {
                 Track::Engine(engine) => engine_step(self.solver, engine, surroundings, now_us, &scan),
                 Track::Particles(filter) => particle_step(self.solver, filter, receiver, now_us, &scan),
             };
+            news.extend(surroundings.take_news());
         }
         self.learnt.begin_us = self.microseconds(last_s);
         if let (Track::Particles(_), Ok(found), true) = (&self.track, &position, self.solver.setup.offset_db > 0.0) {

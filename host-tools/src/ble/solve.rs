@@ -8,6 +8,7 @@ use positioning_core::ble::multilateration::{Heard, nonlinear, weighted_linear};
 use positioning_core::ble::path_loss::{PathLoss, Wall};
 use positioning_core::ble::posterior::{Belief, posterior};
 use positioning_core::ble::signal::level;
+use positioning_core::ble::surroundings::News;
 use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, NoFix, Side};
 
 use super::files::{self, Beacon, Capture, Sample, in_order};
@@ -93,8 +94,9 @@ impl<'a> Solver<'a> {
         solver
     }
 
-    /// The positions of all captures, in their order, and their errors where the truth is known.
-    pub fn solve(&self, kernel: Kernel, captures: &[Capture]) -> Vec<Solved> {
+    /// The positions of all captures, in their order, and their errors where the truth is known; and what the engine came to believe of
+    /// beacons on the way, which it names by their places in the list.
+    pub fn solve(&self, kernel: Kernel, captures: &[Capture]) -> (Vec<Solved>, Vec<News>) {
         let mut follower: Option<Follower> = None;
         let mut position = |capture: &Capture| {
             let memory = match kernel {
@@ -121,7 +123,7 @@ impl<'a> Solver<'a> {
         for at in in_order(captures) {
             solved[at] = Some(captures[at].solved(position(&captures[at])));
         }
-        solved.into_iter().flatten().collect()
+        (solved.into_iter().flatten().collect(), follower.map(|last| last.learnt.news).unwrap_or_default())
     }
 
     /// A kernel without memory over the means of a capture's levels.

@@ -128,18 +128,22 @@ impl<T: Real> Belief<T> {
         Levels::of(heard, self.offset_deviation * self.trust.sqrt(), self.trust)
     }
 
-    /// What of an area is near enough to every beacon that is heard; all of it where they contradict each other. A lattice over a whole
-    /// site would be coarse.
+    /// What of an area is near enough to the beacon that must be the nearest; all of it where that is nowhere. A lattice over a whole site
+    /// would be coarse. What is near enough to every beacon may be but a sliver, where they contradict each other.
     #[inline(never)]
     fn narrowed(&self, area: &Area<T, 2>, heard: &[Heard<T, 2>]) -> Area<T, 2> {
         let mut near = *area;
+        let mut nearest = None;
         for Heard { place, level, path_loss, .. } in heard {
             let deviation = (path_loss.deviation.squared() / self.trust + self.offset_deviation.squared()).sqrt();
             let farthest =
                 path_loss.distance(*level - T::of(FARTHEST) * deviation).at_least(T::of(FARTHEST_AT_LEAST_M));
-            for axis in 0..2 {
-                near.min[axis] = near.min[axis].at_least(place[axis] - farthest);
-                near.max[axis] = near.max[axis].at_most(place[axis] + farthest);
+            if nearest.is_none_or(|nearest| farthest < nearest) {
+                nearest = Some(farthest);
+                near = Area {
+                    min: core::array::from_fn(|axis| area.min[axis].at_least(place[axis] - farthest)),
+                    max: core::array::from_fn(|axis| area.max[axis].at_most(place[axis] + farthest)),
+                };
             }
         }
         if is_some(&near) { near } else { *area }

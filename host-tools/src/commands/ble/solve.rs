@@ -6,15 +6,17 @@ use anyhow::Result;
 use host_tools::Epoch;
 use host_tools::ble::files::{read_beacons, read_captures, read_walls};
 use host_tools::ble::solve::{Kernel, Setup, Solver};
+use positioning_core::ble::surroundings::{News, Standing};
 
 use crate::commands::answers::{Answers, ByMethod, Told};
 use crate::commands::recorded::{CornersM, finite};
+use crate::commands::tell;
 
 /// Positions by path loss: least squares, the posterior mean, a particle filter, the tag's engine
 ///
 /// The rows of one `epoch` make one position; of a file of stays (`point,x_m,y_m,…`) all rows of one point, whose place is its truth.
 /// Positions are in the plane. What beacons.csv does not know of a beacon's path loss is taken to be usual; `baliza calibrate path-loss`
-/// finds it.
+/// finds it. A beacon whose levels contradict the others, because it was moved, say, is named by the engine.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza ble solve --beacons beacons.csv --rssi rssi.csv --truth truth.csv\n  \
                         baliza ble solve --beacons beacons.csv --rssi targets.csv --plot room.png --json")]
@@ -93,12 +95,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             seed: arguments.seed,
         },
     );
-    let solved: ByMethod = arguments
-        .method
-        .0
-        .iter()
-        .map(|&kernel| (kernel.as_str().to_owned(), solver.solve(kernel, &captures)))
-        .collect();
+    let mut solved = ByMethod::new();
+    let mut news = Vec::new();
+    for kernel in &arguments.method.0 {
+        let (positions, told) = solver.solve(*kernel, &captures);
+        solved.push((kernel.as_str().to_owned(), positions));
+        news.extend(told);
+    }
     let epochs: Vec<Epoch> = captures.iter().map(super::epoch).collect();
     answers.give(&Told {
         epochs: &epochs,
@@ -108,7 +111,19 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         consistency: true,
         neighbours: Some(vec![None; solved.len()]),
         solved: &solved,
-    })
+    })?;
+    for News { beacon, standing, seconds } in news {
+        let name = beacons.get(beacon).map_or("?", |beacon| &beacon.name);
+        let found = match standing {
+            Standing::Agrees => "is believed again",
+            Standing::Elsewhere => {
+                "contradicts the others and is left out: it stands elsewhere, or sends at another power"
+            }
+            Standing::TwoPlaces => "is left out: two senders have its identity",
+        };
+        tell(&format!("engine: after {seconds} s beacon {name} {found}\n"));
+    }
+    Ok(())
 }
 
 pub fn decibels(text: &str) -> Result<f64, String> {

@@ -29,6 +29,9 @@ const SHADOW_S: f64 = 60.0;
 const MARGIN_M: f64 = 0.5;
 /// A position that so few others give judges nobody.
 const JUDGES: usize = 3;
+/// What others say of a beacon counts so much beside what anchors say: their own path losses are not quite right either. Over two
+/// recordings with calibrated beacons none is named by it, two of thirteen would be by 1.
+const PEERS: f64 = 0.5;
 
 /// The level of a beacon in a window.
 #[derive(Clone, Copy, Debug)]
@@ -298,6 +301,7 @@ impl<T: Real, const N: usize> Surroundings<T, N> {
         let (Some([excess, variance]), Some(record)) = (off, self.records.get_mut(level.beacon)) else { return };
         // Where a tag stands, the levels of three channels may be as far apart as those of two senders.
         let weight = if level.is_torn { self.pass.moved } else { self.pass.weight };
+        let weight = if known.is_some() { weight } else { weight * T::of(PEERS) };
         let change = record.take(now_us, excess.squared() / variance, level.is_torn, weight);
         let Some((standing, seconds)) = change else { return };
         self.news = Some(News { beacon: level.beacon, standing, seconds });
