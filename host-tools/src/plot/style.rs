@@ -120,8 +120,8 @@ pub fn pen(method: &str) -> Pen {
 fn pair(method: &str) -> Option<(RGBColor, Dash)> {
     let (who, what) = method.rsplit_once(", ")?;
     let color = match who {
-        "fusion, 2048 particles" | "RSSI 5 dB" => BLUE,
-        "fusion, 256 particles" | "RSSI 10 dB" => GREEN,
+        "fusion, 64 hypotheses" | "RSSI 5 dB" => BLUE,
+        "fusion, 24 hypotheses" | "RSSI 10 dB" => GREEN,
         "engine" | "ToF 100 µs" => VERMILION,
         _ => return None,
     };
