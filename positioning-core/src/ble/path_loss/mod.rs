@@ -69,15 +69,9 @@ impl<T: Real> PathLoss<T> {
         self.distance(level + attenuation)
     }
 
-    /// By how much a distance's natural logarithm errs where the level errs by so many dB: σ ln 10 ⁄ (10 n), as the engine's
-    /// [`BleRange`](crate::engine::BleRange) wants it, by noise and by what lasts.
-    pub fn relative(&self, decibels: T) -> T {
-        decibels / (self.exponent * T::of(DB))
-    }
-
-    /// The same for the path loss' own deviation.
+    /// The deviation of a distance's natural logarithm: σ ln 10 ⁄ (10 n).
     pub fn relative_deviation(&self) -> T {
-        self.relative(self.deviation)
+        self.deviation / (self.exponent * T::of(DB))
     }
 }
 
