@@ -141,7 +141,7 @@ const fn missed(meant: u64, flash: u64, ram: u64) -> Budget {
 }
 
 const NONE: Budget = Budget { flash: None, ram: None, heap: None, missed: None };
-const ESP_BLE: Budget = Budget { flash: Some(437 << 10), ram: None, heap: Some(80 << 10), missed: Some(420 << 10) };
+const ESP_BLE: Budget = Budget { flash: Some(444 << 10), ram: None, heap: Some(80 << 10), missed: Some(420 << 10) };
 
 /// The whole matrix.
 pub const IMAGES: [Image; 16] = [
@@ -152,7 +152,7 @@ pub const IMAGES: [Image; 16] = [
     // What they are spent on: `cargo xtask sizes`.
     Image::new("tag", Board::Dwm1001, &[], missed(96, 134, 20)),
     // Some 6 KiB are a map of levels and a model of rooms.
-    Image::new("tag", Board::Dwm1001, &["ble"], missed(208, 221, 30)),
+    Image::new("tag", Board::Dwm1001, &["ble"], missed(208, 224, 30)),
     Image::new("tag", Board::Evk1000, &[], NONE),
     Image::new("tag", Board::Esp32C3, &[], NONE),
     Image::new("tag", Board::Esp32C3, &["ble"], ESP_BLE),
