@@ -191,7 +191,6 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
 
     /// Where the density is greatest, of the places in the middle of a hypothesis.
     fn mode(&self) -> [T; D] {
-        let place = |hypothesis: &Hypothesis<T, N, S>| -> [T; D] { core::array::from_fn(|axis| hypothesis.mean[axis]) };
         let heaviest = self.bank.iter().fold(T::ZERO, |most, hypothesis| most.at_least(hypothesis.weight));
         let (mut mode, mut densest) = ([T::ZERO; D], T::ZERO);
         for candidate in self.bank.iter().filter(|candidate| candidate.weight >= T::of(0.1) * heaviest) {
@@ -205,7 +204,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
                 }
             }
             if density > densest {
-                (mode, densest) = (place(candidate), density);
+                (mode, densest) = (candidate.position(), density);
             }
         }
         mode

@@ -11,6 +11,8 @@ const FAR_INSIDE: f64 = -3.0;
 const FAR_OUTSIDE: f64 = 8.0;
 /// ln √2π.
 const LN_ROOT_TAU: f64 = 0.918_938_533_204_672_7;
+/// 1 ⁄ √2π: the greatest density of a standard normal number.
+pub(super) const PEAK: f64 = 0.398_942_28;
 
 /// A normal distribution over S states, and what else it presumes.
 #[derive(Clone, Debug)]
@@ -135,7 +137,7 @@ impl<T: Real, const N: usize, const S: usize> Hypothesis<T, N, S> {
         variance += gain[value.bias];
         let inverse = T::ONE / variance;
         let squared = value.innovation.squared() * inverse;
-        let density = T::of(0.398_942_28) * inverse.sqrt() * (T::of(-0.5) * squared).exp();
+        let density = T::of(PEAK) * inverse.sqrt() * (T::of(-0.5) * squared).exp();
         let total = density + value.stray;
         let sane = density / total;
         self.log += T::of(core::f64::consts::LN_2) * (total / value.peak).log2_about();
@@ -199,6 +201,10 @@ impl<T: Real, const N: usize, const S: usize> Hypothesis<T, N, S> {
     /// The position's covariance, and that of another one's added.
     fn sum<const D: usize>(&self, other: &Self) -> [[T; D]; D] {
         core::array::from_fn(|r| core::array::from_fn(|c| self.covariance(r, c) + other.covariance(r, c)))
+    }
+
+    pub(super) fn position<const D: usize>(&self) -> [T; D] {
+        core::array::from_fn(|axis| self.mean[axis])
     }
 
     pub(super) fn position_covariance<const D: usize>(&self) -> [[T; D]; D] {

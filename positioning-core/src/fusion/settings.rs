@@ -116,4 +116,9 @@ impl<T: Real> Settings<T> {
     pub(super) fn noise(&self, power: bool) -> T {
         if power { self.power.noise } else { self.delay.noise }
     }
+
+    /// Deviation of the bias on a direct link, dB or metres.
+    pub(super) fn bias(&self, power: bool) -> T {
+        if power { self.power.bias } else { self.delay.bias }
+    }
 }

@@ -103,9 +103,8 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
         for node in &self.nodes {
             let power = node.channel.is_power();
             let Some(mixture) = node.window.mixture(self.settings.noise(power)) else { continue };
-            let variance = mixture.variance / T::count(mixture.fresh.len().max(1));
             let far = if power {
-                let doubt = T::of(2.0) * (variance + self.settings.power.bias.squared()).sqrt();
+                let doubt = T::of(2.0) * (mixture.variance_of_mean() + self.settings.power.bias.squared()).sqrt();
                 node.channel.distance(mixture.mean - doubt).at_most(reach)
             } else {
                 // A blocked delay is too long, never too short.

@@ -1,8 +1,7 @@
 //! How hypotheses move between two steps, and what the values of a step are worth to each of them (equations 1 to 4, 6 and 7).
 
-use super::hypothesis::{Expected, Hypothesis};
+use super::hypothesis::{Expected, Hypothesis, PEAK};
 use super::node::Node;
-use super::window::Mixture;
 use super::{Fusion, Settings};
 use crate::Real;
 
@@ -111,16 +110,15 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
         }
         for node in nodes.iter() {
             let power = node.channel.is_power();
-            let Some(mixture) = node.window.mixture(if power { settings.power.noise } else { settings.delay.noise })
-            else {
-                continue;
+            let Some(mixture) = node.window.mixture(settings.noise(power)) else { continue };
+            let variance = mixture.variance_of_mean();
+            let level = Level {
+                mean: mixture.mean,
+                variance,
+                peak: T::of(PEAK) / (variance + settings.bias(power).squared()).sqrt(),
             };
-            let bias = if power { settings.power.bias } else { settings.delay.bias };
-            let variance = mixture.variance / T::count(mixture.fresh.len().max(1));
-            let peak = T::of(0.398_942_28) / (variance + bias.squared()).sqrt();
             for hypothesis in bank.iter_mut() {
-                let expected = expected::<T, D, N, S>(hypothesis, node, &mixture, settings.height);
-                hypothesis.update(&Expected { peak, ..expected }, *used);
+                hypothesis.update(&expected::<T, D, N, S>(hypothesis, node, &level, settings.height), *used);
             }
         }
         for hypothesis in bank.iter_mut() {
@@ -140,16 +138,24 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
     }
 }
 
+/// A node's values together.
+struct Level<T> {
+    mean: T,
+    variance: T,
+    /// A density to measure by.
+    peak: T,
+}
+
 /// What a hypothesis expects of a node's values, to the second order in the position (A. H. Jazwinski, *Stochastic Processes and
 /// Filtering Theory*, 1970, chapter 9.3): the curvature's mean is taken off, its variance added.
 #[inline(always)]
 fn expected<T: Real, const D: usize, const N: usize, const S: usize>(
     hypothesis: &Hypothesis<T, N, S>,
     node: &Node<T>,
-    mixture: &Mixture<T>,
+    level: &Level<T>,
     height: T,
 ) -> Expected<T, D> {
-    let position: [T; D] = core::array::from_fn(|axis| hypothesis.mean[axis]);
+    let position = hypothesis.position::<D>();
     let squared = node.squared(&position, height).at_least(T::of(NEAREST_M * NEAREST_M));
     let inverse = T::ONE / squared.sqrt();
     let unit: [T; D] = core::array::from_fn(|axis| (position[axis] - node.place[axis]) * inverse);
@@ -178,12 +184,12 @@ fn expected<T: Real, const D: usize, const N: usize, const S: usize>(
     let half = T::of(0.5);
     let spread = if node.channel.is_power() { STRAYS_DB } else { STRAYS_M };
     Expected {
-        innovation: mixture.mean - node.channel.expected(squared) - half * trace - hypothesis.mean[node.bias],
+        innovation: level.mean - node.channel.expected(squared) - half * trace - hypothesis.mean[node.bias],
         gradient: unit.map(|u| slope * u),
         bias: node.bias,
-        variance: mixture.variance / T::count(mixture.fresh.len().max(1)) + half * squares,
+        variance: level.variance + half * squares,
         stray: T::of(STRAY / spread),
-        peak: T::ONE,
+        peak: level.peak,
     }
 }
 

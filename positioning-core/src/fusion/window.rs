@@ -43,6 +43,13 @@ pub(super) struct Mixture<T> {
     pub(super) fresh: Vec<T, WINDOW>,
 }
 
+impl<T: Real> Mixture<T> {
+    /// The variance of the fresh values' mean.
+    pub(super) fn variance_of_mean(&self) -> T {
+        self.variance / T::count(self.fresh.len().max(1))
+    }
+}
+
 impl<T: Real> Window<T> {
     pub(super) fn new() -> Self {
         Self { values: Vec::new(), fresh: 0 }
