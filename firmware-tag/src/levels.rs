@@ -1,8 +1,8 @@
-//! From advertisements to ranges: in flow the levels of listed beacons as the controller reports them, out flow, once a window, the
-//! distances that belong to them, with deviations that are honest.
+//! From advertisements to levels: in flow those of listed beacons as the controller reports them, out flow, once a window, smoothed ones
+//! with deviations that are honest.
 //!
-//! A level is judged and smoothed by the core's Kalman filter of its beacon (`positioning_core::ble::signal`), and becomes a distance
-//! by the beacon's path loss. Of its error the noise is averaged away and the shadow of walls and people is not: it stays with the
+//! A level is judged and smoothed by the core's Kalman filter of its beacon (`positioning_core::ble::signal`), and goes with the
+//! beacon's path loss. Of its error the noise is averaged away and the shadow of walls and people is not: it stays with the
 //! place. A beacon whose levels jump more than noise does, because it moves, or because two have one identity, is doubted by as much.
 
 use heapless::Vec;
@@ -17,7 +17,7 @@ use crate::handover::Level;
 
 /// From one position by beacons to the next, microseconds: the thesis' time of integration for a floor (A. Linde 2024, section 5.3).
 pub(crate) const WINDOW_US: u64 = 500_000;
-/// As many of the nearest beacons make a position: the engine follows sixteen links, and anchors want eight of them.
+/// As many of the nearest beacons make a position: each costs it 512 looks at a logarithm, and what is farther says little more.
 pub(crate) const MOST: usize = 8;
 
 /// The deviation of single levels of one place, all channels together, dB (Linde, table 3.1).

@@ -89,7 +89,6 @@ impl<T: Real> Wall<T> {
     /// Whether the straight way between two points goes through the wall; to touch it is not to go through.
     #[inline]
     pub fn is_crossed(&self, from: [T; 2], to: [T; 2]) -> bool {
-        let side = |a: [T; 2], b: [T; 2], p: [T; 2]| (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]);
         let [a, b] = self.ends;
         side(a, b, from) * side(a, b, to) < T::ZERO && side(from, to, a) * side(from, to, b) < T::ZERO
     }
@@ -97,11 +96,16 @@ impl<T: Real> Wall<T> {
     /// Whether the two points are on different sides of the wall. A point on it is on one of its sides, and the end of a wall belongs to
     /// one of the sides of a way past it: nothing slips through by steps of which one ends on the wall, nor where two walls meet.
     pub fn parts(&self, from: [T; 2], to: [T; 2]) -> bool {
-        let is_left =
-            |a: [T; 2], b: [T; 2], p: [T; 2]| (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) >= T::ZERO;
+        let is_left = |a, b, p| side(a, b, p) >= T::ZERO;
         let [a, b] = self.ends;
         is_left(a, b, from) != is_left(a, b, to) && is_left(from, to, a) != is_left(from, to, b)
     }
+}
+
+/// On which side of the line through `a` and `b` the point `p` is: positive on its left.
+#[inline(always)]
+fn side<T: Real>(a: [T; 2], b: [T; 2], p: [T; 2]) -> T {
+    (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
 }
 
 /// What the walls between two points take together, dB: the sum of (2).
