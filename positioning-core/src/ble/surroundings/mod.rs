@@ -204,14 +204,13 @@ impl<T: Real, const N: usize> Surroundings<T, N> {
         let belief = Belief { offset_deviation: self.receiver.deviation(), ..Belief::default() };
         let mut heard: Vec<Heard<T, 2>, MAX_ANCHORS> = Vec::new();
         let (mut lasting, mut all, mut used) = (T::ZERO, T::ZERO, 0_u16);
-        for (place, level) in levels.iter().enumerate().take(MAX_ANCHORS) {
-            let one = self.corrected(level);
-            if self.standing(level.beacon) == Standing::Agrees && one.is_sane() && heard.push(one).is_ok() {
-                let stays = level.heard.path_loss.deviation.squared();
-                lasting += stays;
-                all += stays + level.noise.squared();
-                used |= 1 << place;
-            }
+        for (place, level, one) in self.believed(levels) {
+            let stays = level.heard.path_loss.deviation.squared();
+            lasting += stays;
+            all += stays + level.noise.squared();
+            used |= 1 << place;
+            // There is room for all.
+            let _ = heard.push(one);
         }
         if let Some(Known { position, .. }) = known {
             let here = Area { min: *position, max: *position };
@@ -223,7 +222,7 @@ impl<T: Real, const N: usize> Surroundings<T, N> {
         if let Some(at) = at {
             self.go_on(now_us, at);
         }
-        self.judge_next(now_us, levels, &heard, used, site, known, &belief);
+        self.judge_next(now_us, levels, site, known, &belief);
         if self.due >= T::ONE && self.receiver.deviation() > T::ZERO {
             let there = known.map(|known| posterior(&heard, &known.area(), site.walls, &belief));
             if let Ok(Posterior { offset, offset_variance, .. }) = there.unwrap_or(found) {
@@ -235,6 +234,14 @@ impl<T: Real, const N: usize> Surroundings<T, N> {
         let [[xx, xy], [_, yy]] = fix.covariance;
         let lasting = (lasting / all.at_least(T::EPSILON)).at_most(T::ONE);
         Ok(Located { position: BeaconPosition { position: fix.position, covariance: [xx, xy, yy], lasting }, used })
+    }
+
+    /// The levels that make positions, with their places in the window and as [`corrected`](Self::corrected): sane ones, of beacons that
+    /// agree.
+    fn believed<'l>(&'l self, levels: &'l [Level<T>]) -> impl Iterator<Item = (usize, &'l Level<T>, Heard<T, 2>)> {
+        let agrees = |(_, level): &(usize, &Level<T>)| self.standing(level.beacon) == Standing::Agrees;
+        let counted = levels.iter().enumerate().take(MAX_ANCHORS).filter(agrees);
+        counted.map(|(place, level)| (place, level, self.corrected(level))).filter(|(_, _, one)| one.is_sane())
     }
 
     /// A level as the calibration's receiver would have it, with all of its deviation.
@@ -265,14 +272,11 @@ impl<T: Real, const N: usize> Surroundings<T, N> {
     }
 
     /// Judges the next of the beacons that are heard.
-    #[allow(clippy::too_many_arguments, reason = "all of a window")]
     #[inline(never)]
     fn judge_next(
         &mut self,
         now_us: u64,
         levels: &[Level<T>],
-        heard: &Vec<Heard<T, 2>, MAX_ANCHORS>,
-        used: u16,
         site: &Site<'_, T>,
         known: Option<&Known<T>>,
         belief: &Belief<T>,
@@ -286,11 +290,8 @@ impl<T: Real, const N: usize> Surroundings<T, N> {
         let off = match known {
             Some(known) => too_loud(&one, &[], &known.area(), site.walls, belief),
             None => {
-                let mut others = heard.clone();
-                let own = (used & ((1 << place) - 1)).count_ones() as usize;
-                if used >> place & 1 == 1 && own < others.len() {
-                    others.swap_remove(own);
-                }
+                let others = self.believed(levels).filter(|(other, _, _)| *other != place).map(|(_, _, one)| one);
+                let others: Vec<Heard<T, 2>, MAX_ANCHORS> = others.collect();
                 if others.len() < JUDGES {
                     return;
                 }
