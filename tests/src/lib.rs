@@ -34,15 +34,8 @@ impl Run {
 
     /// The epochs of a tag with their times.
     pub fn epochs(&self, tag: u16) -> impl Iterator<Item = (f64, &Epoch)> {
-        self.records.iter().filter(move |record| record.node == tag).filter_map(|record| match &record.what {
-            What::Epoch(epoch) => Some((record.t_s, epoch)),
-            What::Link(_)
-            | What::RadioFailed(_)
-            | What::Fault(_)
-            | What::Sighting(_)
-            | What::Room(_)
-            | What::Beacon(_) => None,
-        })
+        let of_tag = self.records.iter().filter(move |record| record.node == tag);
+        of_tag.filter_map(|record| Some((record.t_s, record.epoch()?)))
     }
 
     /// What a tag came to believe of beacons, with the times.

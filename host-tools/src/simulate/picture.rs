@@ -1,22 +1,12 @@
 //! The tracks of a simulation on its floor plan; with beacons, what anchors found and what beacons found apart.
 
-use sim::scenario::{Epoch, Record, Scenario, Source, What};
+use sim::scenario::{Epoch, Record, Scenario, Source};
 
 use crate::plot::{Dot, Picture, Track};
 
 /// Every position and the tags' true ways, among anchors, beacons and walls.
 pub fn picture(scenario: &Scenario, records: &[Record]) -> Picture {
-    let epochs = || {
-        records.iter().filter_map(|record| match &record.what {
-            What::Epoch(epoch) => Some((record.node, epoch)),
-            What::Link(_)
-            | What::RadioFailed(_)
-            | What::Fault(_)
-            | What::Sighting(_)
-            | What::Room(_)
-            | What::Beacon(_) => None,
-        })
-    };
+    let epochs = || records.iter().filter_map(|record| Some((record.node, record.epoch()?)));
     let flat = |at: [f64; 3]| [at[0], at[1]];
     let dot = |position: &firmware_tag::Position| {
         let (at, sigma) = (position.position_m.map(f64::from), position.deviation_m().map(f64::from));

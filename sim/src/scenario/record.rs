@@ -21,6 +21,21 @@ pub struct Record {
     pub what: What,
 }
 
+impl Record {
+    /// The epoch, where it is one.
+    pub fn epoch(&self) -> Option<&Epoch> {
+        match &self.what {
+            What::Epoch(epoch) => Some(epoch),
+            What::Sighting(_)
+            | What::Beacon(_)
+            | What::Room(_)
+            | What::Link(_)
+            | What::RadioFailed(_)
+            | What::Fault(_) => None,
+        }
+    }
+}
+
 /// What a node found out, or what happened to it.
 #[derive(Clone, Debug, PartialEq)]
 pub enum What {

@@ -1,6 +1,6 @@
 //! The same scenario on chips and straight on the air, on boards slower and quicker than the network is told of: the same rounds.
 
-use sim::scenario::{Board, Level, Scenario, Simulation, What};
+use sim::scenario::{Board, Level, Record, Scenario, Simulation};
 
 /// What a second of rounds brings, once everybody has joined.
 #[derive(Debug)]
@@ -20,18 +20,7 @@ fn rounds(scenario: Scenario) -> Rounds {
     let joined = simulation.summary();
     let records = simulation.run_until(TO_S);
     let summary = simulation.summary();
-    let mut epochs = Vec::new();
-    for record in &records {
-        match &record.what {
-            What::Epoch(epoch) => epochs.push(epoch),
-            What::Link(_)
-            | What::RadioFailed(_)
-            | What::Fault(_)
-            | What::Sighting(_)
-            | What::Beacon(_)
-            | What::Room(_) => {}
-        }
-    }
+    let epochs: Vec<_> = records.iter().filter_map(Record::epoch).collect();
     let mean = |sum: usize| sum as f64 / epochs.len() as f64;
     Rounds {
         fixes_per_s: (summary.fixes - joined.fixes) as f64 / (TO_S - FROM_S),

@@ -9,15 +9,7 @@ fn listen(level: Level, tags: usize, seconds: f64, loss: f64) -> (f64, f64, u64)
     simulation.run_until(1.0);
     let joined = simulation.summary();
     let records = simulation.run_until(seconds);
-    let errors_m = records.iter().filter_map(|record| match &record.what {
-        sim::scenario::What::Epoch(epoch) => epoch.error_m(),
-        sim::scenario::What::Link(_)
-        | sim::scenario::What::RadioFailed(_)
-        | sim::scenario::What::Fault(_)
-        | sim::scenario::What::Sighting(_)
-        | sim::scenario::What::Room(_)
-        | sim::scenario::What::Beacon(_) => None,
-    });
+    let errors_m = records.iter().filter_map(|record| record.epoch()?.error_m());
     let errors_m: Vec<f64> = errors_m.collect();
     let rate = errors_m.len() as f64 / (seconds - 1.0) / tags as f64;
     let mean_square = errors_m.iter().map(|error| error * error).sum::<f64>() / errors_m.len() as f64;

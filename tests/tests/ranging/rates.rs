@@ -28,10 +28,7 @@ fn fifteen_tags_and_sixteen_anchors_make_three_hundred_together_and_do_not_colli
     let summary = simulation.summary();
     assert!((summary.fixes - joined.fixes) as f64 / 6.0 >= 300.0, "{summary:?}");
     assert_eq!(summary.collisions, joined.collisions, "once joined nobody collides");
-    let asked = records.iter().filter_map(|record| match &record.what {
-        sim::scenario::What::Epoch(epoch) => Some(epoch.asked),
-        _ => None,
-    });
+    let asked = records.iter().filter_map(|record| Some(record.epoch()?.asked));
     assert!(asked.into_iter().all(|asked| (4..=8).contains(&asked)));
 }
 
