@@ -30,6 +30,15 @@ struct Named<T> {
     line: u64,
 }
 
+/// One of the two.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The map of levels.
+    Map,
+    /// The model of rooms.
+    Rooms,
+}
+
 /// A beacon as a model calls it: its minor, and its major where the name has one.
 type Called = (Option<u16>, u16);
 
@@ -62,26 +71,30 @@ impl Files {
             return Ok(None);
         }
         encode(map, rooms, beacons).map(Some).map_err(|(part, what)| {
-            let lines = [self.map.as_ref().map(|map| map.line), self.rooms.as_ref().map(|rooms| rooms.line)];
-            let line = lines.get(part).copied().flatten().unwrap_or(1);
-            (line, format!("{} {what}", KEYS.get(part).unwrap_or(&"")))
+            let [map_key, rooms_key] = KEYS;
+            let (line, key) = match part {
+                Part::Map => (self.map.as_ref().map(|map| map.line), map_key),
+                Part::Rooms => (self.rooms.as_ref().map(|rooms| rooms.line), rooms_key),
+            };
+            (line.unwrap_or(1), format!("{key} {what}"))
         })
     }
 }
 
-/// A map and a model of rooms as a node has them, bound to the beacons that it is told of. The error says what is wrong with the map,
-/// 0, or with the rooms, 1.
+/// A map and a model of rooms as a node has them, bound to the beacons that it is told of. The error says what is wrong with which.
 ///
 /// # Errors
 /// A beacon of theirs is not among those, or two may be it; or they are too long.
-pub fn encode(map: Option<&[u8]>, rooms: Option<&ModelFile>, beacons: &[Beacon]) -> Result<Vec<u8>, (usize, String)> {
+pub fn encode(map: Option<&[u8]>, rooms: Option<&ModelFile>, beacons: &[Beacon]) -> Result<Vec<u8>, (Part, String)> {
     let (mut of_map, mut of_rooms) = (Vec::new(), Vec::new());
     if let Some(map) = map {
         let identities: Vec<u16> = Map::decode(map).map(|(map, _)| map.identities().collect()).unwrap_or_default();
-        of_map = bind(identities.into_iter().map(|minor| Some((None, minor))), beacons).map_err(|what| (0, what))?;
+        of_map =
+            bind(identities.into_iter().map(|minor| Some((None, minor))), beacons).map_err(|what| (Part::Map, what))?;
     }
     if let Some(rooms) = rooms {
-        of_rooms = bind(rooms.names.beacons.iter().map(|name| called(name)), beacons).map_err(|what| (1, what))?;
+        of_rooms =
+            bind(rooms.names.beacons.iter().map(|name| called(name)), beacons).map_err(|what| (Part::Rooms, what))?;
     }
     let models = BeaconModels {
         map: map.map(|model| OfBeacons { beacons: &of_map, model }),
@@ -92,7 +105,8 @@ pub fn encode(map: Option<&[u8]>, rooms: Option<&ModelFile>, beacons: &[Beacon])
     bytes.ok_or_else(|| {
         let size = |model: Option<OfBeacons<'_>>| model.map_or(0, |of| of.model.len());
         let all = size(models.map) + size(models.rooms);
-        (usize::from(map.is_none()), format!("makes models of {all} bytes: a node has room for {MODELS_BYTES} in all"))
+        let part = if map.is_some() { Part::Map } else { Part::Rooms };
+        (part, format!("makes models of {all} bytes: a node has room for {MODELS_BYTES} in all"))
     })
 }
 
@@ -170,32 +184,35 @@ fn bind(called: impl Iterator<Item = Option<Called>>, beacons: &[Beacon]) -> Res
 
 /// What a region holds, in words: its map and its rooms, each where there is one, or why it is none.
 pub(super) fn words(region: &[u8]) -> [Option<String>; 2] {
+    parts(region).map(|part| part.map(|held| held.unwrap_or_else(|fault| format!("none: {fault}"))))
+}
+
+/// Whether a region, if there is something in it, is whole in all its parts; else what is not.
+pub(super) fn check(region: &[u8]) -> Result<(), String> {
+    let whole: Result<Vec<_>, _> = parts(region).into_iter().flatten().collect();
+    whole.map(drop).map_err(|fault| format!("the record is whole, but beside it is {fault}"))
+}
+
+/// The map and the rooms of a region, each where there is one, in words, or what is wrong with it.
+fn parts(region: &[u8]) -> [Option<Result<String, String>>; 2] {
     let models = match decode_models(region) {
         Ok(models) => models,
-        Err(_) => return [Some("none: damaged models of beacons".to_owned()), None],
+        Err(_) => return [Some(Err("damaged models of beacons".to_owned())), None],
     };
     let beacons = |of: &OfBeacons<'_>| {
         let names: Vec<_> = of.numbers().map(|(major, minor)| format!("{major}-{minor}")).collect();
         format!("beacons {}", names.join(", "))
     };
     let map = models.map.map(|of| match Map::decode(of.model) {
-        Ok((map, _)) => format!("{} points, a lattice of {} m; {}", map.points(), map.unit::<f64>(), beacons(&of)),
-        Err(fault) => format!("none: {fault}"),
+        Ok((map, _)) => Ok(format!("{} points, a lattice of {} m; {}", map.points(), map.unit::<f64>(), beacons(&of))),
+        Err(fault) => Err(fault.to_string()),
     });
     let rooms = models.rooms.map(|of| match Model::decode(of.model) {
         Ok((model, _)) => {
             let names = models.room_names.lines().collect::<Vec<_>>().join(", ");
-            format!("{} rooms: {names}; {}", model.rooms(), beacons(&of))
+            Ok(format!("{} rooms: {names}; {}", model.rooms(), beacons(&of)))
         }
-        Err(fault) => format!("none: {fault}"),
+        Err(fault) => Err(fault.to_string()),
     });
     [map, rooms]
-}
-
-/// Whether a region, if there is something in it, is whole in all its parts; else what is not.
-pub(super) fn check(region: &[u8]) -> Result<(), String> {
-    match words(region).into_iter().flatten().find_map(|words| words.strip_prefix("none: ").map(str::to_owned)) {
-        Some(fault) => Err(format!("the record is whole, but beside it is {fault}")),
-        None => Ok(()),
-    }
 }

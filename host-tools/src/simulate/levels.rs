@@ -8,7 +8,7 @@ use sim::scenario::{Scenario, survey};
 
 use crate::Wrong;
 use crate::presence::{Room, room_of};
-use crate::provision::levels::{encode, read_map, read_rooms};
+use crate::provision::levels::{Part, encode, read_map, read_rooms};
 
 /// Places of a survey at most: receivers that are simulated at once.
 const MOST_PLACES: usize = 10_000;
@@ -29,8 +29,13 @@ pub fn load_levels(scenario: &mut Scenario, file: &Path) -> Result<(), Wrong> {
         files.rooms.as_ref().map(|name| read_rooms(&folder.join(name)).map_err(|what| wrong("rooms", name, what)));
     let (map, rooms) = (map.transpose()?, rooms.transpose()?);
     let listed: Vec<_> = scenario.beacons.iter().filter_map(|beacon| beacon.listed).collect();
-    let levels = encode(map.as_deref(), rooms.as_ref(), &listed)
-        .map_err(|(part, what)| Wrong::file(file, format!("{} {what}", ["map", "rooms"].get(part).unwrap_or(&""))))?;
+    let levels = encode(map.as_deref(), rooms.as_ref(), &listed).map_err(|(part, what)| {
+        let key = match part {
+            Part::Map => "map",
+            Part::Rooms => "rooms",
+        };
+        Wrong::file(file, format!("{key} {what}"))
+    })?;
     scenario.bluetooth.levels = Some(levels.into());
     Ok(())
 }
