@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use positioning_core::ble::fingerprint::Fault;
 
 use super::comparison::Comparison;
-use super::maps::{Making, Maps};
+use super::maps::{Making, Maps, kernel};
 use super::solve::{Setup, Solver};
 use super::survey::Survey;
 use crate::Solved;
@@ -27,7 +27,7 @@ pub fn held_out(
     let survey = Survey::of(stays, setup.average);
     let folds: BTreeSet<usize> = (0..stays.len()).filter_map(&fold_of).collect();
     // The kernels of many folds are alike.
-    let guess = if folds.len() > 1 { Maps::of(&survey, making, comparisons, None)?.kernel() } else { None };
+    let guess = if folds.len() > 1 { kernel(&survey, making, comparisons)? } else { None };
     let mut solved: Vec<BTreeMap<usize, Solved>> = vec![BTreeMap::new(); comparisons.len()];
     for fold in folds {
         let maps = Maps::of(&survey.only(|stay| fold_of(stay) != Some(fold)), making, comparisons, guess)?;

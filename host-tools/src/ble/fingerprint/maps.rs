@@ -28,8 +28,8 @@ pub struct Maps {
     beacons: Vec<String>,
     /// Surveyed points.
     points: Option<Vec<u8>>,
-    /// A process on a lattice, and its kernel where it was made here.
-    lattice: Option<(Vec<u8>, Option<Kernel>)>,
+    /// A process on a lattice.
+    lattice: Option<Vec<u8>>,
 }
 
 impl Maps {
@@ -45,10 +45,7 @@ impl Maps {
     ) -> Result<Self, Fault> {
         let wants_lattice = |comparison: &Comparison| comparison.wants_lattice();
         let points = (!comparisons.iter().all(wants_lattice)).then(|| survey.map()).transpose()?;
-        let lattice = || {
-            let process = process(survey, making.plan, guess)?;
-            Ok((chart(survey, &process, making.grid)?, Some(process.kernel())))
-        };
+        let lattice = || chart(survey, &fitted(survey, making, guess)?, making.grid);
         let lattice = comparisons.iter().any(wants_lattice).then(lattice).transpose()?;
         Ok(Self { beacons: survey.beacons.clone(), points, lattice })
     }
@@ -63,7 +60,7 @@ impl Maps {
             return Err(Fault::Corrupt);
         }
         Ok(if map.has_deviations() {
-            Self { beacons, points: None, lattice: Some((bytes, None)) }
+            Self { beacons, points: None, lattice: Some(bytes) }
         } else {
             Self { beacons, points: Some(bytes), lattice: None }
         })
@@ -72,11 +69,6 @@ impl Maps {
     /// The names of the beacons, in the maps' order.
     pub fn beacons(&self) -> &[String] {
         &self.beacons
-    }
-
-    /// The kernel of the process, where it was made here.
-    pub fn kernel(&self) -> Option<Kernel> {
-        self.lattice.as_ref().and_then(|(_, kernel)| *kernel)
     }
 
     /// Whether the map that a comparison reads is there.
@@ -94,11 +86,7 @@ impl Maps {
 
     /// The bytes of the map that a comparison reads, where it is there.
     pub fn bytes(&self, comparison: Comparison) -> Option<&[u8]> {
-        if comparison.wants_lattice() {
-            self.lattice.as_ref().map(|(bytes, _)| bytes.as_slice())
-        } else {
-            self.points.as_deref()
-        }
+        if comparison.wants_lattice() { self.lattice.as_deref() } else { self.points.as_deref() }
     }
 }
 
@@ -113,11 +101,17 @@ pub fn names_of(map: &Map, captures: &[Capture]) -> Vec<String> {
     map.identities().map(name).collect()
 }
 
-/// The process of a survey, about what its plan lets expect.
+/// The kernel of a survey's process, where any of these comparisons reads it.
 ///
 /// # Errors
 /// Nothing is heard anywhere.
-fn process(survey: &Survey, plan: Option<&Plan>, guess: Option<Kernel>) -> Result<Process, Fault> {
-    let trends = plan.map_or_else(|| Trend::levels(survey), |plan| Trend::rays(survey, plan));
+pub(super) fn kernel(survey: &Survey, making: Making, comparisons: &[Comparison]) -> Result<Option<Kernel>, Fault> {
+    let wanted = comparisons.iter().any(|comparison| comparison.wants_lattice());
+    wanted.then(|| fitted(survey, making, None).map(|process| process.kernel())).transpose()
+}
+
+/// The process of a survey, about what its plan lets expect.
+fn fitted(survey: &Survey, making: Making, guess: Option<Kernel>) -> Result<Process, Fault> {
+    let trends = making.plan.map_or_else(|| Trend::levels(survey), |plan| Trend::rays(survey, plan));
     Process::fit(survey, trends, guess).ok_or(Fault::Invalid)
 }
