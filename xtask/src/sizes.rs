@@ -20,10 +20,7 @@ const PURPOSES: [(&str, &[&str]); 10] = [
     ("DW1000: driver", &["ranging/src/dw1000"]),
     ("Exchanges: frames, slots, networks, times of flight", &["ranging/"]),
     ("Line of sight", &["positioning-core/src/nlos", "firmware-tag/src/sounding"]),
-    (
-        "Beacons: levels, positions by them, rooms, scans",
-        &["positioning-core/src/ble", "positioning-core/src/engine/beacons", "advertising/"],
-    ),
+    ("Beacons: levels, positions by them, rooms, scans", &["positioning-core/src/ble", "advertising/"]),
     ("Engine: tracks", &["positioning-core/src/engine", "positioning-core/src/track"]),
     ("Node record and models in flash", &["node-record/", "positioning-core/src/stored", "crc-"]),
     ("Solvers", &["positioning-core/"]),
@@ -167,7 +164,7 @@ mod tests {
         assert_eq!(of_file("ranging/src/dw1000/receive.rs"), "DW1000: driver");
         assert_eq!(of_file("ranging/src/native/tag.rs"), "Exchanges: frames, slots, networks, times of flight");
         assert_eq!(
-            of_file("positioning-core/src/engine/beacons.rs"),
+            of_file("positioning-core/src/ble/posterior.rs"),
             "Beacons: levels, positions by them, rooms, scans"
         );
         assert_eq!(of_file("positioning-core/src/engine/round.rs"), "Engine: tracks");

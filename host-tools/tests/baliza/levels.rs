@@ -2,19 +2,12 @@
 
 use positioning_core::ble::fingerprint::{Point, encode};
 
-use crate::support::Folder;
+use crate::support::{Folder, TWO_ROOMS};
 
 /// Two rooms of three points, ten adverts each of the beacons 1-7 and 1-8, whose levels fall off towards the other room.
 fn survey() -> String {
     let mut text = String::from("point,room,x_m,y_m,beacon,rssi_dbm,t_s\n");
-    for (point, room, x, levels) in [
-        ("a", "hall", 1, [-52, -80]),
-        ("b", "hall", 2, [-56, -77]),
-        ("c", "hall", 3, [-60, -74]),
-        ("d", "attic", 5, [-74, -61]),
-        ("e", "attic", 6, [-78, -57]),
-        ("f", "attic", 7, [-81, -53]),
-    ] {
+    for (point, room, x, levels) in TWO_ROOMS {
         for advert in 0..10 {
             for (beacon, level) in ["1-7", "1-8"].iter().zip(levels) {
                 text += &format!("{point},{room},{x},{},{beacon},{},{advert}\n", x % 2, level + advert % 3 - 1);

@@ -1,18 +1,11 @@
 //! `baliza ble rooms`.
 
-use crate::support::{Folder, recording};
+use crate::support::{Folder, TWO_ROOMS, recording};
 
 /// Two rooms with three points each, two beacons, ten adverts of each; the levels fall off towards the other room.
 fn survey() -> String {
     let mut text = String::from("point,room,x_m,y_m,beacon,rssi_dbm,t_s\n");
-    for (point, room, x, levels) in [
-        ("a", "hall", 1, [-52, -80]),
-        ("b", "hall", 2, [-56, -77]),
-        ("c", "hall", 3, [-60, -74]),
-        ("d", "attic", 5, [-74, -61]),
-        ("e", "attic", 6, [-78, -57]),
-        ("f", "attic", 7, [-81, -53]),
-    ] {
+    for (point, room, x, levels) in TWO_ROOMS {
         for advert in 0..20 {
             for (beacon, level) in (1..).zip(levels) {
                 let (level, t) = (level + advert % 3 - 1, f64::from(advert) * 0.25);

@@ -125,3 +125,13 @@ pub fn replay(subcommand: &str, reach_m: [f64; REPLAYED.len()], check: impl Fn(&
         check(name, summary);
     }
 }
+
+/// Two rooms of three points each: point, room, x in metres, and the levels of two beacons, dBm, that fall off towards the other room.
+pub const TWO_ROOMS: [(&str, &str, i32, [i32; 2]); 6] = [
+    ("a", "hall", 1, [-52, -80]),
+    ("b", "hall", 2, [-56, -77]),
+    ("c", "hall", 3, [-60, -74]),
+    ("d", "attic", 5, [-74, -61]),
+    ("e", "attic", 6, [-78, -57]),
+    ("f", "attic", 7, [-81, -53]),
+];
