@@ -27,7 +27,7 @@ use embedded_hal_async::delay::DelayNs;
 
 use crate::native::Rate;
 use crate::radio::MAX_FRAME;
-use crate::{Diagnostics, Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
+use crate::{Diagnostics, Pace, Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
 
 /// What became of the last action.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -194,6 +194,11 @@ pub trait Machine {
         false
     }
 
+    /// Takes what the radio measured of the node's pace in the last action, before the step that tells what became of the action.
+    fn pace(&mut self, pace: Pace) {
+        let _ = pace;
+    }
+
     /// Takes what the node knows by now. Machines that do not care ignore it.
     fn guide(&mut self, guidance: Guidance) {
         let _ = guidance;
@@ -208,6 +213,10 @@ impl<M: Machine + ?Sized> Machine for &mut M {
 
     fn may_sleep(&self) -> bool {
         (**self).may_sleep()
+    }
+
+    fn pace(&mut self, pace: Pace) {
+        (**self).pace(pace);
     }
 
     fn guide(&mut self, guidance: Guidance) {

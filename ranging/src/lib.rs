@@ -23,7 +23,7 @@ pub mod tof;
 
 pub use bias::RangeBias;
 pub use phy::PhyConfig;
-pub use radio::{Diagnostics, Radio, ReceiveError, ResponseWindow, RxFrame, Sample, Start, TransmitError};
+pub use radio::{Diagnostics, Pace, Radio, ReceiveError, ResponseWindow, RxFrame, Sample, Start, TransmitError};
 pub use time::{RadioDuration, RadioInstant};
 pub use tof::TimeOfFlight;
 

@@ -116,6 +116,7 @@ async fn attempt<R: Restart>(
             }
             Action::Transmit { .. } | Action::Receive { .. } => {
                 (now, event) = execute(radio, delay, &mut buffer, action).await?;
+                machine.pace(radio.pace());
             }
         }
         // The radio did something, and did it well.

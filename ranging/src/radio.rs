@@ -55,6 +55,11 @@ pub trait Radio {
     /// Switches transmitter and receiver off.
     async fn idle(&mut self) -> Result<(), Self::Error>;
 
+    /// What the radio measured of its own node's pace in the last operation: nothing, where it does not measure.
+    fn pace(&self) -> Pace {
+        Pace::default()
+    }
+
     /// Gives `take` the channel impulse response of the last frame, sample by sample, as far as `window` reaches; answers with the
     /// index of the first one. `None`: there is none, because the receiver was told to stay on after the frame and
     /// accumulates anew, or the radio has none to give.
@@ -66,6 +71,18 @@ pub trait Radio {
         let _ = (window, take);
         Ok(None)
     }
+}
+
+/// How quickly a node handled its radio in the last operation, in the radio's own clock. A node learns from it how early it must
+/// decide, and how long its peers must give it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Pace {
+    /// When the command for the last transmission at an instant ([`Start::At`]) had reached the radio, also one that came too late.
+    pub armed: Option<RadioInstant>,
+    /// When the receiver was on again after the last frame that was received with `keep_listening`: measured now and then, because
+    /// measuring costs time.
+    pub listening: Option<RadioInstant>,
 }
 
 /// Which samples of an impulse response are wanted. Near the ends of the accumulator they are moved inside.
@@ -123,6 +140,10 @@ impl<R: Radio> Radio for &mut R {
 
     async fn idle(&mut self) -> Result<(), Self::Error> {
         (**self).idle().await
+    }
+
+    fn pace(&self) -> Pace {
+        (**self).pace()
     }
 
     async fn impulse_response(
