@@ -26,6 +26,8 @@ use ranging::{
     TransmitError,
 };
 
+use crate::TrueTime;
+use crate::World;
 use crate::air::{
     AirClient, Heard, Path, Payload, Phy, PortId, Prf, Rate, Reception, Response, RxSettings, Sfd, SfdKind, TxStart,
     estimated_dbm,
@@ -33,8 +35,6 @@ use crate::air::{
 use crate::board::Handling;
 use crate::clock::{Clock, ClockConfig, Count, TICKS_PER_PS};
 use crate::random::{Purpose, stream};
-use crate::time::TrueTime;
-use crate::world::World;
 
 const CHECK: Crc<u16> = Crc::<u16>::new(&CRC_16_KERMIT);
 /// From a command to the first preamble symbol, ticks (10 µs): a delayed start nearer than this is late.
@@ -192,7 +192,7 @@ impl State {
     fn switch_on(&mut self, world: &World) {
         self.listening = true;
         self.accumulated = None;
-        world.air().listen(world.kernel(), self.port, self.settings);
+        world.listen(self.port, self.settings);
     }
 
     fn wants(&self, bytes: &[u8]) -> bool {
@@ -309,7 +309,7 @@ impl Radio for Direct {
             power_dbm: radiated_dbm(&self.0.phy, frame.len() + 2),
             sender_ppm,
         };
-        let on_air = self.0.world.air().transmit(self.0.world.kernel(), self.0.port, sent);
+        let on_air = self.0.world.begin_frame(self.0.port, sent);
         self.0.world.sleep_until(marked).await;
         let mut bytes = frame.to_vec();
         bytes.extend_from_slice(&CHECK.checksum(frame).to_le_bytes());

@@ -1,8 +1,8 @@
 //! A scanner as controllers work: a stretch on one channel, then on the next, as long as it is on.
 
 use super::{Bluetooth, Channel};
+use crate::PS_PER_US;
 use crate::TrueTime;
-use crate::time::PS_PER_US;
 
 /// How long it stays on a channel, as on the ESP boards, microseconds.
 const CHANNEL_US: u64 = 30_000;

@@ -15,7 +15,7 @@ use rand::RngCore;
 use super::FaultKind;
 use crate::bluetooth::{Bluetooth, BluetoothConfig, Sender};
 use crate::random::{Purpose, stream};
-use crate::{SimDelay, TaskId, World};
+use crate::{TaskId, World};
 
 /// A beacon.
 #[derive(Clone, Debug, PartialEq)]
@@ -180,7 +180,7 @@ async fn live(air: &Bluetooth, world: &World, beacon: &Beacon) -> Infallible {
             };
             let mut draws = stream(world.seed(), Purpose::Birth, 1 << 32 | u64::from(beacon.address));
             let random = move |bytes: &mut [u8]| draws.fill_bytes(bytes);
-            let delay = SimDelay { world: world.clone() };
+            let delay = world.delay();
             let app = firmware_beacon::run(radio.clone(), delay, random, &settings, Unheard);
             join(app, radio.serve()).await.0
         }

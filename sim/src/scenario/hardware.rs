@@ -12,10 +12,10 @@ use ranging::dw1000::{ClockedSpi, Config, Dw1000, ResetLine, SpiClock};
 use ranging::node::Restart;
 
 use super::{Board, FaultKind, Level};
+use crate::IrqPin;
 use crate::air::{Path, PortId};
 use crate::board::Handling;
 use crate::direct::{Antenna, Direct};
-use crate::irq::IrqPin;
 use crate::{ChipConfig, ClockConfig, Node, NodeConfig, ResetPin, SimDelay, SimSpi, TaskId, World};
 
 /// A node's firmware on whatever radio it is given: an app from `firmware-tag` or `firmware-anchor`.

@@ -2,11 +2,11 @@
 
 mod host;
 
+use dw1000_sim::{AirConfig, AirStatistics, Material, NodeConfig, Path, Peripherals, TrueTime, Wall, World};
 use embedded_hal_async::delay::DelayNs;
 use embedded_hal_async::digital::Wait;
 use embedded_hal_async::spi::{Operation, SpiDevice};
 use host::*;
-use sim::{AirConfig, AirStatistics, Material, NodeConfig, Path, Peripherals, TrueTime, Wall, World};
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::time::Duration;

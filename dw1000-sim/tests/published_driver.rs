@@ -3,11 +3,11 @@
 use dw1000::hl::SendTime;
 use dw1000::time::{Duration, Instant};
 use dw1000::{DW1000, Ready, RxConfig, TxConfig, mac};
+use dw1000_sim::{AirConfig, ChipConfig, ClockConfig, Node, NodeConfig, SimSpi, World};
 use embedded_hal_02::blocking::delay::{DelayMs, DelayUs};
 use embedded_hal_02::blocking::spi::{Transfer, Write};
 use embedded_hal_02::digital::v2::OutputPin;
 use embedded_hal_async::spi::{Operation, SpiDevice};
-use sim::{AirConfig, ChipConfig, ClockConfig, Node, NodeConfig, SimSpi, World};
 use std::cell::{Cell, RefCell};
 use std::convert::Infallible;
 use std::rc::Rc;
@@ -44,7 +44,7 @@ struct Select {
     spi: SimSpi,
     world: World,
     used: Rc<Cell<bool>>,
-    low_since: sim::TrueTime,
+    low_since: dw1000_sim::TrueTime,
 }
 
 impl OutputPin for Select {

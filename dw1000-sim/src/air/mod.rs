@@ -208,7 +208,7 @@ impl Air {
     }
 
     /// Gives a frame its bytes (check bytes included) and its end; call it at the RMARKER. A frame that was cut short has none.
-    pub(crate) fn fill(&mut self, frame: u32, bytes: Rc<[u8]>, end: TrueTime) {
+    pub fn fill(&mut self, frame: u32, bytes: Rc<[u8]>, end: TrueTime) {
         let Some(on_air) = self.frames.get_mut(frame.wrapping_sub(self.first) as usize) else { return };
         on_air.bytes = bytes;
         on_air.end = end;
@@ -251,7 +251,7 @@ impl Air {
     }
 
     /// Switches a port's receiver off.
-    pub(crate) fn deafen(&mut self, port: PortId) {
+    pub fn deafen(&mut self, port: PortId) {
         if self.close(port) {
             self.statistics.abandoned += 1;
         }

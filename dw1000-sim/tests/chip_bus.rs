@@ -2,11 +2,11 @@
 
 mod host;
 
+use dw1000_sim::{BoardProfile, NodeConfig, TrueTime, World};
 use embedded_hal::digital::OutputPin;
 use embedded_hal_async::digital::Wait;
 use embedded_hal_async::spi::Operation;
 use host::*;
-use sim::{BoardProfile, NodeConfig, TrueTime, World};
 use std::cell::Cell;
 use std::rc::Rc;
 use std::time::Duration;

@@ -2,7 +2,7 @@
 //!
 //! ```
 //! use embedded_hal_async::spi::SpiDevice;
-//! use sim::{AirConfig, NodeConfig, Path, TrueTime, World};
+//! use dw1000_sim::{AirConfig, NodeConfig, Path, TrueTime, World};
 //!
 //! let world = World::new(1, AirConfig::default());
 //! let node = world.add_node(NodeConfig::at([1.0, 2.0, 0.5]));
@@ -18,7 +18,7 @@
 //! world.run_until(TrueTime::from_secs_f64(0.1));
 //! ```
 
-use crate::air::{Air, AirClient, AirConfig, AirStatistics, Path, PortId, Sniffed};
+use crate::air::{Air, AirClient, AirConfig, AirStatistics, Path, PortId, RxSettings, Sniffed, TxStart};
 use crate::board::BoardProfile;
 use crate::chip::{Chip, ChipConfig, ChipStatistics};
 use crate::irq::{IrqLine, IrqPin};
@@ -145,7 +145,7 @@ impl World {
     }
 
     /// Adds whoever is on the air without a board, as `client` makes it for the port it gets.
-    pub(crate) fn add_client<C: AirClient + 'static>(
+    pub fn add_client<C: AirClient + 'static>(
         &self,
         path: Path,
         client: impl FnOnce(PortId) -> Rc<RefCell<C>>,
@@ -225,6 +225,16 @@ impl World {
     /// The air.
     pub fn air(&self) -> RefMut<'_, Air> {
         self.0.air.borrow_mut()
+    }
+
+    /// Begins a frame of `sender` now, which is `tx.start`; its number. Its bytes follow with [`Air::fill`].
+    pub fn begin_frame(&self, sender: PortId, tx: TxStart) -> u32 {
+        self.air().transmit(&self.0.kernel, sender, tx)
+    }
+
+    /// Switches the receiver of a port without a chip on, now; [`Air::deafen`] switches it off.
+    pub fn listen(&self, port: PortId, settings: RxSettings) {
+        self.air().listen(&self.0.kernel, port, settings);
     }
 
     /// What happened on the air so far.

@@ -2,8 +2,8 @@
 
 mod host;
 
+use dw1000_sim::{AirConfig, ClockConfig, World};
 use host::*;
-use sim::{AirConfig, ClockConfig, World};
 use std::cell::RefCell;
 use std::rc::Rc;
 

@@ -3,8 +3,8 @@
 // Each test binary uses its own part of this.
 #![allow(dead_code)]
 
+use dw1000_sim::{AirConfig, BoardProfile, ChipConfig, ClockConfig, Node, NodeConfig, Peripherals, World};
 use embedded_hal_async::spi::{Operation, SpiDevice};
-use sim::{AirConfig, BoardProfile, ChipConfig, ClockConfig, Node, NodeConfig, Peripherals, World};
 use std::time::Duration;
 
 /// Ticks of a microsecond.
@@ -64,7 +64,7 @@ impl Host {
         self.world.block_on(spi.transaction(operations)).expect("a transaction ends").expect("and cannot fail");
     }
 
-    fn spi(&self) -> sim::SimSpi {
+    fn spi(&self) -> dw1000_sim::SimSpi {
         let spi = self.node.peripherals().spi;
         spi.clock().set_hz(self.p.spi.clock().hz());
         spi

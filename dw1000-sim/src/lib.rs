@@ -1,0 +1,30 @@
+//! DW1000 chips to test drivers on: registers behind SPI, interrupt and reset lines, drifting clocks, and the air between chips.
+//!
+//! A [`World`] holds virtual time, the [`air`] and the nodes. A node's application is an `async` function over the
+//! [`Peripherals`] of its board: an `embedded-hal-async` SPI device, the chip's IRQ and RSTn, a delay. Behind the SPI device is
+//! a [`chip`] that behaves as the DW1000 user manual says. Nothing here reads a wall clock: equal seeds give equal bytes. The crate
+//! depends on no firmware: a driver of any make, blocking or not, in any language, runs on it.
+#![forbid(unsafe_code)]
+
+pub mod air;
+pub mod board;
+pub mod chip;
+pub mod clock;
+mod irq;
+mod kernel;
+mod pins;
+pub mod random;
+mod spi;
+mod time;
+mod world;
+
+pub use air::{AirConfig, AirStatistics, Material, Path, Sniffed, Wall};
+pub use board::BoardProfile;
+pub use chip::{ChipConfig, ChipStatistics};
+pub use clock::ClockConfig;
+pub use irq::IrqPin;
+pub use kernel::{Sleep, TaskId};
+pub use pins::{ResetPin, SimDelay};
+pub use spi::{SimSpi, SpiClock};
+pub use time::{PS_PER_US, TrueTime};
+pub use world::{Node, NodeConfig, Peripherals, World};
