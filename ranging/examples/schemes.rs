@@ -8,7 +8,7 @@
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
-use ranging::native::{ClockModel, Network, Timing, Turnaround};
+use ranging::native::{self, ClockModel, Layout, Span, Timing};
 use ranging::time::METRES_PER_TICK;
 use ranging::tof::{double_sided_asymmetric, double_sided_symmetric, single_sided, single_sided_corrected};
 use ranging::{PhyConfig, RadioDuration, RadioInstant, TimeOfFlight};
@@ -24,6 +24,12 @@ const ROUNDS: usize = 2000;
 /// Rounds before the count begins: the filters have settled.
 const WARM_UP: usize = 100;
 
+/// Boards that answer within 304 µs of a frame's end, and hear again within 72 µs.
+fn layout(scheme: native::Scheme) -> Layout {
+    let span = |micros| Span::at_least(RadioDuration::from_micros(micros));
+    Layout { answer: span(304), listen_again: span(72), scheme }
+}
+
 /// A way of getting ranges to several anchors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scheme {
@@ -37,6 +43,8 @@ pub enum Scheme {
     SymmetricOneFinal,
     /// The same, the product form.
     AsymmetricOneFinal,
+    /// The product form; anchors tell of the final in their next response: native mode with `scheme = "double-sided"`.
+    AsymmetricToldLater,
     /// Poll, response, final and report with one anchor after the other, the product form.
     AsymmetricEach,
 }
@@ -52,12 +60,13 @@ pub struct Row {
 }
 
 /// The table's rows.
-pub const SCHEMES: [Scheme; 6] = [
+pub const SCHEMES: [Scheme; 7] = [
     Scheme::SingleSided,
     Scheme::WithCarrier,
     Scheme::WithPolls,
     Scheme::SymmetricOneFinal,
     Scheme::AsymmetricOneFinal,
+    Scheme::AsymmetricToldLater,
     Scheme::AsymmetricEach,
 ];
 
@@ -69,6 +78,7 @@ impl Scheme {
             Self::WithPolls => "**single-sided, rate by successive polls**",
             Self::SymmetricOneFinal => "double-sided sum, one final, reports",
             Self::AsymmetricOneFinal => "double-sided product, one final, reports",
+            Self::AsymmetricToldLater => "**double-sided product, one final, told in the next response**",
             Self::AsymmetricEach => "double-sided product, each anchor by itself",
         }
     }
@@ -77,6 +87,7 @@ impl Scheme {
     pub fn frames(self, n: usize) -> usize {
         match self {
             Self::SingleSided | Self::WithCarrier | Self::WithPolls => n + 1,
+            Self::AsymmetricToldLater => n + 2,
             Self::SymmetricOneFinal | Self::AsymmetricOneFinal => 2 * n + 2,
             Self::AsymmetricEach => 4 * n,
         }
@@ -84,15 +95,18 @@ impl Scheme {
 
     /// From the first pulse of the first frame to the last of the last, microseconds.
     pub fn micros(self, n: usize) -> f64 {
-        let (phy, turnaround) = (PhyConfig::FAST, Turnaround::DWM1001);
-        let timing = Timing::of(&Network { pan: 1, phy, turnaround });
+        let (phy, native) = (PhyConfig::FAST, self == Self::AsymmetricToldLater);
+        let timing =
+            Timing::of(&phy, layout(if native { native::Scheme::DoubleSided } else { native::Scheme::SingleSided }));
         let air = |bytes: usize| phy.airtime(bytes as u16).ticks();
-        let answer = turnaround.answer.ticks();
+        let answer = timing.layout.answer.duration().ticks();
         // Header and code 10, round 2, check bytes 2; five bytes an instant, four an interval.
         let (poll, response, report) = (air(14 + 2), air(14 + 9), air(14 + 5));
         let finals = |n: usize| air(14 + 4 + 5 * n);
         let ticks = match self {
-            Self::SingleSided | Self::WithCarrier | Self::WithPolls => timing.round(n).ticks(),
+            Self::SingleSided | Self::WithCarrier | Self::WithPolls | Self::AsymmetricToldLater => {
+                timing.round(n).ticks()
+            }
             Self::SymmetricOneFinal | Self::AsymmetricOneFinal => {
                 let reports = report + (n as i64 - 1) * timing.response_slot.ticks();
                 timing.round(n).ticks() + answer + finals(n) + answer + reports
@@ -119,7 +133,7 @@ impl Clock {
 fn simulate(scheme: Scheme, sign: f64, rng: &mut Pcg64) -> Vec<Vec<f64>> {
     let stamp_noise = Normal::new(0.0, STAMP_NOISE_TICKS).unwrap();
     let carrier_noise = Normal::new(0.0, CARRIER_NOISE_PPM).unwrap();
-    let timing = Timing::of(&Network { pan: 1, phy: PhyConfig::FAST, turnaround: Turnaround::DWM1001 });
+    let timing = Timing::of(&PhyConfig::FAST, layout(native::Scheme::SingleSided));
     let tag = Clock { start: (1 << 40) - 1_000_000_000, drift: sign * DRIFT_PPM * 1e-6 };
     let anchor = Clock { start: 123_456_789, drift: -sign * DRIFT_PPM * 1e-6 };
     let flight = DISTANCE_M / METRES_PER_TICK;
@@ -172,7 +186,7 @@ fn range(
             single_sided_corrected(round1, reply1, clock.rate())
         }
         Scheme::SymmetricOneFinal => double_sided_symmetric(round1, reply1, round2, reply2),
-        Scheme::AsymmetricOneFinal | Scheme::AsymmetricEach => {
+        Scheme::AsymmetricOneFinal | Scheme::AsymmetricToldLater | Scheme::AsymmetricEach => {
             double_sided_asymmetric(round1, reply1, round2, reply2).unwrap_or_default()
         }
     }

@@ -5,6 +5,12 @@
 //! equation 3); what single-sided ranging lacks, the ratio of both clocks, it knows from the polls: their departures in its
 //! own clock against their arrivals in the anchor's, filtered over the rounds, and for an anchor it has never polled from the
 //! carrier of the answer. N + 1 frames give what double-sided ranging gives with 2 N + 1 or more. A lost answer costs one range.
+//! With [`Scheme::DoubleSided`] a final of the tag follows the responses, and each anchor tells in its next response when that came:
+//! N + 2 frames, and no model of clocks.
+//!
+//! **No hidden deadlines.** Each node measures how long it takes to answer, to hear again and to decide ([`pace`]), and asks for as
+//! much; the coordinator lays the slots out by what the slowest node asked for ([`Layout`]). What came too late is sent in the next
+//! slot there is.
 //!
 //! **Superframe.** Anchors repeat a beacon (time, coordinator, members, position); tags learn from it where they are in time,
 //! who is there, and which slots are theirs.
@@ -12,22 +18,27 @@
 //! **Listening.** Anchors may ask each other as tags do, in slots of their own. Tags that only listen position themselves by the
 //! differences of arrival, any number of them.
 //!
-//! All nodes of a network are built with one [`Network`], from which all times follow.
+//! All nodes of a network are built with one [`Network`]; all times follow from it and from the layout.
 
 mod anchor;
 mod asking;
 mod clock;
 mod coordination;
+mod course;
 mod following;
+mod layout;
 mod listening;
 mod neighbours;
+mod pace;
 mod plan;
 mod round;
 mod tag;
 mod timing;
+mod wishes;
 
 pub use anchor::{Anchor, AnchorConfig};
 pub use clock::{ClockModel, STAMP_DEVIATION_TICKS};
+pub use layout::{Layout, Scheme, Span};
 pub use listening::{ListeningTag, ListeningTagConfig};
 pub use plan::{NOTICE_SUPERFRAMES, Rate};
 pub use tag::{Tag, TagConfig};
@@ -36,9 +47,8 @@ pub use timing::{Network, Timing, Turnaround};
 /// The most anchors of one round.
 pub const MAX_ROUND: usize = 8;
 
-/// How long before an instant a node that sleeps or listens is to wake: what a DWM1001 takes at most from the end of a window
-/// until it decides again, its bus and the radio's restart counted. A superframe is taken to begin twice as early.
-const WAKE: crate::RadioDuration = crate::RadioDuration::from_micros(120);
+/// A window or a wait shorter than this is not worth its commands: the node decides at once.
+const SHORTEST_WAIT: crate::RadioDuration = crate::RadioDuration::from_micros(50);
 
 /// Whether what is told by a network of this term and coordinator is to be followed by one who follows that of `term` and
 /// `coordinator`: the same, a later term, or of one term the lower address.

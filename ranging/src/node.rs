@@ -9,7 +9,7 @@ use embedded_hal_async::delay::DelayNs;
 
 use crate::exchange::{Action, Event, Guidance, Machine, Report, execute, wait_until};
 use crate::radio::MAX_FRAME;
-use crate::{Radio, RadioInstant};
+use crate::{Pace, Radio, RadioInstant};
 
 /// The first pause after a failure, and what it grows to, milliseconds: a chip that is back is used again within a
 /// second.
@@ -47,11 +47,11 @@ pub trait Listener {
     /// what the machine is to know before its next step.
     async fn report(&mut self, report: Report<'_>, present: RadioInstant) -> Guidance;
 
-    /// Before a report is handed over, the radio is the listener's: what it still holds of the last frame can be read. An error is
-    /// the radio's own.
-    async fn look<R: Radio>(&mut self, radio: &mut R, report: &Report<'_>) -> Result<(), R::Error> {
+    /// Before a report is handed over, the radio is the listener's: what it still holds of the last frame can be read. Answers whether
+    /// it was, which takes time. An error is the radio's own.
+    async fn look<R: Radio>(&mut self, radio: &mut R, report: &Report<'_>) -> Result<bool, R::Error> {
         let _ = (radio, report);
-        Ok(())
+        Ok(false)
     }
 
     /// Sees, at each step, what became of the last action, and the next one before it is done: for counting, signs of life, and
@@ -100,9 +100,13 @@ async fn attempt<R: Restart>(
         listener.observe(now, &event, &action);
         match action {
             Action::Report(report) => {
-                listener.look(radio, &report).await?;
                 now = radio.now().await?;
+                let pace = Pace { ready: Some(now), ..Pace::default() };
+                if listener.look(radio, &report).await? {
+                    now = radio.now().await?;
+                }
                 let guidance = listener.report(report, now).await;
+                machine.pace(pace);
                 machine.guide(guidance);
                 event = Event::Reported;
                 continue;

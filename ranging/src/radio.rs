@@ -83,6 +83,8 @@ pub struct Pace {
     /// When the receiver was on again after the last frame that was received with `keep_listening`: measured now and then, because
     /// measuring costs time.
     pub listening: Option<RadioInstant>,
+    /// When the node had dealt with the last frame and could have turned to another: the loop of the node tells, not the radio.
+    pub ready: Option<RadioInstant>,
 }
 
 /// Which samples of an impulse response are wanted. Near the ends of the accumulator they are moved inside.

@@ -41,6 +41,11 @@ impl TimeOfFlight {
         self.0 as f32 / (1u32 << FRACTION_BITS) as f32
     }
 
+    /// How far it is from another one, as a distance, metres.
+    pub fn apart_from(self, other: Self) -> f32 {
+        Self(self.0.saturating_sub(other.0).saturating_abs()).metres()
+    }
+
     /// The distance that light travels in it, in air, metres (seed 000, equation 5-1).
     pub fn metres(self) -> f32 {
         self.ticks() * METRES_PER_TICK as f32

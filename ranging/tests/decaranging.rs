@@ -27,7 +27,7 @@ fn tag_of(phy: PhyConfig, variant: Variant, turnaround: Turnaround) -> Boxed {
 }
 
 fn tag(phy: PhyConfig, variant: Variant) -> Boxed {
-    tag_of(phy, variant, Turnaround::DWM1001)
+    tag_of(phy, variant, Turnaround::START)
 }
 
 fn anchor(phy: PhyConfig) -> Boxed {
@@ -35,7 +35,7 @@ fn anchor(phy: PhyConfig) -> Boxed {
         address: ANCHOR,
         eui: 0xDECA_0100_0000_0042,
         phy,
-        turnaround: Turnaround::DWM1001,
+        turnaround: Turnaround::START,
         antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
     }))
 }
@@ -108,7 +108,7 @@ impl Board {
 
     /// As an anchor: takes any tag that blinks.
     fn anchor(mut self) -> Boxed {
-        Box::new(move |_, event| {
+        Box::new(move |_, _, event| {
             let frame = match event {
                 Event::Sent(departure) => {
                     self.stamps[1] = departure;
@@ -169,7 +169,7 @@ impl Board {
         let mut taken = false;
         let mut next: Option<RadioInstant> = None;
         let mut long_blink = false;
-        Box::new(move |now, event| {
+        Box::new(move |now, _, event| {
             let mut begin = next.is_none();
             match event {
                 Event::Sent(departure) => self.stamps[2] = departure,
@@ -314,7 +314,7 @@ fn pair(seed: u64, distance: f64, variant: Variant, tag_turnaround: Turnaround) 
 fn both_ends_know_the_distance() {
     for (seed, distance) in [(60, 0.01), (61, 0.3), (62, 50.0)] {
         for variant in [Variant::Standard, Variant::Fast] {
-            let (mut air, anchor, tag) = pair(seed, distance, variant, Turnaround::DWM1001);
+            let (mut air, anchor, tag) = pair(seed, distance, variant, Turnaround::START);
             air.run_until(30.0);
             assert_accurate(&errors(&air, anchor, 0.0, distance), 500, "anchor");
             assert_accurate(&errors(&air, tag, 0.0, distance), 500, "tag");
@@ -329,7 +329,7 @@ fn both_ends_know_the_distance() {
 
 #[test]
 fn replies_unequal_by_a_millisecond_do_no_harm() {
-    let slow = Turnaround { answer: RadioDuration::from_micros(1250), ..Turnaround::DWM1001 };
+    let slow = Turnaround { answer: RadioDuration::from_micros(1250), ..Turnaround::START };
     for variant in [Variant::Standard, Variant::Fast] {
         let (mut air, anchor, tag) = pair(63, 10.0, variant, slow);
         air.run_until(30.0);
@@ -341,7 +341,7 @@ fn replies_unequal_by_a_millisecond_do_no_harm() {
 #[test]
 fn counters_wrap_inside_exchanges() {
     for variant in [Variant::Standard, Variant::Fast] {
-        let (mut air, anchor, tag) = pair(64, 10.0, variant, Turnaround::DWM1001);
+        let (mut air, anchor, tag) = pair(64, 10.0, variant, Turnaround::START);
         air.run_until(1.0);
         // A poll leaves every 50 ms and an exchange lasts about 1.5 ms: over some wraps at 0.3 ms apart one falls inside.
         let exchange = air.sent.iter().rev().find(|flight| flight.sender == tag).unwrap().rmarker;
@@ -363,7 +363,7 @@ fn counters_wrap_inside_exchanges() {
 
 #[test]
 fn a_dead_link_is_paired_again_by_itself() {
-    let (mut air, anchor_node, tag_node) = pair(65, 5.0, Variant::Fast, Turnaround::DWM1001);
+    let (mut air, anchor_node, tag_node) = pair(65, 5.0, Variant::Fast, Turnaround::START);
     let phy = PhyConfig::FAST;
     air.run_until(2.0);
     // The tag is reset: no reset of the anchor is needed.
@@ -389,7 +389,7 @@ fn a_dead_link_is_paired_again_by_itself() {
 #[test]
 fn loss_stalls_nothing() {
     for variant in [Variant::Standard, Variant::Fast] {
-        let (mut air, anchor, _) = pair(66, 5.0, variant, Turnaround::DWM1001);
+        let (mut air, anchor, _) = pair(66, 5.0, variant, Turnaround::START);
         air.loss = 0.3;
         air.run_until(30.0);
         // Poll, response and final must come: 0.7³ = 34 % of 20 a second, from the pairing on.
@@ -403,7 +403,7 @@ fn loss_stalls_nothing() {
 fn repeated_cut_flipped_foreign_and_late_frames_do_no_harm() {
     for (seed, variant) in [(70, Variant::Standard), (71, Variant::Fast), (72, Variant::Standard), (73, Variant::Fast)]
     {
-        let (mut air, anchor, tag) = pair(seed, 5.0, variant, Turnaround::DWM1001);
+        let (mut air, anchor, tag) = pair(seed, 5.0, variant, Turnaround::START);
         air.add([3.0, 3.0, 1.0], 5.0, mischief(seed));
         air.run_until(30.0);
         for node in [anchor, tag] {

@@ -8,10 +8,10 @@ use rand_pcg::Pcg64;
 use ranging::exchange::{Event, Machine};
 use ranging::frame::decaranging::{self, Variant};
 use ranging::frame::{FrameBuffer, native};
-use ranging::native::{Network, Rate, Turnaround};
+use ranging::native::{Network, Rate, Scheme, Turnaround};
 use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
 
-const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, turnaround: Turnaround::DWM1001 };
+const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
 const ADDRESS: u16 = 0x0101;
 const EUI: u64 = 0x1122_3344_5566_7788;
 
@@ -138,7 +138,17 @@ fn a_native_tag_survives_anything() {
     for seed in 0..3 {
         let tell_distances = seed % 2 == 0;
         let rate = if seed == 0 { Rate::Greedy } else { Rate::Every(RadioDuration::from_micros(30_000)) };
-        torment(Tag::new(TagConfig { address: ADDRESS, network: NETWORK, anchors: 8, rate, tell_distances }), seed);
+        torment(
+            Tag::new(TagConfig {
+                address: ADDRESS,
+                network: NETWORK,
+                anchors: 8,
+                rate,
+                scheme: Scheme::DoubleSided,
+                tell_distances,
+            }),
+            seed,
+        );
     }
 }
 
@@ -177,7 +187,7 @@ fn a_decaranging_tag_survives_anything() {
                 eui: EUI,
                 variant,
                 phy: PhyConfig::FAST,
-                turnaround: Turnaround::DWM1001,
+                turnaround: Turnaround::START,
                 antenna_delay: RadioDuration::from_ticks(16_436),
                 period: RadioDuration::from_micros(50_000),
             }),
@@ -190,7 +200,7 @@ fn a_decaranging_tag_survives_anything() {
 fn a_decaranging_anchor_survives_anything() {
     use ranging::decaranging::{Anchor, AnchorConfig};
     for seed in 30..32 {
-        let (phy, turnaround) = (PhyConfig::FAST, Turnaround::DWM1001);
+        let (phy, turnaround) = (PhyConfig::FAST, Turnaround::START);
         let antenna_delay = RadioDuration::from_ticks(16_436);
         torment(Anchor::new(AnchorConfig { address: ADDRESS, eui: EUI, phy, turnaround, antenna_delay }), seed);
     }

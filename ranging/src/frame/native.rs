@@ -2,20 +2,23 @@
 //!
 //! | message | code | payload after the code |
 //! |---|---|---|
-//! | poll, tag → all | 30 | round (2), number of anchors (high nibble) and options (1), anchors in slot order (2 each); with option 1, the last distance to each (2 each) |
-//! | response, anchor → tag | 31 | round (2), poll RX (5), response TX − poll RX (4) |
-//! | beacon, anchor → all | 32 | superframe (2), term (1), age (1), hops (1), coordinator (2), slot (1), slot owners (16), request (3), heard (3), version (1), countdown (1), position (9), number of members (1), members (3 each) |
-//! | request, tag → all | 33 | share (1) |
+//! | poll, tag → all | 30 | round (2), number of anchors (high nibble) and options (1), what the tag asks of the layout (1), anchors in slot order (2 each); with option 1, the last distance to each (2 each) |
+//! | response, anchor → tag | 31 | round (2), poll RX (5), response TX − poll RX (4); if the anchor heard the final of an earlier round: low byte of that round (1), final RX − response TX (4) |
+//! | beacon, anchor → all | 32 | superframe (2), term (1), age (1), hops (1), coordinator (2), slot (low five bits) and countdown (high three) (1), slot owners (16), request or what is asked of the layout (3), heard (3), version (1), layout (2), position (9), number of members, with the highest bit where a request is told (1), members (3 each) |
+//! | request, tag → all | 33 | share (1), what the tag asks of the layout (1) |
+//! | final, tag → all | 34 | round (2) |
 //!
 //! Times are in ticks. A distance is in units of 4 mm, signed; 0x8000 is unknown. A position is three times 24 bits,
-//! millimetres, signed; (−2²³, 0, 0) is unknown.
+//! millimetres, signed; (−2²³, 0, 0) is unknown. A layout is the code of the answer (7 bits) and of listening again (7 bits), each
+//! (16 + c mod 16) · 2^⌊c / 16⌋ µs for the code c, with the highest bit of the first where the layout counts with the list of members only,
+//! and that of the second where rounds have a final. A tag asks by the second byte alone.
 
 mod values;
 
 use heapless::Vec;
 
 use super::{Address, BROADCAST, FrameBuffer, Header, Reader};
-use crate::native::MAX_ROUND;
+use crate::native::{Layout, MAX_ROUND};
 use crate::{RadioDuration, RadioInstant};
 
 pub use values::{Distance, Position, Share};
@@ -30,6 +33,7 @@ const POLL: u8 = 0x30;
 const RESPONSE: u8 = 0x31;
 const BEACON: u8 = 0x32;
 const REQUEST: u8 = 0x33;
+const FINAL: u8 = 0x34;
 
 /// Option of a poll.
 const WITH_DISTANCES: u8 = 1;
@@ -63,7 +67,12 @@ pub enum Message {
     /// An anchor keeps the network together.
     Beacon(Beacon),
     /// A tag asks for slots.
-    Request(Share),
+    Request(Request),
+    /// A tag ends a double-sided round.
+    Final {
+        /// Number of the round.
+        round: u16,
+    },
 }
 
 /// A tag asks anchors to answer, each in its slot.
@@ -71,8 +80,19 @@ pub enum Message {
 pub struct Poll {
     /// Number of the round: answers repeat it.
     pub round: u16,
+    /// What the tag asks of the network's layout.
+    pub wish: Layout,
     /// Who is to answer, in the order of the slots.
     pub anchors: Vec<Asked, MAX_ROUND>,
+}
+
+/// A tag asks for slots.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Request {
+    /// How many.
+    pub share: Share,
+    /// What the tag asks of the network's layout.
+    pub wish: Layout,
 }
 
 /// An anchor that a poll names.
@@ -94,6 +114,17 @@ pub struct Response {
     pub poll_rx: RadioInstant,
     /// From the poll's arrival to this frame's departure, in the anchor's clock: below 67 ms.
     pub reply: RadioDuration,
+    /// The last final of this tag that the anchor heard.
+    pub last_final: Option<FinalHeard>,
+}
+
+/// When an anchor heard a final.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FinalHeard {
+    /// Low byte of the number of the final's round.
+    pub round: u8,
+    /// From the departure of the anchor's response in that round to the arrival of the final, in the anchor's clock: below 67 ms.
+    pub after_response: RadioDuration,
 }
 
 /// An anchor's view of the network.
@@ -115,12 +146,18 @@ pub struct Beacon {
     pub slot_owners: [u8; OWNED_BEACON_SLOTS],
     /// A tag's request on its way to the coordinator.
     pub request: Option<Member>,
+    /// What the sender, and those farther from the coordinator, ask of the layout; not told beside a request.
+    pub wish: Layout,
     /// Members (bit i: the list's i-th) of whom a poll was heard here or farther from the coordinator.
     pub heard: u32,
     /// Number of the list of members.
     pub version: u8,
-    /// Superframes, from this one, until the list counts; until then the list before does.
+    /// Superframes, from this one, until the list counts, at most 7; until then the list before does.
     pub countdown: u8,
+    /// The layout of the slots …
+    pub layout: Layout,
+    /// … which counts with the list of members only, and another one until then.
+    pub layout_is_new: bool,
     /// Where the sender stands.
     pub position: Option<Position>,
     /// The tags of the network, by address.
@@ -151,8 +188,14 @@ impl Frame {
             BEACON => Message::Beacon(Beacon::parse(reader)?),
             REQUEST => {
                 let share = Share::parse(reader.u8()?)?;
+                let wish = Layout::from_tag_byte(reader.u8()?);
                 reader.end()?;
-                Message::Request(share)
+                Message::Request(Request { share, wish })
+            }
+            FINAL => {
+                let round = reader.u16()?;
+                reader.end()?;
+                Message::Final { round }
             }
             _ => return None,
         };
@@ -174,7 +217,11 @@ impl Frame {
             Message::Poll(poll) => poll.emit(out),
             Message::Response(response) => response.emit(out),
             Message::Beacon(beacon) => beacon.emit(out),
-            Message::Request(share) => out.put(&[REQUEST, share.byte()]),
+            Message::Request(Request { share, wish }) => out.put(&[REQUEST, share.byte(), wish.tag_byte()]),
+            Message::Final { round } => {
+                let [low, high] = round.to_le_bytes();
+                out.put(&[FINAL, low, high]);
+            }
         }
     }
 }
@@ -182,13 +229,25 @@ impl Frame {
 /// Bytes of header and code.
 const HEAD: u16 = 10;
 /// Bytes of the longest poll on the air, its check bytes counted: eight anchors with distances.
-pub const POLL_BYTES: u16 = HEAD + 3 + 4 * MAX_ROUND as u16 + 2;
+pub const POLL_BYTES: u16 = HEAD + 4 + 4 * MAX_ROUND as u16 + 2;
 /// Bytes of a response on the air, its check bytes counted.
 pub const RESPONSE_BYTES: u16 = HEAD + 11 + 2;
+/// The same where it tells of a final.
+pub const LONG_RESPONSE_BYTES: u16 = RESPONSE_BYTES + 5;
+/// Bytes of a final on the air, its check bytes counted.
+pub const FINAL_BYTES: u16 = HEAD + 2 + 2;
 /// Bytes of a request on the air, its check bytes counted.
-pub const REQUEST_BYTES: u16 = HEAD + 1 + 2;
+pub const REQUEST_BYTES: u16 = HEAD + 2 + 2;
 /// Bytes of the longest beacon on the air, its check bytes counted.
-pub const BEACON_BYTES: u16 = HEAD + 42 + 3 * MAX_MEMBERS as u16 + 2;
+pub const BEACON_BYTES: u16 = HEAD + 43 + 3 * MAX_MEMBERS as u16 + 2;
+
+/// In the byte with the number of members: a request is passed on, and not what is asked of the layout.
+const PASSES_REQUEST_ON: u8 = 0x80;
+/// In the first byte of the layout: another one counts until the list of members does.
+const LAYOUT_IS_NEW: u8 = 0x80;
+/// Of the byte with slot and countdown.
+const SLOT: u8 = 0x1F;
+const COUNTDOWN_SHIFT: u8 = 5;
 
 impl Poll {
     /// After the code.
@@ -200,6 +259,7 @@ impl Poll {
             WITH_DISTANCES => true,
             _ => return None,
         };
+        let wish = Layout::from_tag_byte(reader.u8()?);
         let mut anchors = Vec::new();
         for _ in 0..count {
             anchors.push(Asked { address: reader.u16()?, distance: Distance::Unsent }).ok()?;
@@ -213,7 +273,7 @@ impl Poll {
             }
         }
         reader.end()?;
-        (!anchors.is_empty()).then_some(Self { round, anchors })
+        (!anchors.is_empty()).then_some(Self { round, wish, anchors })
     }
 
     fn emit(&self, out: &mut FrameBuffer) {
@@ -221,7 +281,7 @@ impl Poll {
         let options = if with_distances { WITH_DISTANCES } else { 0 };
         out.put(&[POLL]);
         out.put(&self.round.to_le_bytes());
-        out.put(&[(self.anchors.len() as u8) << 4 | options]);
+        out.put(&[(self.anchors.len() as u8) << 4 | options, self.wish.tag_byte()]);
         for asked in &self.anchors {
             out.put(&asked.address.to_le_bytes());
         }
@@ -240,8 +300,12 @@ impl Response {
         let round = reader.u16()?;
         let poll_rx = RadioInstant::from_le_bytes(reader.take()?);
         let reply = RadioDuration::from_ticks(reader.u32()?.into());
+        let last_final = match reader.u8() {
+            None => None,
+            Some(round) => Some(FinalHeard { round, after_response: RadioDuration::from_ticks(reader.u32()?.into()) }),
+        };
         reader.end()?;
-        Some(Self { round, poll_rx, reply })
+        Some(Self { round, poll_rx, reply, last_final })
     }
 
     fn emit(&self, out: &mut FrameBuffer) {
@@ -249,6 +313,10 @@ impl Response {
         out.put(&self.round.to_le_bytes());
         out.put(&self.poll_rx.to_le_bytes());
         out.put(&(self.reply.ticks() as u32).to_le_bytes());
+        if let Some(FinalHeard { round, after_response }) = self.last_final {
+            out.put(&[round]);
+            out.put(&(after_response.ticks() as u32).to_le_bytes());
+        }
     }
 }
 
@@ -257,18 +325,22 @@ impl Beacon {
         let superframe = reader.u16()?;
         let [term, age, hops] = reader.take()?;
         let coordinator = reader.u16()?;
-        let slot = reader.u8()?;
+        let slot_and_countdown = reader.u8()?;
         let slot_owners = reader.take()?;
-        let request = match Member::parse(&mut reader)? {
-            Member { tag: BROADCAST, share: Share::Release } => None,
-            Member { tag: BROADCAST, .. } => return None,
-            member => Some(member),
-        };
-        let [a, b, c, version, countdown] = reader.take()?;
+        let passed_on: [u8; 3] = reader.take()?;
+        let [a, b, c, version] = reader.take()?;
         let heard = u32::from_le_bytes([a, b, c, 0]);
+        let layout: [u8; 2] = reader.take()?;
         let position = Position::parse(reader.take()?)?;
+        let count = reader.u8()?;
+        let (request, wish) = if count & PASSES_REQUEST_ON == 0 {
+            let [answer, tag, 0] = passed_on else { return None };
+            (None, Layout::from_bytes([answer, tag]))
+        } else {
+            (Some(Member::parse(&mut Reader(&passed_on))?), Layout::LEAST)
+        };
         let mut members = Vec::new();
-        for _ in 0..reader.u8()? {
+        for _ in 0..count & !PASSES_REQUEST_ON {
             members.push(Member::parse(&mut reader)?).ok()?;
         }
         reader.end()?;
@@ -279,12 +351,15 @@ impl Beacon {
             age,
             hops,
             coordinator,
-            slot,
+            slot: slot_and_countdown & SLOT,
             slot_owners,
             request,
+            wish,
             heard,
             version,
-            countdown,
+            countdown: slot_and_countdown >> COUNTDOWN_SHIFT,
+            layout: Layout::from_bytes(layout),
+            layout_is_new: layout[0] & LAYOUT_IS_NEW != 0,
             position,
             members,
         })
@@ -295,13 +370,25 @@ impl Beacon {
         out.put(&self.superframe.to_le_bytes());
         out.put(&[self.term, self.age, self.hops]);
         out.put(&self.coordinator.to_le_bytes());
-        out.put(&[self.slot]);
+        out.put(&[self.slot & SLOT | self.countdown << COUNTDOWN_SHIFT]);
         out.put(&self.slot_owners);
-        self.request.unwrap_or(Member { tag: BROADCAST, share: Share::Release }).emit(out);
+        let passes_request_on = match self.request {
+            Some(request) => {
+                request.emit(out);
+                PASSES_REQUEST_ON
+            }
+            None => {
+                let [answer, tag] = self.wish.bytes();
+                out.put(&[answer, tag, 0]);
+                0
+            }
+        };
         let [a, b, c, _] = self.heard.to_le_bytes();
-        out.put(&[a, b, c, self.version, self.countdown]);
+        out.put(&[a, b, c, self.version]);
+        let [answer, tag] = self.layout.bytes();
+        out.put(&[if self.layout_is_new { answer | LAYOUT_IS_NEW } else { answer }, tag]);
         out.put(&Position::bytes(self.position));
-        out.put(&[self.members.len() as u8]);
+        out.put(&[self.members.len() as u8 | passes_request_on]);
         for member in &self.members {
             member.emit(out);
         }
@@ -342,8 +429,11 @@ mod tests {
     #[test]
     fn golden_poll() {
         let asked = |address| Asked { address, distance: Distance::Unsent };
-        let poll = Poll { round: 0x1234, anchors: [asked(1), asked(0x0203)].into_iter().collect() };
-        round_trip(Message::Poll(poll), &[0x30, 0x34, 0x12, 0x20, 1, 0, 3, 2]);
+        // (16 + 8) · 2² = 96 µs: code 0x28; with a final 0xA8.
+        let wish = Layout::from_tag_byte(0xA8);
+        assert_eq!(wish.listen_again.duration(), RadioDuration::from_micros(96));
+        let poll = Poll { round: 0x1234, wish, anchors: [asked(1), asked(0x0203)].into_iter().collect() };
+        round_trip(Message::Poll(poll), &[0x30, 0x34, 0x12, 0x20, 0xA8, 1, 0, 3, 2]);
     }
 
     #[test]
@@ -351,8 +441,8 @@ mod tests {
         // 3.2 m are 800 units of 4 mm, 0x0320; −0.1 m are −25, 0xFFE7.
         let anchors = [(1, Distance::from_metres(3.2)), (2, Distance::Unknown), (3, Distance::from_metres(-0.1))];
         let anchors = anchors.into_iter().map(|(address, distance)| Asked { address, distance }).collect();
-        let poll = Poll { round: 1, anchors };
-        round_trip(Message::Poll(poll), &[0x30, 1, 0, 0x31, 1, 0, 2, 0, 3, 0, 0x20, 0x03, 0x00, 0x80, 0xE7, 0xFF]);
+        let poll = Poll { round: 1, wish: Layout::LEAST, anchors };
+        round_trip(Message::Poll(poll), &[0x30, 1, 0, 0x31, 0, 1, 0, 2, 0, 3, 0, 0x20, 0x03, 0x00, 0x80, 0xE7, 0xFF]);
     }
 
     #[test]
@@ -361,18 +451,39 @@ mod tests {
             round: 0xFFFE,
             poll_rx: RadioInstant::from_ticks(0xFF_0102_0304),
             reply: RadioDuration::from_ticks(0x0123_4567),
+            last_final: None,
         };
         let golden = [0x31, 0xFE, 0xFF, 4, 3, 2, 1, 0xFF, 0x67, 0x45, 0x23, 0x01];
-        round_trip(Message::Response(response), &golden);
+        let mut out = FrameBuffer::new();
+        Frame { sequence: 0, pan: 0, destination: 0, source: 0, message: Message::Response(response) }.emit(&mut out);
+        assert_eq!(out.bytes().get(9..), Some(&golden[..]));
         assert_eq!(usize::from(RESPONSE_BYTES), 9 + golden.len() + 2);
+
+        let last_final = Some(FinalHeard { round: 0xFD, after_response: RadioDuration::from_ticks(0x0089_ABCD) });
+        let with_final: std::vec::Vec<u8> = golden.into_iter().chain([0xFD, 0xCD, 0xAB, 0x89, 0x00]).collect();
+        assert_eq!(usize::from(LONG_RESPONSE_BYTES), 9 + with_final.len() + 2);
+        for (cut, bytes) in (0..5).map(|cut| (cut, &with_final[..with_final.len() - cut])) {
+            let mut frame = std::vec![0x41, 0x88, 0, 0, 0, 0, 0, 0, 0];
+            frame.extend(bytes);
+            let parsed = Frame::parse(&frame).map(|frame| frame.message);
+            let whole = Message::Response(Response { last_final, ..response });
+            assert_eq!(parsed, (cut == 0).then_some(whole), "cut by {cut}");
+        }
+    }
+
+    #[test]
+    fn golden_final() {
+        round_trip(Message::Final { round: 0x0102 }, &[0x34, 0x02, 0x01]);
+        assert_eq!(usize::from(FINAL_BYTES), 9 + 3 + 2);
     }
 
     #[test]
     fn golden_requests() {
-        round_trip(Message::Request(Share::Release), &[0x33, 0]);
-        round_trip(Message::Request(Share::Slots(2)), &[0x33, 2]);
-        round_trip(Message::Request(Share::Greedy), &[0x33, 127]);
-        round_trip(Message::Request(Share::OneIn(10)), &[0x33, 0x8A]);
+        let wish = Layout::from_tag_byte(0x12);
+        for (share, byte) in [(Share::Release, 0), (Share::Slots(2), 2), (Share::Greedy, 127), (Share::OneIn(10), 0x8A)]
+        {
+            round_trip(Message::Request(Request { share, wish }), &[0x33, byte, 0x12]);
+        }
     }
 
     fn beacon(members: usize) -> Beacon {
@@ -385,9 +496,12 @@ mod tests {
             slot: 8,
             slot_owners: core::array::from_fn(|i| i as u8 + 0x10),
             request: None,
+            wish: Layout::from_bytes([0x21, 0x43]),
             heard: 0x0A0B0C,
             version: 9,
             countdown: 7,
+            layout: Layout::from_bytes([0x35, 0x90]),
+            layout_is_new: true,
             position: Position::from_metres([1.0, -0.001, 8.388]),
             members: (0..members as u16).map(|tag| Member { tag: 0x0400 + tag, share: Share::Greedy }).collect(),
         }
@@ -396,11 +510,22 @@ mod tests {
     #[test]
     fn golden_beacon() {
         // 1000 = 0x0003E8, −1 = 0xFFFFFF, 8388 = 0x0020C4.
-        let mut golden = std::vec![0x32, 2, 1, 3, 4, 5, 7, 6, 8];
+        // Slot 8 and countdown 7: 8 + 7 · 32 = 0xE8. Layout 35 90, new: B5 90.
+        let mut golden = std::vec![0x32, 2, 1, 3, 4, 5, 7, 6, 0xE8];
         golden.extend(0x10..0x20);
-        golden.extend([0xFF, 0xFF, 0, 0x0C, 0x0B, 0x0A, 9, 7, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
+        golden.extend([0x21, 0x43, 0, 0x0C, 0x0B, 0x0A, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
         golden.extend([2, 0x00, 0x04, 127, 0x01, 0x04, 127]);
         round_trip(Message::Beacon(beacon(2)), &golden);
+    }
+
+    #[test]
+    fn golden_beacon_that_passes_a_request_on() {
+        let request = Some(Member { tag: 0x0506, share: Share::Slots(3) });
+        let mut golden = std::vec![0x32, 2, 1, 3, 4, 5, 7, 6, 0xE8];
+        golden.extend(0x10..0x20);
+        golden.extend([0x06, 0x05, 3, 0x0C, 0x0B, 0x0A, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
+        golden.push(0x80);
+        round_trip(Message::Beacon(Beacon { request, wish: Layout::LEAST, ..beacon(0) }), &golden);
     }
 
     #[test]
@@ -411,9 +536,9 @@ mod tests {
             out.bytes().len()
         };
         let longest = length(Message::Beacon(beacon(MAX_MEMBERS)));
-        assert_eq!((longest, longest + 2), (MAX_FRAME - 1, usize::from(BEACON_BYTES)));
+        assert_eq!((longest, longest + 2), (MAX_FRAME, usize::from(BEACON_BYTES)));
         let asked = Asked { address: 1, distance: Distance::Unknown };
-        let poll = Poll { round: 0, anchors: core::iter::repeat_n(asked, MAX_ROUND).collect() };
+        let poll = Poll { round: 0, wish: Layout::LEAST, anchors: core::iter::repeat_n(asked, MAX_ROUND).collect() };
         assert_eq!(length(Message::Poll(poll)) + 2, usize::from(POLL_BYTES));
     }
 

@@ -1,15 +1,19 @@
 //! The anchor in native mode: answers polls, keeps and relays time, and coordinates when nobody else does.
 
+use heapless::Vec;
+
 use super::asking::Asking;
 use super::coordination::{Coordination, Heard};
+use super::layout::{Layout, Scheme};
+use super::pace::Meter;
 use super::plan::Rate;
-use super::timing::{BEACON_SLOTS, Phase, Timing};
-use super::{Network, STAMP_DEVIATION_TICKS, WAKE, spread};
+use super::timing::{BEACON_SLOTS, Timing, end_of};
+use super::{Network, SHORTEST_WAIT, STAMP_DEVIATION_TICKS, spread};
 use crate::exchange::{Action, Event, Link, Machine, Range, Report, Round};
-use crate::frame::native::{Beacon, Frame, Member, Message, Poll, Position, Response};
+use crate::frame::native::{Beacon, FinalHeard, Frame, MAX_MEMBERS, Member, Message, Poll, Position, Response};
 use crate::frame::{BROADCAST, FrameBuffer};
 use crate::time::METRES_PER_TICK;
-use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
+use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
 
 /// What an anchor is told at its start.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,22 +39,48 @@ const SEARCH_SPREAD: u16 = 128;
 /// What a distance told by a tag is worth: two stamps, halved (see [`tof`](crate::tof)).
 const DEVIATION_M: f32 = 0.5 * core::f32::consts::SQRT_2 * STAMP_DEVIATION_TICKS * METRES_PER_TICK as f32;
 
+/// What the anchor's last action was for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Doing {
+    /// Listening, reporting.
+    Nothing,
+    /// Answers a poll that was over at this instant.
+    Answering(RadioInstant),
+    /// Sends its beacon.
+    Beaconing,
+    /// Polls other anchors.
+    Polling,
+}
+
 /// The anchor's side of native mode. Its reports are changes of its place in the network, and rounds of one range where a tag
 /// tells what it measured.
 #[derive(Clone, Debug)]
 pub struct Anchor {
     config: AnchorConfig,
-    timing: Timing,
+    meter: Meter,
     position: Option<Position>,
     network: Option<Coordination>,
     /// Without a network: when to found one.
     found_at: Option<RadioInstant>,
     answer: Option<Answer>,
+    /// The last response to each tag, and the final that followed it.
+    answered: Vec<Answered, MAX_MEMBERS>,
     asking: Asking,
     link: Option<Link>,
     told: Option<Told>,
     /// The one that the node is reading.
     reported: Option<Told>,
+    doing: Doing,
+    /// When a window was to end so that a transmission can be made in time.
+    wake_at: Option<RadioInstant>,
+    /// The first pulse of the poll that was waited for.
+    pulse_at: Option<RadioInstant>,
+    /// The last decision was made at the end of a wait or a window, and not upon a frame.
+    was_awaited: bool,
+    /// The radio told when the command of the last transmission had reached it.
+    was_measured: bool,
+    /// When the receiver was on again after the last frame, where the radio told.
+    listening_at: Option<RadioInstant>,
     sequence: u8,
     out: FrameBuffer,
 }
@@ -59,8 +89,19 @@ pub struct Anchor {
 #[derive(Clone, Copy, Debug)]
 struct Answer {
     tag: u16,
+    /// When the poll was over.
+    polled: RadioInstant,
     start: RadioInstant,
     response: Response,
+}
+
+/// The last response to a tag.
+#[derive(Clone, Copy, Debug)]
+struct Answered {
+    tag: u16,
+    round: u16,
+    departure: RadioInstant,
+    final_heard: Option<FinalHeard>,
 }
 
 /// A distance that a tag has told.
@@ -74,21 +115,32 @@ struct Told {
 impl Anchor {
     /// An anchor that has heard nobody yet.
     pub fn new(config: AnchorConfig) -> Self {
-        let timing = Timing::of(&config.network);
         Self {
             config,
-            timing,
+            meter: Meter::new(config.network.pinned),
             position: config.position_m.and_then(Position::from_metres),
             network: None,
             found_at: None,
             answer: None,
-            asking: Asking::new(config.rounds, &timing, RangeBias::of(&config.network.phy)),
+            answered: Vec::new(),
+            asking: Asking::new(config.rounds, RangeBias::of(&config.network.phy)),
             link: None,
             told: None,
             reported: None,
+            doing: Doing::Nothing,
+            wake_at: None,
+            pulse_at: None,
+            was_awaited: false,
+            was_measured: false,
+            listening_at: None,
             sequence: 0,
             out: FrameBuffer::new(),
         }
+    }
+
+    /// What this anchor asks of the layout: room for finals is for tags to ask.
+    fn wish(&self) -> Layout {
+        self.meter.wish(Scheme::SingleSided)
     }
 
     fn hear(&mut self, frame: &RxFrame<'_>) {
@@ -96,17 +148,25 @@ impl Anchor {
         let everyone = told.destination == BROADCAST;
         match told.message {
             Message::Poll(poll) if everyone => self.hear_poll(told.source, &poll, frame),
-            Message::Request(share) if everyone => {
+            Message::Request(request) if everyone => {
                 if let Some(network) = &mut self.network {
-                    network.request(Member { tag: told.source, share });
+                    network.request(Member { tag: told.source, share: request.share });
+                    network.wish(request.wish);
                 }
             }
             Message::Beacon(beacon) if everyone => self.hear_beacon(told.source, &beacon, frame),
             Message::Response(response) if told.destination == self.config.address => {
-                self.asking.answer(&self.timing, told.source, response, frame);
+                if let Some(network) = &self.network {
+                    self.asking.answer(&network.course.timing, told.source, response, frame);
+                }
             }
+            Message::Final { round } if everyone => self.hear_final(told.source, round, frame.rx_time),
             // Other anchors', and what is not for us.
-            Message::Poll(_) | Message::Request(_) | Message::Beacon(_) | Message::Response(_) => {}
+            Message::Poll(_)
+            | Message::Request(_)
+            | Message::Beacon(_)
+            | Message::Response(_)
+            | Message::Final { .. } => {}
         }
     }
 
@@ -115,32 +175,59 @@ impl Anchor {
             return;
         }
         self.asking.hear(source);
+        let phy = &self.config.network.phy;
         match &mut self.network {
-            Some(network) => match network.hear(&self.timing, source, beacon, frame.rx_time) {
+            Some(network) => match network.hear(phy, source, beacon, frame.rx_time) {
                 Heard::Ignored | Heard::Followed => {}
                 Heard::Changed(link) => self.link = Some(link),
             },
             None => {
-                let phase = Phase::from_beacon(&self.timing, beacon.superframe, beacon.slot, frame.rx_time);
-                self.network = Some(Coordination::join(self.config.address, source, beacon, phase));
-                self.link = Some(Link::Synchronised(beacon.coordinator));
+                self.network = Coordination::join(self.config.address, phy, source, beacon, frame.rx_time);
+                self.link = self.network.as_ref().map(|_| Link::Synchronised(beacon.coordinator));
             }
         }
     }
 
-    fn hear_poll(&mut self, tag: u16, poll: &Poll, frame: &RxFrame<'_>) {
-        if let Some(network) = &mut self.network {
-            network.hear_tag(tag);
+    fn hear_final(&mut self, tag: u16, round: u16, rx_time: RadioInstant) {
+        let answered = self.answered.iter_mut().find(|answered| answered.tag == tag && answered.round == round);
+        if let Some(answered) = answered {
+            let after_response = rx_time.since(answered.departure);
+            answered.final_heard = Some(FinalHeard { round: round as u8, after_response });
         }
+    }
+
+    /// A response to a tag in a round leaves at `departure`: the final of the one before, if that was heard.
+    fn note_response(&mut self, tag: u16, round: u16, departure: RadioInstant) -> Option<FinalHeard> {
+        let last = self.answered.iter().position(|answered| answered.tag == tag);
+        let final_heard = last.and_then(|place| self.answered.remove(place).final_heard);
+        if self.answered.is_full() {
+            // The one that has been silent longest.
+            self.answered.remove(0);
+        }
+        // There is a place now.
+        let _ = self.answered.push(Answered { tag, round, departure, final_heard: None });
+        final_heard
+    }
+
+    fn hear_poll(&mut self, tag: u16, poll: &Poll, frame: &RxFrame<'_>) {
+        // Who has no network knows no layout, and so not when to answer.
+        let Some(network) = &mut self.network else { return };
+        network.hear_tag(tag);
+        network.wish(poll.wish);
+        let timing = network.course.timing;
         let named = |place: &usize| poll.anchors.get(*place).is_some_and(|asked| asked.address == self.config.address);
         let Some(slot) = (0..poll.anchors.len()).find(named) else { return };
         let poll_rx = frame.rx_time;
         let antenna_delay = self.config.antenna_delay;
-        let start = poll_rx.plus(self.timing.reply_in(slot)).plus(RadioDuration::from_ticks(-antenna_delay.ticks()));
+        let start = poll_rx.plus(timing.reply_in(slot)).plus(RadioDuration::from_ticks(-antenna_delay.ticks()));
         // The chip starts at the snapped instant: that is what the tag must be told.
         let departure = start.snapped().plus(antenna_delay);
-        let response = Response { round: poll.round, poll_rx, reply: departure.since(poll_rx) };
-        self.answer = Some(Answer { tag, start, response });
+        let last_final = self.note_response(tag, poll.round, departure);
+        // A long response is for rounds that have room for it.
+        let last_final = last_final.filter(|_| timing.layout.scheme == Scheme::DoubleSided);
+        let response = Response { round: poll.round, poll_rx, reply: departure.since(poll_rx), last_final };
+        let polled = end_of(&self.config.network.phy, frame);
+        self.answer = Some(Answer { tag, polled, start, response });
         // What anchors tell is for tags that listen.
         let asked = poll.anchors.get(slot).filter(|_| !self.asking.knows(tag));
         let distance = asked.and_then(|asked| asked.distance.metres());
@@ -170,11 +257,13 @@ impl Anchor {
 
     /// What is next in the course of the superframe: the beacon when it is due, else listening.
     fn schedule(&mut self, present: RadioInstant) -> Action<'_> {
-        let timing = self.timing;
-        let address = self.config.address;
+        let (address, lead, wish) = (self.config.address, self.meter.lead(), self.wish());
+        let first_layout = self.meter.first_layout();
+        let phy = &self.config.network.phy;
         let network = match &mut self.network {
             Some(network) => network,
             None => {
+                let timing = Timing::of(phy, first_layout);
                 let patience = SEARCH_SUPERFRAMES * timing.superframe.ticks()
                     + i64::from(spread(address, 0, SEARCH_SPREAD)) * timing.beacon_slot.ticks();
                 let found_at = *self.found_at.get_or_insert(present.plus(RadioDuration::from_ticks(patience)));
@@ -182,75 +271,132 @@ impl Anchor {
                 if rest > RadioDuration::ZERO {
                     return Self::listen(rest);
                 }
-                self.network = Some(Coordination::found(address, present));
+                self.network = Some(Coordination::found(address, phy, first_layout, present));
                 self.found_at = None;
                 return Action::Report(Report::Link(Link::Coordinating));
             }
         };
-        // Early enough for a beacon in the first slot.
-        let early = RadioDuration::from_ticks(timing.transmit_beacon.ticks() + 2 * WAKE.ticks());
-        network.advance(&timing, present.plus(early));
-        let passed = present.since(network.phase.start).ticks();
+        // A superframe begins for us as early as we must decide on a beacon in its first slot.
+        let early = RadioDuration::from_ticks(lead.ticks() + SHORTEST_WAIT.ticks());
+        network.advance(present.plus(early));
+        let (timing, phase) = (network.course.timing, network.course.phase);
+        let passed = present.since(phase.start).ticks();
         let rest = RadioDuration::from_ticks(timing.superframe.ticks() - passed - early.ticks());
         let Some(slot) = network.due() else { return self.among_rounds(RadioDuration::from_ticks(passed), rest) };
         let rmarker = timing.beacon(slot.into());
-        let ready = passed + timing.transmit_beacon.ticks() + timing.to_rmarker.ticks();
-        let spare = RadioDuration::from_ticks(rmarker.ticks() - ready);
-        if spare.ticks() > 2 * WAKE.ticks() {
-            return Self::listen(RadioDuration::from_ticks(spare.ticks() - WAKE.ticks()));
+        let until_pulse = rmarker.ticks() - timing.to_rmarker.ticks() - passed;
+        let spare = RadioDuration::from_ticks(until_pulse - lead.ticks());
+        if spare > SHORTEST_WAIT {
+            self.wake_at = Some(present.plus(spare));
+            return Self::listen(spare);
         }
-        if spare < RadioDuration::ZERO {
-            network.skip();
-            return Self::listen(rest);
+        if until_pulse <= 0 {
+            // Awaited, and missed: there is another chance in this superframe. Else the slot was picked when it had passed.
+            if self.wake_at.take().is_some() {
+                network.was_late();
+            } else {
+                network.skip();
+            }
+            return Self::listen(SHORTEST_WAIT);
         }
-        let start = network.phase.at(rmarker).plus(RadioDuration::from_ticks(-self.config.antenna_delay.ticks()));
-        let (beacon, takes_over) = network.tell(slot, self.position);
+        let start = phase.at(rmarker).plus(RadioDuration::from_ticks(-self.config.antenna_delay.ticks()));
+        let (beacon, takes_over) = network.tell(slot, self.position, wish);
         if takes_over {
             self.link = Some(Link::Coordinating);
         }
+        self.doing = Doing::Beaconing;
         self.write(BROADCAST, Message::Beacon(beacon));
         Action::Transmit { frame: self.out.bytes(), start: Start::At(start), listen: true }
     }
 
     /// In the round slots: asks the other anchors in slots of its own, else listens.
     fn among_rounds(&mut self, passed: RadioDuration, rest: RadioDuration) -> Action<'_> {
-        let timing = self.timing;
+        let (lead, wish) = (self.meter.lead(), self.wish());
         let Some(network) = &mut self.network else { return Self::listen(rest) };
-        self.asking.plan(network, self.config.address, &timing);
-        let earliest = RadioDuration::from_ticks(passed.ticks() + timing.transmit.ticks());
-        let Some(pulse) = self.asking.next(&timing, network.phase, earliest) else { return Self::listen(rest) };
-        let spare = pulse.ticks() - earliest.ticks();
-        if spare > 2 * WAKE.ticks() {
-            return Self::listen(RadioDuration::from_ticks(spare - WAKE.ticks()));
+        let timing = network.course.timing;
+        self.asking.plan(network, self.config.address);
+        let phase = network.course.phase;
+        let in_time = RadioDuration::from_ticks(passed.ticks() + lead.ticks());
+        // Woken for a round, the anchor makes it as long as its instant lies ahead.
+        let spare = |pulse: RadioDuration| RadioDuration::from_ticks(pulse.ticks() - passed.ticks() - lead.ticks());
+        let planned = self.pulse_at.take().map(|pulse| pulse.since(phase.start));
+        let planned = planned.filter(|pulse| *pulse > passed && spare(*pulse) <= SHORTEST_WAIT);
+        let Some(pulse) = planned.or_else(|| self.asking.next(&timing, phase, in_time)) else {
+            return Self::listen(rest);
+        };
+        let pulse_at = phase.at(pulse);
+        if spare(pulse) > SHORTEST_WAIT {
+            let wake = pulse_at.plus(RadioDuration::from_ticks(-lead.ticks()));
+            (self.wake_at, self.pulse_at) = (Some(wake), Some(pulse_at));
+            return Self::listen(spare(pulse));
         }
-        let rmarker = network.phase.at(RadioDuration::from_ticks(pulse.ticks() + timing.to_rmarker.ticks()));
+        self.wake_at = self.wake_at.filter(|_| planned.is_some());
+        let rmarker = pulse_at.plus(timing.to_rmarker);
         // Its own lease.
         network.hear_tag(self.config.address);
-        let poll = self.asking.poll(&timing, network.phase.at(pulse));
+        let poll = self.asking.poll(&timing, pulse_at, self.meter.reading(), wish);
+        self.doing = Doing::Polling;
         self.write(BROADCAST, Message::Poll(poll));
         // At once would be before the slot, where the board is quicker than it must be: who listens goes by the slot.
         Action::Transmit { frame: self.out.bytes(), start: Start::At(rmarker), listen: true }
     }
+
+    /// What a late start teaches, where the radio did not measure it, and what it leaves to be done again.
+    fn was_late(&mut self) {
+        match (self.doing, self.was_measured) {
+            (Doing::Answering(_), false) => self.meter.answer_was_late(),
+            (Doing::Beaconing | Doing::Polling, false) => self.meter.lead_was_short(),
+            (Doing::Nothing, _) | (_, true) => {}
+        }
+        if let Some(network) = self.network.as_mut().filter(|_| self.doing == Doing::Beaconing) {
+            network.was_late();
+        }
+    }
 }
 
 impl Machine for Anchor {
+    fn pace(&mut self, pace: Pace) {
+        self.listening_at = pace.listening;
+        self.was_measured = pace.armed.is_some();
+        let Some(armed) = pace.armed else { return };
+        match (self.doing, self.wake_at.take()) {
+            (Doing::Answering(polled), _) => self.meter.answered(armed.since(polled)),
+            (Doing::Beaconing | Doing::Polling, Some(wake)) => self.meter.led(armed.since(wake), self.was_awaited),
+            (Doing::Beaconing | Doing::Polling, None) | (Doing::Nothing, _) => {}
+        }
+    }
+
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         let mut present = now;
+        self.was_awaited = matches!(event, Event::Timeout | Event::Woken);
         match event {
             Event::Started => {
                 self.network = None;
                 self.found_at = None;
                 self.answer = None;
+                self.answered.clear();
+                (self.wake_at, self.pulse_at) = (None, None);
                 self.asking.restart();
             }
-            Event::Sent(departure) => self.asking.sent(departure),
+            Event::Sent(departure) => {
+                if self.doing == Doing::Polling {
+                    self.asking.sent(departure);
+                }
+            }
             Event::Received(frame) => {
                 self.hear(&frame);
-                present = self.timing.read_by(&self.config.network.phy, &frame);
+                let ended = end_of(&self.config.network.phy, &frame);
+                present = ended.plus(self.meter.reading());
+                if let Some(listening) = self.listening_at.take() {
+                    self.meter.listened(listening.since(ended));
+                }
             }
-            Event::NotSent | Event::Corrupt | Event::Timeout | Event::Late | Event::Woken | Event::Reported => {}
+            Event::Late => self.was_late(),
+            Event::NotSent | Event::Corrupt | Event::Timeout | Event::Woken | Event::Reported => {}
         }
-        if let Some(Answer { tag, start, response }) = self.answer.take() {
+        self.doing = Doing::Nothing;
+        if let Some(Answer { tag, polled, start, response }) = self.answer.take() {
+            self.doing = Doing::Answering(polled);
             self.write(tag, Message::Response(response));
             return Action::Transmit { frame: self.out.bytes(), start: Start::At(start), listen: true };
         }

@@ -8,11 +8,12 @@ use heapless::Vec;
 
 use super::MAX_ROUND;
 use super::coordination::Coordination;
+use super::layout::{Layout, Scheme};
 use super::neighbours::Neighbours;
 use super::plan::{Rate, next_round, owned_slots, share_of};
 use super::round::Exchange;
 use super::timing::{Phase, Timing};
-use crate::frame::native::{Distance, Member, Poll, Response, Share};
+use crate::frame::native::{Distance, Member, Poll, Response};
 use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame};
 
 /// Anchors kept in mind.
@@ -25,7 +26,7 @@ const MEAN_OF: u8 = 100;
 /// An anchor's rounds.
 #[derive(Clone, Debug)]
 pub struct Asking {
-    share: Option<Share>,
+    rate: Option<Rate>,
     heard: Vec<Other, MAX_HEARD>,
     /// Whom the next round names first: with more anchors than a round has places, all have their turn.
     first: usize,
@@ -33,11 +34,11 @@ pub struct Asking {
     /// Those who answered.
     neighbours: Neighbours,
     bias: RangeBias,
-    /// The last action was a poll.
-    polling: bool,
     /// The superframe that `owned` is for.
     planned: Option<u16>,
     owned: u64,
+    /// Rounds begun in that superframe.
+    rounds: u32,
     /// When the answers of the last round are over.
     answered: Option<RadioInstant>,
 }
@@ -56,26 +57,25 @@ struct Other {
 
 impl Asking {
     /// Nobody heard yet.
-    pub fn new(rate: Option<Rate>, timing: &Timing, bias: RangeBias) -> Self {
-        let share = rate.map(|rate| share_of(rate, timing));
+    pub fn new(rate: Option<Rate>, bias: RangeBias) -> Self {
         Self {
-            share,
+            rate,
             heard: Vec::new(),
             first: 0,
             round: Exchange::new(),
             neighbours: Neighbours::new(),
             bias,
-            polling: false,
             planned: None,
             owned: 0,
+            rounds: 0,
             answered: None,
         }
     }
 
     /// The radio was started: what was known of clocks is void.
     pub fn restart(&mut self) {
-        self.polling = false;
         self.neighbours.forget_clocks();
+        self.round.forget();
     }
 
     /// An anchor's beacon came.
@@ -98,11 +98,9 @@ impl Asking {
         self.heard.iter_mut().find(|other| other.address == address)
     }
 
-    /// A frame has left: whether it was a poll, the caller need not know.
+    /// The poll has left.
     pub fn sent(&mut self, departure: RadioInstant) {
-        if core::mem::take(&mut self.polling) {
-            self.round.sent(departure);
-        }
+        self.round.sent(departure);
     }
 
     /// An answer came.
@@ -116,9 +114,10 @@ impl Asking {
     }
 
     /// Once a superframe: asks for slots where it has not those it wants, and finds which are its own.
-    pub fn plan(&mut self, network: &mut Coordination, address: u16, timing: &Timing) {
-        let Some(share) = self.share else { return };
-        let number = network.phase.number;
+    pub fn plan(&mut self, network: &mut Coordination, address: u16) {
+        let Some(rate) = self.rate else { return };
+        let timing = network.course.timing;
+        let number = network.course.phase.number;
         let Some(passed) = self.planned.replace(number).map_or(Some(1), |last| match number.wrapping_sub(last) {
             0 => None,
             superframes => Some(superframes),
@@ -126,14 +125,14 @@ impl Asking {
             return;
         };
         // Long past, and not to be mistaken for an instant to come once the clock has wrapped.
-        self.answered = None;
+        (self.answered, self.rounds) = (None, 0);
         self.neighbours.advance(passed);
         for other in &mut self.heard {
             other.unheard = other.unheard.saturating_add(passed);
         }
         self.heard.retain(|other| other.unheard <= FORGOTTEN_AFTER);
-        network.request(Member { tag: address, share });
-        self.owned = match network.membership.in_force() {
+        network.request(Member { tag: address, share: share_of(rate, &timing) });
+        self.owned = match network.course.membership.in_force() {
             Some(members) => owned_slots(members, address, number, timing.round_slots),
             None => 0,
         };
@@ -143,24 +142,26 @@ impl Asking {
     pub fn next(&self, timing: &Timing, phase: Phase, earliest: RadioDuration) -> Option<RadioDuration> {
         let anchors = self.heard.len().min(MAX_ROUND);
         let answered = self.answered.map_or(earliest, |instant| instant.since(phase.start));
-        if anchors == 0 { None } else { next_round(self.owned, timing, earliest.max(answered), anchors) }
+        // Rounds of few anchors are shorter than slots: there are as many as slots.
+        let has_enough = self.rounds >= self.owned.count_ones();
+        if anchors == 0 || has_enough { None } else { next_round(self.owned, timing, earliest.max(answered), anchors) }
     }
 
-    /// The poll of a round whose first pulse is at `pulse`.
-    pub fn poll(&mut self, timing: &Timing, pulse: RadioInstant) -> Poll {
-        let length = timing.round(self.heard.len().min(MAX_ROUND)).ticks() + timing.reading.ticks();
+    /// The poll of a round whose first pulse is at `pulse`, by a node that has read a frame this long after its end.
+    pub fn poll(&mut self, timing: &Timing, pulse: RadioInstant, reading: RadioDuration, wish: Layout) -> Poll {
+        let length = timing.round(self.heard.len().min(MAX_ROUND)).ticks() + reading.ticks();
         self.answered = Some(pulse.plus(RadioDuration::from_ticks(length)));
+        self.rounds = self.rounds.saturating_add(1);
         let count = self.heard.len();
         let from = self.first;
         self.first = (from + MAX_ROUND).checked_rem(count).unwrap_or(0);
         let turn = self.heard.iter().cycle().skip(from).take(count.min(MAX_ROUND));
         self.round.set_team(turn.map(|other| other.address).collect());
-        let mut poll = self.round.begin(&mut self.neighbours, true);
+        let mut poll = self.round.begin(&mut self.neighbours, Scheme::SingleSided, wish, true);
         for asked in &mut poll.anchors {
             let known = self.other(asked.address).filter(|other| other.ranges > 0);
             asked.distance = known.map_or(Distance::Unknown, |other| Distance::from_metres(other.apart_m));
         }
-        self.polling = true;
         poll
     }
 }

@@ -11,12 +11,15 @@
 
 use heapless::Vec;
 
-use super::plan::{Members, Membership};
-use super::timing::{HOLDOVER_SUPERFRAMES, Phase, SHARED_SLOTS, Timing};
+use super::course::Course;
+use super::layout::Layout;
+use super::plan::Members;
+use super::timing::{HOLDOVER_SUPERFRAMES, SHARED_SLOTS};
+use super::wishes::Wishes;
 use super::{prevails, spread};
-use crate::RadioInstant;
 use crate::exchange::Link;
 use crate::frame::native::{Beacon, MAX_MEMBERS, Member, OWNED_BEACON_SLOTS, Position, Share};
+use crate::{PhyConfig, RadioInstant};
 
 /// Word of the coordinator older than this many superframes, and two more a hop, means that it is gone.
 const COORDINATOR_GONE: u8 = 3;
@@ -33,10 +36,8 @@ type Owners = [(u8, u8); OWNED_BEACON_SLOTS];
 /// An anchor's part in its network.
 #[derive(Clone, Debug)]
 pub struct Coordination {
-    /// Where we are in time.
-    pub phase: Phase,
-    /// The tags.
-    pub membership: Membership,
+    /// Where we are in time, and what counts there.
+    pub course: Course,
     address: u16,
     term: u8,
     coordinator: u16,
@@ -53,8 +54,12 @@ pub struct Coordination {
     /// As coordinator: superframes since a poll of each member.
     unheard_members: [u16; MAX_MEMBERS],
     requests: Vec<Member, MAX_REQUESTS>,
+    /// What tags, and anchors farther from the coordinator, ask of the layout.
+    wishes: Wishes,
     /// The last superframe whose beacon is done with.
     told: Option<u16>,
+    /// The last superframe whose beacon came too late in its own slot.
+    late: Option<u16>,
 }
 
 /// What a beacon did to us.
@@ -69,75 +74,86 @@ pub enum Heard {
 }
 
 impl Coordination {
-    /// A network of its own, beginning at `start`.
-    pub fn found(address: u16, start: RadioInstant) -> Self {
+    /// A network of its own, beginning at `start`, laid out for this anchor itself.
+    pub fn found(address: u16, phy: &PhyConfig, layout: Layout, start: RadioInstant) -> Self {
+        let slot = Some((usize::from(address) % OWNED_BEACON_SLOTS) as u8);
+        Self { slot, ..Self::of_course(address, Course::begin(phy, layout, start)) }
+    }
+
+    /// Into a network that was heard of, unless its layout is just changing.
+    pub fn join(address: u16, phy: &PhyConfig, source: u16, beacon: &Beacon, rx_time: RadioInstant) -> Option<Self> {
+        let mut joined = Self::of_course(address, Course::of_beacon(phy, beacon, rx_time)?);
+        joined.follow(source, beacon);
+        Some(joined)
+    }
+
+    fn of_course(address: u16, course: Course) -> Self {
         Self {
-            phase: Phase { number: 0, start },
-            membership: Membership::default(),
+            course,
             address,
             term: 0,
             coordinator: address,
             hops: 0,
             age: 0,
             listened: 0,
-            slot: Some((usize::from(address) % OWNED_BEACON_SLOTS) as u8),
+            slot: None,
             heard_owners: [(0, 0); OWNED_BEACON_SLOTS],
             told_owners: [(0, 0); OWNED_BEACON_SLOTS],
             heard_members: 0,
             unheard_members: [0; MAX_MEMBERS],
             requests: Vec::new(),
+            wishes: Wishes::new(),
             told: None,
+            late: None,
         }
-    }
-
-    /// Into a network that was heard of.
-    pub fn join(address: u16, source: u16, beacon: &Beacon, phase: Phase) -> Self {
-        let mut joined = Self { slot: None, ..Self::found(address, phase.start) };
-        joined.adopt(source, beacon, phase, true);
-        joined
     }
 
     fn coordinates(&self) -> bool {
         self.coordinator == self.address
     }
 
-    fn adopt(&mut self, source: u16, beacon: &Beacon, phase: Phase, anew: bool) {
-        self.phase = phase;
+    /// Takes a beacon's coordinator for its own.
+    fn follow(&mut self, source: u16, beacon: &Beacon) {
         (self.term, self.coordinator) = (beacon.term, beacon.coordinator);
-        (self.age, self.hops) = (beacon.age, beacon.hops.saturating_add(1));
-        self.membership.hear(beacon.version, beacon.countdown, &beacon.members, anew);
-        if anew {
-            (self.slot, self.listened, self.told) = (None, 0, None);
-            self.heard_owners = [(0, 0); OWNED_BEACON_SLOTS];
-            self.told_owners = [(0, 0); OWNED_BEACON_SLOTS];
+        if beacon.coordinator == self.address {
+            // Word of our own from before a restart: we go on as the coordinator, by a later term, and all who follow us stay.
+            self.term = self.term.wrapping_add(1);
+            (self.age, self.hops) = (0, 0);
+        } else {
+            (self.age, self.hops) = (beacon.age, beacon.hops.saturating_add(1));
         }
         self.note_owners(source, beacon);
     }
 
+    /// Into the network of a beacon, as if nothing had been known; false in the middle of a change of its layout.
+    fn begin_anew(&mut self, phy: &PhyConfig, source: u16, beacon: &Beacon, rx_time: RadioInstant) -> bool {
+        match Self::join(self.address, phy, source, beacon, rx_time) {
+            Some(joined) => {
+                *self = joined;
+                true
+            }
+            None => false,
+        }
+    }
+
     /// A beacon of our PAN came at `rx_time`.
-    pub fn hear(&mut self, timing: &Timing, source: u16, beacon: &Beacon, rx_time: RadioInstant) -> Heard {
-        let phase = Phase::from_beacon(timing, beacon.superframe, beacon.slot, rx_time);
-        let mut expected = self.phase;
-        expected.advance(timing, rx_time);
-        let off = phase.start.since(expected.start).ticks().unsigned_abs();
-        let in_step = phase.number == expected.number && off <= timing.guard.ticks().unsigned_abs();
+    pub fn hear(&mut self, phy: &PhyConfig, source: u16, beacon: &Beacon, rx_time: RadioInstant) -> Heard {
+        self.advance(rx_time);
+        let in_step = self.course.in_step(beacon, rx_time);
         let (told, followed) = ((beacon.term, beacon.coordinator), (self.term, self.coordinator));
         if told == followed {
-            let deaf = u16::from(self.age) > HOLDOVER_SUPERFRAMES && !self.coordinates();
-            if !in_step && deaf {
-                self.adopt(source, beacon, phase, true);
-                return Heard::Followed;
-            }
-            if !in_step {
-                return Heard::Ignored;
-            }
+            let Some(phase) = in_step else {
+                let deaf = u16::from(self.age) > HOLDOVER_SUPERFRAMES && !self.coordinates();
+                let followed = deaf && self.begin_anew(phy, source, beacon, rx_time);
+                return if followed { Heard::Followed } else { Heard::Ignored };
+            };
             let hops = beacon.hops.saturating_add(1);
             if (beacon.age, hops) <= (self.age, self.hops) && !self.coordinates() {
                 (self.age, self.hops) = (beacon.age, hops);
             }
             if beacon.hops < self.hops {
-                self.phase = phase;
-                self.membership.hear(beacon.version, beacon.countdown, &beacon.members, false);
+                self.course.phase = phase;
+                self.course.membership.hear(beacon);
             }
             self.note_owners(source, beacon);
             self.note_members(beacon);
@@ -147,7 +163,15 @@ impl Coordination {
             return Heard::Ignored;
         }
         let link = if self.coordinates() { Link::Following(told.1) } else { Link::Synchronised(told.1) };
-        self.adopt(source, beacon, phase, !in_step);
+        match in_step {
+            Some(phase) => {
+                self.course.phase = phase;
+                self.course.membership.hear(beacon);
+                self.follow(source, beacon);
+            }
+            None if self.begin_anew(phy, source, beacon, rx_time) => {}
+            None => return Heard::Ignored,
+        }
         Heard::Changed(link)
     }
 
@@ -173,17 +197,23 @@ impl Coordination {
         if beacon.hops <= self.hops {
             return;
         }
-        if beacon.version == self.membership.version() {
+        if beacon.version == self.course.membership.version() {
             self.heard_members |= beacon.heard;
         }
         if let Some(request) = beacon.request {
             self.request(request);
         }
+        self.wishes.note(beacon.wish);
+    }
+
+    /// A node asks this of the layout.
+    pub fn wish(&mut self, wish: Layout) {
+        self.wishes.note(wish);
     }
 
     /// A tag asks for slots.
     pub fn request(&mut self, request: Member) {
-        let listed = self.membership.members().iter().find(|member| member.tag == request.tag);
+        let listed = self.course.membership.members().iter().find(|member| member.tag == request.tag);
         if listed.map_or(Share::Release, |member| member.share) == request.share {
             return;
         }
@@ -198,19 +228,19 @@ impl Coordination {
 
     /// A tag's poll was heard.
     pub fn hear_tag(&mut self, tag: u16) {
-        if let Some(place) = self.membership.members().iter().position(|member| member.tag == tag) {
+        if let Some(place) = self.course.membership.members().iter().position(|member| member.tag == tag) {
             self.heard_members |= 1 << place;
         }
     }
 
     /// Goes on to the superframe that `now` is in.
-    pub fn advance(&mut self, timing: &Timing, now: RadioInstant) {
-        let begun = self.phase.advance(timing, now);
+    pub fn advance(&mut self, now: RadioInstant) {
+        let begun = self.course.advance(now);
         if begun == 0 {
             return;
         }
         let superframes = begun.min(u8::MAX.into()) as u8;
-        self.membership.advance(begun);
+        self.wishes.advance(begun);
         self.listened = self.listened.saturating_add(begun);
         for (owner, unheard) in self.heard_owners.iter_mut().chain(&mut self.told_owners) {
             *unheard = unheard.saturating_add(superframes);
@@ -228,9 +258,10 @@ impl Coordination {
         }
     }
 
-    /// The coordinator's work of a superframe: leases end, requests are granted.
+    /// The coordinator's work of a superframe: leases end, requests are granted, slots are laid out.
     fn coordinate(&mut self, begun: u16) {
-        let members = self.membership.members();
+        let membership = &mut self.course.membership;
+        let members = membership.members();
         for (place, unheard) in self.unheard_members.iter_mut().enumerate() {
             let heard = self.heard_members >> place & 1 == 1;
             *unheard = if heard { 0 } else { unheard.saturating_add(begun) };
@@ -243,7 +274,7 @@ impl Coordination {
             };
             self.unheard_members.get(place).is_none_or(|&unheard| unheard > LEASE_TURNS * turn)
         };
-        if self.membership.countdown() > 0 {
+        if membership.countdown() > 0 {
             return;
         }
         let kept = |&(place, member): &(usize, &Member)| {
@@ -260,7 +291,8 @@ impl Coordination {
             let _ = list.insert(place, member);
         }
         self.requests.clear();
-        if list == *members {
+        let layout = self.wishes.better_than(membership.layout()).unwrap_or(membership.layout());
+        if list == *members && layout == membership.layout() {
             return;
         }
         for (place, member) in list.iter().enumerate() {
@@ -269,7 +301,7 @@ impl Coordination {
             }
         }
         self.unheard_members = unheard;
-        self.membership.change(&list);
+        membership.change(&list, layout);
     }
 
     fn pick_slot(&self) -> Option<u8> {
@@ -284,35 +316,46 @@ impl Coordination {
             return Some(wished);
         }
         let count = all.clone().filter(free).count() as u16;
-        all.filter(free).nth(spread(self.address, self.phase.number, count).into())
+        all.filter(free).nth(spread(self.address, self.course.phase.number, count).into())
     }
 
-    /// The beacon slot of this superframe, unless that is done with. Without a slot of its own an anchor speaks in a shared one,
-    /// now and then.
+    /// The beacon slot of this superframe, unless that is done with. An anchor speaks in a shared slot where it came too late for its
+    /// own, and, now and then, where it has none of its own.
     pub fn due(&self) -> Option<u8> {
-        if self.told == Some(self.phase.number) {
+        let number = self.course.phase.number;
+        if self.told == Some(number) {
             return None;
         }
+        let shared = |choices| {
+            let shared = spread(self.address, number, choices) as u8;
+            (usize::from(shared) < SHARED_SLOTS).then_some(OWNED_BEACON_SLOTS as u8 + shared)
+        };
         match self.slot {
+            Some(_) if self.late == Some(number) => shared(SHARED_SLOTS as u16),
             Some(slot) => Some(slot),
-            None if self.listened > 1 => {
-                let shared = spread(self.address, self.phase.number, 4 * SHARED_SLOTS as u16) as u8;
-                (usize::from(shared) < SHARED_SLOTS).then_some(OWNED_BEACON_SLOTS as u8 + shared)
-            }
+            None if self.listened > 1 => shared(4 * SHARED_SLOTS as u16),
             None => None,
         }
     }
 
     /// This superframe's beacon is done with.
     pub fn skip(&mut self) {
-        self.told = Some(self.phase.number);
+        self.told = Some(self.course.phase.number);
     }
 
-    /// The beacon for a slot, to be sent now; and whether we have just become coordinator.
-    pub fn tell(&mut self, slot: u8, position: Option<Position>) -> (Beacon, bool) {
+    /// The beacon that was due came too late: there is one more chance in this superframe, in a shared slot.
+    pub fn was_late(&mut self) {
+        let number = self.course.phase.number;
+        self.told = if self.late.replace(number) == Some(number) { Some(number) } else { None };
+    }
+
+    /// The beacon for a slot, to be sent now; and whether we have just become coordinator. `wish` is what this anchor itself asks of the
+    /// layout.
+    pub fn tell(&mut self, slot: u8, position: Option<Position>, wish: Layout) -> (Beacon, bool) {
         self.skip();
+        self.wishes.note(wish);
         let gone = COORDINATOR_GONE.saturating_add(self.hops.saturating_mul(2));
-        let takes_over = !self.coordinates() && self.age > gone;
+        let takes_over = !self.coordinates() && self.age > gone.min(u8::MAX - 1);
         if takes_over {
             self.term = self.term.wrapping_add(1);
             (self.coordinator, self.hops, self.age) = (self.address, 0, 0);
@@ -325,10 +368,14 @@ impl Coordination {
         let (request, heard) = if self.coordinates() {
             (None, self.heard_members)
         } else {
-            (self.requests.pop(), core::mem::take(&mut self.heard_members))
+            // What is asked of the layout has its turn too.
+            let passes_request_on = self.course.phase.number.is_multiple_of(2) || self.wishes.all() == Layout::LEAST;
+            let request = if passes_request_on { self.requests.pop() } else { None };
+            (request, core::mem::take(&mut self.heard_members))
         };
+        let membership = &self.course.membership;
         let beacon = Beacon {
-            superframe: self.phase.number,
+            superframe: self.course.phase.number,
             term: self.term,
             age: self.age,
             hops: self.hops,
@@ -336,11 +383,14 @@ impl Coordination {
             slot,
             slot_owners,
             request,
+            wish: self.wishes.all(),
             heard,
-            version: self.membership.version(),
-            countdown: self.membership.countdown(),
+            version: membership.version(),
+            countdown: membership.countdown(),
+            layout: membership.layout(),
+            layout_is_new: membership.changes_layout(),
             position,
-            members: self.membership.members().clone(),
+            members: membership.members().clone(),
         };
         (beacon, takes_over)
     }

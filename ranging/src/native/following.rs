@@ -1,18 +1,17 @@
 //! How a tag follows the network that it hears: where it is in time, whose word counts, who may range when.
 
-use super::plan::{Members, Membership};
+use super::course::Course;
+use super::plan::Members;
 use super::prevails;
-use super::timing::{HOLDOVER_SUPERFRAMES, Phase, Timing};
-use crate::RadioInstant;
+use super::timing::HOLDOVER_SUPERFRAMES;
 use crate::frame::native::Beacon;
+use crate::{PhyConfig, RadioInstant};
 
 /// The network that is followed.
 #[derive(Clone, Debug)]
 pub struct Following {
-    /// Where it is in time.
-    pub phase: Phase,
-    /// Who may range.
-    pub membership: Membership,
+    /// Where it is, and what counts there.
+    pub course: Course,
     /// Who coordinates.
     pub coordinator: u16,
     term: u8,
@@ -36,67 +35,50 @@ pub enum Heard {
 }
 
 impl Following {
-    /// The network that this beacon tells of.
-    pub fn new(timing: &Timing, beacon: &Beacon, rx_time: RadioInstant) -> Self {
-        let phase = Phase::from_beacon(timing, beacon.superframe, beacon.slot, rx_time);
-        let mut membership = Membership::default();
-        membership.hear(beacon.version, beacon.countdown, &beacon.members, true);
-        Self {
-            phase,
-            membership,
-            coordinator: beacon.coordinator,
-            term: beacon.term,
-            adrift: None,
-            heard: phase.number,
-        }
+    /// The network that this beacon tells of; `None` in the middle of a change of its layout.
+    pub fn new(phy: &PhyConfig, beacon: &Beacon, rx_time: RadioInstant) -> Option<Self> {
+        let course = Course::of_beacon(phy, beacon, rx_time)?;
+        let (coordinator, term, heard) = (beacon.coordinator, beacon.term, course.phase.number);
+        Some(Self { course, coordinator, term, adrift: None, heard })
     }
 
     /// A beacon came.
-    pub fn hear(&mut self, timing: &Timing, beacon: &Beacon, rx_time: RadioInstant) -> Heard {
-        let phase = Phase::from_beacon(timing, beacon.superframe, beacon.slot, rx_time);
+    pub fn hear(&mut self, phy: &PhyConfig, beacon: &Beacon, rx_time: RadioInstant) -> Heard {
         let told = (beacon.term, beacon.coordinator);
         let followed = (self.term, self.coordinator);
-        let mut expected = self.phase;
-        expected.advance(timing, rx_time);
-        let silent = expected.number.wrapping_sub(self.heard);
-        // In step: the same superframe, begun at the same time. A beacon repeated later is neither.
-        let off = phase.start.since(expected.start).ticks().unsigned_abs();
-        let in_step = phase.number == expected.number && off <= timing.guard.ticks().unsigned_abs();
-        if self.adrift.is_some() && told == followed {
-            (self.phase, self.heard, self.adrift) = (phase, phase.number, None);
-            self.membership.hear(beacon.version, beacon.countdown, &beacon.members, true);
-            Heard::Followed
-        } else if in_step && prevails(told, followed) {
-            self.phase = phase;
-            self.heard = phase.number;
-            (self.term, self.coordinator) = told;
-            self.membership.hear(beacon.version, beacon.countdown, &beacon.members, false);
-            if told.1 == followed.1 { Heard::Followed } else { Heard::Changed }
-        } else if self.adrift.is_some()
-            || silent > HOLDOVER_SUPERFRAMES
-            || (told != followed && prevails(told, followed))
-        {
-            *self = Self::new(timing, beacon, rx_time);
-            Heard::Anew
-        } else {
-            Heard::Ignored
+        if self.adrift.is_none() {
+            self.advance(rx_time);
+            if let Some(phase) = self.course.in_step(beacon, rx_time).filter(|_| prevails(told, followed)) {
+                self.course.phase = phase;
+                self.heard = phase.number;
+                (self.term, self.coordinator) = told;
+                self.course.membership.hear(beacon);
+                return if told.1 == followed.1 { Heard::Followed } else { Heard::Changed };
+            }
+            let is_lost = self.silent() > HOLDOVER_SUPERFRAMES;
+            let is_replaced = told != followed && prevails(told, followed);
+            if !is_lost && !is_replaced {
+                return Heard::Ignored;
+            }
         }
+        let Some(anew) = Self::new(phy, beacon, rx_time) else { return Heard::Ignored };
+        let is_the_same = self.adrift.is_some() && told == followed;
+        *self = anew;
+        if is_the_same { Heard::Followed } else { Heard::Anew }
     }
 
     /// Goes on to the superframe that `now` is in; answers how many have begun since.
-    pub fn advance(&mut self, timing: &Timing, now: RadioInstant) -> u16 {
-        let begun = self.phase.advance(timing, now);
-        self.membership.advance(begun);
-        begun
+    pub fn advance(&mut self, now: RadioInstant) -> u16 {
+        self.course.advance(now)
     }
 
     /// Superframes since a beacon was heard.
     pub fn silent(&self) -> u16 {
-        self.phase.number.wrapping_sub(self.heard)
+        self.course.phase.number.wrapping_sub(self.heard)
     }
 
     /// The list that counts in this superframe, unless it may have changed unheard.
     pub fn members(&self) -> Option<&Members> {
-        self.membership.in_force().filter(|_| self.silent() <= HOLDOVER_SUPERFRAMES)
+        self.course.membership.in_force().filter(|_| self.silent() <= HOLDOVER_SUPERFRAMES)
     }
 }

@@ -19,9 +19,10 @@ use positioning_core::Real;
 
 use super::following::{Following, Heard};
 use super::neighbours::Neighbours;
+use super::pace::Meter;
 use super::plan::{Rate, owned_slots};
-use super::timing::{BEACON_SLOTS, Timing};
-use super::{MAX_ROUND, Network, STAMP_DEVIATION_TICKS};
+use super::timing::{BEACON_SLOTS, SUPERFRAME, end_of};
+use super::{MAX_ROUND, Network, SHORTEST_WAIT, STAMP_DEVIATION_TICKS};
 use crate::exchange::{Action, Difference, Differences, Event, Guidance, Link, Machine, Report};
 use crate::frame::BROADCAST;
 use crate::frame::native::{Asked, Beacon, Frame, Message, Poll, Position, Response};
@@ -49,7 +50,7 @@ pub struct ListeningTagConfig {
 #[derive(Clone, Debug)]
 pub struct ListeningTag {
     config: ListeningTagConfig,
-    timing: Timing,
+    meter: Meter,
     bias: RangeBias,
     neighbours: Neighbours,
     link: Option<Link>,
@@ -81,7 +82,7 @@ impl ListeningTag {
     pub fn new(config: ListeningTagConfig) -> Self {
         Self {
             config,
-            timing: Timing::of(&config.network),
+            meter: Meter::new(config.network.pinned),
             bias: RangeBias::of(&config.network.phy),
             neighbours: Neighbours::new(),
             link: None,
@@ -99,7 +100,7 @@ impl ListeningTag {
             Message::Beacon(beacon) if told.destination == BROADCAST => self.hear_beacon(told.source, &beacon, frame),
             Message::Poll(poll) if told.destination == BROADCAST => self.hear_poll(told.source, &poll, frame),
             Message::Response(response) => self.hear_response(told.source, told.destination, response, frame),
-            Message::Beacon(_) | Message::Poll(_) | Message::Request(_) => {}
+            Message::Beacon(_) | Message::Poll(_) | Message::Request(_) | Message::Final { .. } => {}
         }
     }
 
@@ -108,12 +109,13 @@ impl ListeningTag {
             return;
         }
         self.advance(frame.rx_time);
+        let phy = &self.config.network.phy;
         let heard = match &mut self.network {
             None => {
-                self.network = Some(Following::new(&self.timing, beacon, frame.rx_time));
-                Heard::Anew
+                self.network = Following::new(phy, beacon, frame.rx_time);
+                if self.network.is_some() { Heard::Anew } else { Heard::Ignored }
             }
-            Some(network) => network.hear(&self.timing, beacon, frame.rx_time),
+            Some(network) => network.hear(phy, beacon, frame.rx_time),
         };
         match heard {
             Heard::Ignored => return,
@@ -145,13 +147,14 @@ impl ListeningTag {
 
     /// An answer within the round makes a difference; any answer tells of its sender's clock.
     fn hear_response(&mut self, source: u16, destination: u16, response: Response, frame: &RxFrame<'_>) {
-        let Some(round) = &mut self.round else { return };
+        let (Some(round), Some(network)) = (&mut self.round, &self.network) else { return };
+        let timing = &network.course.timing;
         let Some(slot) = round.asked.iter().position(|asked| asked.address == source) else { return };
         let told = round.asked.get(slot).and_then(|asked| asked.distance.metres());
         let awaited =
             destination == round.reference && response.round == round.number && round.pending >> slot & 1 == 1;
         let between = frame.rx_time.since(round.poll);
-        let due = self.timing.reply_in(slot).ticks();
+        let due = timing.reply_in(slot).ticks();
         let in_slot = |time: RadioDuration| time.ticks().abs_diff(due) <= SLOT_TOLERANCE_TICKS;
         if !awaited || !in_slot(between) || !in_slot(response.reply) {
             return;
@@ -182,19 +185,20 @@ impl ListeningTag {
     /// Whether a poll whose RMARKER came then is in a slot of its sender: one that was repeated later is not, as a rule.
     fn may_poll(&mut self, anchor: u16, rx_time: RadioInstant) -> bool {
         let Some(network) = &mut self.network else { return false };
-        let pulse = rx_time.plus(RadioDuration::from_ticks(-self.timing.to_rmarker.ticks()));
-        let begun = network.advance(&self.timing, pulse);
+        let pulse = rx_time.plus(RadioDuration::from_ticks(-network.course.timing.to_rmarker.ticks()));
+        let begun = network.advance(pulse);
         self.neighbours.advance(begun);
-        let into = pulse.since(network.phase.start).ticks() - self.timing.rounds().ticks();
-        let Some(slot) = u32::try_from(into.div_euclid(self.timing.round_slot.ticks())).ok() else { return false };
-        let owned = |members| owned_slots(members, anchor, network.phase.number, self.timing.round_slots);
+        let (timing, phase) = (network.course.timing, network.course.phase);
+        let into = pulse.since(phase.start).ticks() - timing.rounds().ticks();
+        let Some(slot) = u32::try_from(into.div_euclid(timing.round_slot.ticks())).ok() else { return false };
+        let owned = |members| owned_slots(members, anchor, phase.number, timing.round_slots);
         network.members().map_or(0, owned).checked_shr(slot).is_some_and(|slots| slots & 1 == 1)
     }
 
     /// Superframes pass, whether a beacon is heard or not.
     fn advance(&mut self, present: RadioInstant) {
         let Some(network) = &mut self.network else { return };
-        let begun = network.advance(&self.timing, present);
+        let begun = network.advance(present);
         self.neighbours.advance(begun);
         if network.silent() > LOST_AFTER {
             self.network = None;
@@ -206,7 +210,8 @@ impl ListeningTag {
     fn rest_of_round(&self, ended: RadioInstant) -> Option<RadioDuration> {
         let round = self.round.as_ref()?;
         let last = round.asked.len().checked_sub(1)?;
-        let end = self.timing.reply_in(last).ticks() + self.timing.response_tail.ticks() + self.timing.guard.ticks();
+        let timing = &self.network.as_ref()?.course.timing;
+        let end = timing.reply_in(last).ticks() + timing.response_tail.ticks() + timing.guard.ticks();
         let rest = round.poll.plus(RadioDuration::from_ticks(end)).since(ended);
         (round.pending != 0 && rest > RadioDuration::ZERO).then_some(rest)
     }
@@ -230,8 +235,8 @@ impl Machine for ListeningTag {
             }
             Event::Received(frame) => {
                 self.hear(&frame);
-                ended = self.timing.end_of(&self.config.network.phy, &frame);
-                present = self.timing.read_by(&self.config.network.phy, &frame);
+                ended = end_of(&self.config.network.phy, &frame);
+                present = ended.plus(self.meter.reading());
             }
             Event::Sent(_)
             | Event::NotSent
@@ -262,10 +267,10 @@ impl Machine for ListeningTag {
                 differences: &self.differences,
             }));
         }
-        if let Some(instant) = self.rest_until.take().filter(|instant| instant.since(present) > super::WAKE) {
+        if let Some(instant) = self.rest_until.take().filter(|instant| instant.since(present) > SHORTEST_WAIT) {
             return Action::WaitUntil(instant);
         }
-        Action::Receive { start: Start::Now, window: self.timing.superframe, keep_listening: true }
+        Action::Receive { start: Start::Now, window: SUPERFRAME, keep_listening: true }
     }
 }
 

@@ -172,6 +172,11 @@ impl Neighbour {
         Some(core::array::from_fn(|i| anchor[i] - tag[i]))
     }
 
+    /// Mean of the received power, dBm.
+    pub fn power_dbm(&self) -> f32 {
+        self.power_dbm
+    }
+
     /// A response told of a poll that left at `sent` and came at `heard` of the anchor's clock, and its carrier of the rate.
     pub fn compare_clocks(&mut self, sent: RadioInstant, heard: RadioInstant, clock_offset_ppm: f32) {
         self.clock.poll(sent, heard);

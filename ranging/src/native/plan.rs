@@ -5,9 +5,10 @@
 
 use heapless::Vec;
 
+use super::layout::Layout;
 use super::timing::{MAX_ROUND_SLOTS, Timing};
 use crate::RadioDuration;
-use crate::frame::native::{MAX_MEMBERS, Member, Share};
+use crate::frame::native::{Beacon, MAX_MEMBERS, Member, Share};
 
 /// A changed list counts this many superframes after it was first told.
 pub const NOTICE_SUPERFRAMES: u8 = 4;
@@ -25,20 +26,38 @@ pub enum Rate {
 /// Members by address, each once.
 pub type Members = Vec<Member, MAX_MEMBERS>;
 
-/// The list of members as a node knows it.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// The list of members, and the layout of the slots, as a node knows them.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Membership {
     /// Number of the list.
     version: u8,
-    /// The newest list.
+    /// The newest list …
     members: Members,
-    /// The list before, as long as it counts; `None` where it is not known, too.
-    former: Option<Members>,
+    /// … and the layout that came with it.
+    layout: Layout,
+    /// The list before and its layout, as long as they count; `None` where they are not known, too.
+    former: Option<(Members, Layout)>,
     /// Superframes until the newest list counts.
     countdown: u8,
 }
 
 impl Membership {
+    /// Nobody yet, with this layout.
+    pub const fn new(layout: Layout) -> Self {
+        Self { version: 0, members: Members::new(), layout, former: None, countdown: 0 }
+    }
+
+    /// What a beacon says to somebody who knew nothing.
+    pub fn from_beacon(beacon: &Beacon) -> Self {
+        Self {
+            version: beacon.version,
+            members: beacon.members.clone(),
+            layout: beacon.layout,
+            former: None,
+            countdown: beacon.countdown.min(NOTICE_SUPERFRAMES),
+        }
+    }
+
     /// Number of the newest list.
     pub const fn version(&self) -> u8 {
         self.version
@@ -49,38 +68,57 @@ impl Membership {
         &self.members
     }
 
+    /// The layout that came with the newest list.
+    pub const fn layout(&self) -> Layout {
+        self.layout
+    }
+
     /// Superframes until the newest list counts.
     pub const fn countdown(&self) -> u8 {
         self.countdown
     }
 
     /// The list that counts now, where it is known.
-    pub const fn in_force(&self) -> Option<&Members> {
-        if self.countdown == 0 { Some(&self.members) } else { self.former.as_ref() }
+    pub fn in_force(&self) -> Option<&Members> {
+        if self.countdown == 0 { Some(&self.members) } else { self.former.as_ref().map(|(members, _)| members) }
     }
 
-    /// `superframes` have begun.
-    pub fn advance(&mut self, superframes: u16) {
-        self.countdown = u16::from(self.countdown).saturating_sub(superframes) as u8;
+    /// The layout that counts now. Nobody follows a network in the middle of a change of its layout.
+    pub fn layout_in_force(&self) -> Layout {
+        self.former.as_ref().filter(|_| self.countdown > 0).map_or(self.layout, |(_, layout)| *layout)
+    }
+
+    /// Whether the layout changes when the newest list begins to count.
+    pub fn changes_layout(&self) -> bool {
+        self.layout_in_force() != self.layout
+    }
+
+    /// A superframe has begun.
+    pub fn advance(&mut self) {
+        self.countdown = self.countdown.saturating_sub(1);
         if self.countdown == 0 {
             self.former = None;
         }
     }
 
-    /// A list that counts in `countdown` superframes. `anew`: whatever was known is of another network.
-    pub fn hear(&mut self, version: u8, countdown: u8, members: &Members, anew: bool) {
-        let newer = (1..0x80).contains(&version.wrapping_sub(self.version));
-        if anew || newer {
-            let former = if anew { None } else { self.in_force().cloned() };
-            let countdown = countdown.min(NOTICE_SUPERFRAMES);
-            *self = Self { version, members: members.clone(), former: former.filter(|_| countdown > 0), countdown };
-        }
+    /// What a beacon says, if it is newer.
+    pub fn hear(&mut self, beacon: &Beacon) {
+        self.replace(beacon.version, beacon.countdown.min(NOTICE_SUPERFRAMES), &beacon.members, beacon.layout);
     }
 
-    /// The coordinator changes the list: with notice, but at once where there was nobody whose slots could be taken.
-    pub fn change(&mut self, members: &Members) {
-        let notice = if self.members.is_empty() { 0 } else { NOTICE_SUPERFRAMES };
-        self.hear(self.version.wrapping_add(1), notice, members, false);
+    fn replace(&mut self, version: u8, countdown: u8, members: &Members, layout: Layout) {
+        if !(1..0x80).contains(&version.wrapping_sub(self.version)) {
+            return;
+        }
+        let former = self.in_force().cloned().map(|former| (former, self.layout_in_force()));
+        *self = Self { version, members: members.clone(), layout, former: former.filter(|_| countdown > 0), countdown };
+    }
+
+    /// The coordinator changes list or layout: with notice, but at once where there was nobody whose slots could be taken.
+    pub fn change(&mut self, members: &Members, layout: Layout) {
+        let nobody_is_affected = self.members.is_empty() && layout == self.layout;
+        let notice = if nobody_is_affected { 0 } else { NOTICE_SUPERFRAMES };
+        self.replace(self.version.wrapping_add(1), notice, members, layout);
     }
 }
 
@@ -170,6 +208,7 @@ pub fn share_of(rate: Rate, timing: &Timing) -> Share {
 
 #[cfg(test)]
 mod tests {
+    use super::super::layout::Span;
     use super::*;
 
     fn list(shares: &[Share]) -> Members {
@@ -246,25 +285,57 @@ mod tests {
 
     #[test]
     fn a_changed_list_counts_after_its_notice() {
-        let mut membership = Membership::default();
+        let mut membership = Membership::new(Layout::LEAST);
         let [old, new] = [list(&[Share::Greedy]), list(&[Share::Greedy, Share::Slots(1)])];
-        membership.change(&old);
+        membership.change(&old, Layout::LEAST);
         assert_eq!(membership.in_force(), Some(&old), "nobody's slots were taken");
-        membership.change(&new);
+        membership.change(&new, Layout::LEAST);
         assert_eq!((membership.in_force(), membership.countdown()), (Some(&old), 4));
-        membership.advance(3);
+        (0..3).for_each(|_| membership.advance());
         assert_eq!(membership.in_force(), Some(&old));
-        membership.advance(1);
+        membership.advance();
         assert_eq!(membership.in_force(), Some(&new));
+    }
 
-        // One who comes in between knows the new list, but not the one that counts.
-        let mut newcomer = Membership::default();
-        newcomer.hear(2, 3, &new, true);
+    #[test]
+    fn a_changed_layout_counts_after_its_notice_even_where_there_are_no_members() {
+        let wide = Layout { answer: Span::LONGEST, ..Layout::LEAST };
+        let mut membership = Membership::new(Layout::LEAST);
+        membership.change(&Members::new(), wide);
+        assert_eq!((membership.layout_in_force(), membership.layout()), (Layout::LEAST, wide));
+        assert!(membership.changes_layout());
+        (0..NOTICE_SUPERFRAMES).for_each(|_| membership.advance());
+        assert_eq!(membership.layout_in_force(), wide);
+        assert!(!membership.changes_layout());
+    }
+
+    #[test]
+    fn a_newcomer_knows_the_new_list_and_not_the_one_that_counts() {
+        let [old, new] = [list(&[Share::Greedy]), list(&[Share::Greedy, Share::Slots(1)])];
+        let beacon = |version, countdown, members: &Members| Beacon {
+            superframe: 0,
+            term: 0,
+            age: 0,
+            hops: 0,
+            coordinator: 1,
+            slot: 1,
+            slot_owners: Default::default(),
+            request: None,
+            wish: Layout::LEAST,
+            heard: 0,
+            version,
+            countdown,
+            layout: Layout::LEAST,
+            layout_is_new: false,
+            position: None,
+            members: members.clone(),
+        };
+        let mut newcomer = Membership::from_beacon(&beacon(2, 3, &new));
         assert_eq!(newcomer.in_force(), None);
-        newcomer.advance(3);
+        (0..3).for_each(|_| newcomer.advance());
         assert_eq!(newcomer.in_force(), Some(&new));
         // An older list, still relayed by somebody, changes nothing.
-        newcomer.hear(1, 0, &old, false);
+        newcomer.hear(&beacon(1, 0, &old));
         assert_eq!(newcomer.members(), &new);
     }
 }

@@ -1,15 +1,21 @@
-//! A round as the one who asks sees it, a tag or an anchor: one poll, then a response in each slot of those named.
+//! A round as the one who asks sees it, a tag or an anchor: one poll, then a response in each slot of those named, then perhaps a
+//! final.
+//!
+//! Single-sided, a response makes a range at once. Double-sided, an anchor tells in its next response when it heard the final: a round's
+//! ranges are complete one round later, and that is when they are reported. Where the final was lost, or the next response, the range is
+//! the single-sided one of the same response.
 
 use heapless::Vec;
 use positioning_core::Real;
 
+use super::layout::{Layout, Scheme};
 use super::neighbours::{Neighbours, Team};
 use super::timing::Timing;
 use super::{MAX_ROUND, STAMP_DEVIATION_TICKS};
 use crate::exchange::{Action, Range, Round};
-use crate::frame::native::{Asked, Distance, Poll, Response};
+use crate::frame::native::{Asked, Distance, FinalHeard, Poll, Response};
 use crate::time::METRES_PER_TICK;
-use crate::tof::single_sided_corrected;
+use crate::tof::{double_sided_asymmetric, single_sided_corrected};
 use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
 
 /// A response may come this much off its slot, ticks (10 µs): the way there and back, and the clocks' drift.
@@ -23,9 +29,44 @@ pub struct Exchange {
     team: Team,
     /// Whether its anchors take turns in being the last.
     turns: bool,
+    /// How this round is made.
+    scheme: Scheme,
     /// Slots of the round whose response may still come.
     pending: u8,
+    /// How many anchors this round asks.
+    asked: u8,
+    /// Responses of this round.
+    answers: Vec<Answer, MAX_ROUND>,
+    /// When its final left.
+    final_tx: Option<RadioInstant>,
+    /// The double-sided round before, whose ranges are complete at the end of this one.
+    former: Former,
     ranges: Vec<Range, MAX_ROUND>,
+}
+
+/// What a response gave.
+#[derive(Clone, Copy, Debug)]
+struct Answer {
+    /// The first half's interval at the tag, poll TX to response RX …
+    round1: RadioDuration,
+    /// … and at the anchor, poll RX to response TX.
+    reply1: RadioDuration,
+    /// When it came.
+    rx_time: RadioInstant,
+    /// What is added to a range by its received power, metres.
+    bias_m: f32,
+    /// The single-sided range.
+    range: Range,
+}
+
+/// The round before.
+#[derive(Clone, Debug, Default)]
+struct Former {
+    number: u16,
+    poll_tx: RadioInstant,
+    asked: u8,
+    final_tx: Option<RadioInstant>,
+    answers: Vec<Answer, MAX_ROUND>,
 }
 
 impl Exchange {
@@ -36,7 +77,12 @@ impl Exchange {
             poll_tx: RadioInstant::default(),
             team: Team::new(),
             turns: false,
+            scheme: Scheme::SingleSided,
             pending: 0,
+            asked: 0,
+            answers: Vec::new(),
+            final_tx: None,
+            former: Former::default(),
             ranges: Vec::new(),
         }
     }
@@ -60,12 +106,28 @@ impl Exchange {
         self.team.len()
     }
 
+    /// Our own clock has begun anew: no interval reaches across.
+    pub fn forget(&mut self) {
+        (self.final_tx, self.former) = (None, Former::default());
+        self.answers.clear();
+    }
+
     /// The next round's poll.
-    pub fn begin(&mut self, neighbours: &mut Neighbours, tell_distances: bool) -> Poll {
+    pub fn begin(&mut self, neighbours: &mut Neighbours, scheme: Scheme, wish: Layout, tell_distances: bool) -> Poll {
+        let (final_tx, answers) = (self.final_tx.take(), core::mem::take(&mut self.answers));
+        self.former = match self.scheme {
+            // Its ranges have been reported.
+            Scheme::SingleSided => Former::default(),
+            Scheme::DoubleSided => {
+                Former { number: self.number, poll_tx: self.poll_tx, asked: self.asked, final_tx, answers }
+            }
+        };
         self.number = self.number.wrapping_add(1);
+        self.scheme = scheme;
         if self.turns && !self.team.is_empty() {
             self.team.rotate_left(1);
         }
+        self.asked = self.team.len() as u8;
         self.ranges.clear();
         self.pending = match self.team.len() {
             0 => 0,
@@ -80,12 +142,23 @@ impl Exchange {
             };
             Asked { address, distance }
         };
-        Poll { round: self.number, anchors: self.team.iter().map(ask).collect() }
+        Poll { round: self.number, wish, anchors: self.team.iter().map(ask).collect() }
     }
 
     /// The poll has left.
     pub fn sent(&mut self, departure: RadioInstant) {
         self.poll_tx = departure;
+    }
+
+    /// The final has left.
+    pub fn ended(&mut self, departure: RadioInstant) {
+        self.final_tx = Some(departure);
+    }
+
+    /// The round to end with a final, where there is one and anybody answered.
+    pub fn to_end(&self) -> Option<u16> {
+        (self.scheme == Scheme::DoubleSided && self.final_tx.is_none() && !self.answers.is_empty())
+            .then_some(self.number)
     }
 
     /// No response is awaited any more.
@@ -117,16 +190,23 @@ impl Exchange {
         let anchor = neighbours.hear(source, diagnostics.rx_power_dbm)?;
         anchor.compare_clocks(self.poll_tx, response.poll_rx, diagnostics.clock_offset_ppm);
         let flight = single_sided_corrected(round1, response.reply, anchor.clock.rate());
-        let distance_m = flight.metres() - bias.metres(diagnostics.rx_power_dbm);
+        // A single estimate of the power is off by a decibel, which is several of the power itself where the signal is strong.
+        let bias_m = bias.metres(anchor.power_dbm());
+        let distance_m = flight.metres() - bias_m;
         // Noise of two stamps and of the rate over the reply, each by half (see `tof`).
         let reply = response.reply.ticks() as f32;
         let stamps = 2.0 * STAMP_DEVIATION_TICKS * STAMP_DEVIATION_TICKS;
         let variance = stamps + reply * reply * anchor.clock.rate_variance();
         let deviation_m = 0.5 * METRES_PER_TICK as f32 * Real::sqrt(variance);
-        anchor.distance_m = Some(distance_m);
         let range = Range { peer: source, distance_m, deviation_m, position_m: anchor.position_m, diagnostics };
+        let distance_m = match response.last_final.and_then(|heard| self.former.complete(source, heard)) {
+            Some(complete_m) => complete_m,
+            None => distance_m,
+        };
+        anchor.distance_m = Some(distance_m);
+        let answer = Answer { round1, reply1: response.reply, rx_time: frame.rx_time, bias_m, range };
         // One a slot at most: it fits.
-        let _ = self.ranges.push(range);
+        let _ = self.answers.push(answer);
         Some(distance_m)
     }
 
@@ -144,18 +224,61 @@ impl Exchange {
         })
     }
 
-    /// The round is over: tells which anchors answered.
+    /// The round is over: tells which anchors answered, and makes the ranges to report.
     pub fn close(&mut self, neighbours: &mut Neighbours) {
         for &anchor in &self.team {
-            let answered = self.ranges.iter().any(|range| range.peer == anchor);
+            let answered = self.answers.iter().any(|answer| answer.range.peer == anchor);
             neighbours.asked(anchor, answered);
         }
+        let answers = match self.scheme {
+            Scheme::SingleSided => &self.answers,
+            Scheme::DoubleSided => &self.former.answers,
+        };
+        self.ranges = answers.iter().map(|answer| answer.range).collect();
     }
 
-    /// What the round gave.
-    pub fn report(&self) -> Round<'_> {
-        Round { number: self.number, poll: self.poll_tx, asked: self.team.len() as u8, ranges: &self.ranges }
+    /// Whether there is anything to report: the first double-sided round has nothing yet.
+    pub fn has_report(&self) -> bool {
+        self.report().asked > 0
     }
+
+    /// What the round gave; double-sided, what the round before gave.
+    pub fn report(&self) -> Round<'_> {
+        let (number, poll, asked) = match self.scheme {
+            Scheme::SingleSided => (self.number, self.poll_tx, self.asked),
+            Scheme::DoubleSided => (self.former.number, self.former.poll_tx, self.former.asked),
+        };
+        Round { number, poll, asked, ranges: &self.ranges }
+    }
+}
+
+impl Former {
+    /// An anchor tells when it heard this round's final: its range is double-sided now; its distance, metres.
+    fn complete(&mut self, anchor: u16, heard: FinalHeard) -> Option<f32> {
+        let final_tx = self.final_tx.filter(|_| heard.round == self.number as u8)?;
+        let answer = self.answers.iter_mut().find(|answer| answer.range.peer == anchor)?;
+        let (round2, reply2) = (heard.after_response, final_tx.since(answer.rx_time));
+        let flight = double_sided_asymmetric(answer.round1, answer.reply1, round2, reply2)?;
+        // A response that was another frame's, or a clock that began anew in between, shows here: both differ by far more than this.
+        if single_sided_corrected(answer.round1, answer.reply1, 0.0).apart_from(flight) > IMPLAUSIBLE_M {
+            return None;
+        }
+        answer.range.distance_m = flight.metres() - answer.bias_m;
+        answer.range.deviation_m = deviation_m(answer.reply1, reply2);
+        Some(answer.range.distance_m)
+    }
+}
+
+/// Both kinds of range of one response differ by the clocks' drift over the reply, 40 ppm of 4 ms at most: 24 m.
+const IMPLAUSIBLE_M: f32 = 30.0;
+
+/// Standard deviation of an asymmetric double-sided range, metres. With a and b the parts of the final's and of the response's reply
+/// in both together, the flight moves by a/2 of the stamp of the poll, ½ of that of the response, b/2 of that of the final: the
+/// derivatives of the formula of the DW1000 user manual, 12.3.2, where the flight is short against the replies.
+fn deviation_m(reply1: RadioDuration, reply2: RadioDuration) -> f32 {
+    let [reply1, reply2] = [reply1, reply2].map(|reply| reply.ticks().max(1) as f32);
+    let [a, b] = [reply2, reply1].map(|reply| reply / (reply1 + reply2));
+    0.5 * STAMP_DEVIATION_TICKS * METRES_PER_TICK as f32 * Real::sqrt(1.0 + a * a + b * b)
 }
 
 #[cfg(test)]
@@ -169,7 +292,7 @@ mod tests {
         let mut last = std::vec::Vec::new();
         for _ in 0..rounds {
             exchange.set_team([5, 6, 7].into_iter().collect());
-            let poll = exchange.begin(&mut neighbours, false);
+            let poll = exchange.begin(&mut neighbours, Scheme::SingleSided, Layout::LEAST, false);
             last.extend(poll.anchors.last().map(|asked| asked.address));
         }
         last
@@ -183,9 +306,11 @@ mod tests {
         let (mut exchange, mut neighbours) = (Exchange::new(), Neighbours::new());
         exchange.set_turns(true);
         exchange.set_team([5, 6, 7].into_iter().collect());
-        let firsts = [(); 4].map(|()| exchange.begin(&mut neighbours, false).anchors[0].address);
+        let mut begin = || exchange.begin(&mut neighbours, Scheme::SingleSided, Layout::LEAST, false);
+        let firsts = [(); 4].map(|()| begin().anchors[0].address);
         assert_eq!(firsts, [6, 7, 5, 6]);
         exchange.set_team(Team::new());
-        assert_eq!(exchange.begin(&mut neighbours, false).anchors.len(), 0);
+        let nobody = exchange.begin(&mut neighbours, Scheme::SingleSided, Layout::LEAST, false);
+        assert_eq!(nobody.anchors.len(), 0);
     }
 }

@@ -1,15 +1,17 @@
 //! The tag in native mode: hears beacons, asks for slots, ranges in its own.
 
 use super::following::{Following, Heard};
+use super::layout::Scheme;
 use super::neighbours::Neighbours;
+use super::pace::Meter;
 use super::plan::{Rate, lists, next_round, owned_slots, share_of};
 use super::round::Exchange;
-use super::timing::{BEACON_SLOTS, Timing};
-use super::{Network, WAKE, spread};
+use super::timing::{BEACON_SLOTS, SUPERFRAME, Timing, end_of};
+use super::{Network, SHORTEST_WAIT, spread};
 use crate::exchange::{Action, Event, Guidance, Link, Machine, Report};
-use crate::frame::native::{Beacon, Frame, MAX_MEMBERS, Message, Position, Share};
+use crate::frame::native::{Beacon, Frame, MAX_MEMBERS, Message, Position, RESPONSE_BYTES, Request, Share};
 use crate::frame::{BROADCAST, FrameBuffer};
-use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
+use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
 
 /// What a tag is told at its start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,6 +25,8 @@ pub struct TagConfig {
     pub anchors: u8,
     /// How often it wants to range.
     pub rate: Rate,
+    /// How its rounds are made, as soon as the network has room for it.
+    pub scheme: Scheme,
     /// Whether polls tell the anchors the last distance to each.
     pub tell_distances: bool,
 }
@@ -40,21 +44,36 @@ const DOZE_MARGIN: RadioDuration = RadioDuration::from_micros(2_000);
 /// What the tag's last action was for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Doing {
-    /// Listening, waiting, asking for slots, reporting: nothing hangs on its outcome.
+    /// Listening, waiting, reporting: nothing hangs on its outcome.
     Nothing,
+    /// A request for slots is on its way.
+    Requesting,
     /// A poll is on its way.
     Polling,
     /// Responses are awaited until the round's deadline.
     Collecting,
+    /// A final is on its way.
+    Ending,
+}
+
+/// How a round ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Ended {
+    /// A final is to be sent.
+    WithFinal,
+    /// There are ranges to report.
+    WithReport,
+    /// It was the first of its kind, whose ranges come with the next.
+    WithNothing,
 }
 
 /// The tag's side of native mode. Its reports are rounds of ranges to anchors, and changes of its link to the network.
 #[derive(Clone, Debug)]
 pub struct Tag {
     config: TagConfig,
-    timing: Timing,
     bias: RangeBias,
-    share: Share,
+    meter: Meter,
+    rate: Option<Rate>,
     doing: Doing,
     link: Option<Link>,
     network: Option<Followed>,
@@ -65,6 +84,20 @@ pub struct Tag {
     dozes: bool,
     /// The last action was such a wait.
     dozing: bool,
+    /// When a wait, or a window, was to end so that a transmission can be made in time.
+    wake_at: Option<RadioInstant>,
+    /// The first pulse of the poll that was waited for.
+    pulse_at: Option<RadioInstant>,
+    /// When a poll that leaves at once was decided on.
+    decided_at: Option<RadioInstant>,
+    /// The last decision was made at the end of a wait or a window, and not upon a frame.
+    was_awaited: bool,
+    /// The radio told when the command of the last transmission had reached it.
+    was_measured: bool,
+    /// When the receiver was on again after the last frame, where the radio told.
+    listening_at: Option<RadioInstant>,
+    /// The end of the frame that was received last, until something else happens.
+    ended_at: Option<RadioInstant>,
     sequence: u8,
     out: FrameBuffer,
 }
@@ -81,18 +114,19 @@ struct Followed {
     planned: Option<u16>,
     /// Round slots of our own in this superframe: bit i for slot i.
     owned: u64,
+    /// Rounds begun in this superframe.
+    rounds: u32,
     joined: bool,
 }
 
 impl Tag {
     /// A tag that has heard nobody yet.
     pub fn new(config: TagConfig) -> Self {
-        let timing = Timing::of(&config.network);
         Self {
             config,
-            timing,
             bias: RangeBias::of(&config.network.phy),
-            share: share_of(config.rate, &timing),
+            meter: Meter::new(config.network.pinned),
+            rate: Some(config.rate),
             doing: Doing::Nothing,
             link: None,
             network: None,
@@ -101,6 +135,13 @@ impl Tag {
             round: Exchange::new(),
             dozes: false,
             dozing: false,
+            wake_at: None,
+            pulse_at: None,
+            decided_at: None,
+            was_awaited: false,
+            was_measured: false,
+            listening_at: None,
+            ended_at: None,
             sequence: 0,
             out: FrameBuffer::new(),
         }
@@ -108,7 +149,7 @@ impl Tag {
 
     /// Ranges more or less often from now on; `None` gives the slots back and ranges no more.
     pub fn set_rate(&mut self, rate: Option<Rate>) {
-        self.share = rate.map_or(Share::Release, |rate| share_of(rate, &self.timing));
+        self.rate = rate;
     }
 
     /// A tag that ranges seldom does not listen to superframes without a turn of its own from now on: it waits through them, the
@@ -130,10 +171,16 @@ impl Tag {
             Message::Response(response)
                 if told.destination == self.config.address && self.doing == Doing::Collecting =>
             {
-                self.round.hear(&self.timing, &self.bias, &mut self.neighbours, told.source, response, frame);
+                let Some(network) = &self.network else { return };
+                let timing = &network.following.course.timing;
+                self.round.hear(timing, &self.bias, &mut self.neighbours, told.source, response, frame);
             }
             // Other tags', and what is not for us.
-            Message::Beacon(_) | Message::Response(_) | Message::Poll(_) | Message::Request(_) => {}
+            Message::Beacon(_)
+            | Message::Response(_)
+            | Message::Poll(_)
+            | Message::Request(_)
+            | Message::Final { .. } => {}
         }
     }
 
@@ -141,36 +188,45 @@ impl Tag {
         if usize::from(beacon.slot) >= BEACON_SLOTS {
             return;
         }
+        let phy = &self.config.network.phy;
         let heard = match &mut self.network {
-            None => Heard::Anew,
-            Some(network) => network.following.hear(&self.timing, beacon, frame.rx_time),
+            None => match Following::new(phy, beacon, frame.rx_time) {
+                Some(following) => {
+                    self.network = Some(Followed::begin(following));
+                    Heard::Anew
+                }
+                None => Heard::Ignored,
+            },
+            Some(network) => match network.following.hear(phy, beacon, frame.rx_time) {
+                Heard::Anew => {
+                    *network = Followed::begin(network.following.clone());
+                    Heard::Anew
+                }
+                heard @ (Heard::Ignored | Heard::Followed | Heard::Changed) => heard,
+            },
         };
         match heard {
             Heard::Ignored => return,
             Heard::Followed => {}
-            Heard::Changed => self.link = Some(Link::Synchronised(beacon.coordinator)),
-            Heard::Anew => {
-                self.link = Some(Link::Synchronised(beacon.coordinator));
-                let following = Following::new(&self.timing, beacon, frame.rx_time);
-                self.network = Some(Followed {
-                    request_from: following.phase.number,
-                    following,
-                    requests: 0,
-                    planned: None,
-                    owned: 0,
-                    joined: false,
-                });
-            }
+            Heard::Changed | Heard::Anew => self.link = Some(Link::Synchronised(beacon.coordinator)),
         }
         if let Some(anchor) = self.neighbours.hear(source, frame.diagnostics.rx_power_dbm) {
             anchor.position_m = beacon.position.map(Position::metres);
         }
     }
 
-    fn finish_round(&mut self) -> Action<'_> {
+    /// The responses are there, or will not come, or the final has left: what is to be done then.
+    fn end_round(&mut self) -> Ended {
+        if self.doing == Doing::Collecting
+            && let Some(round) = self.round.to_end()
+        {
+            self.doing = Doing::Ending;
+            self.write(Message::Final { round });
+            return Ended::WithFinal;
+        }
         self.doing = Doing::Nothing;
         self.round.close(&mut self.neighbours);
-        Action::Report(Report::Round(self.round.report()))
+        if self.round.has_report() { Ended::WithReport } else { Ended::WithNothing }
     }
 
     fn write(&mut self, message: Message) {
@@ -186,35 +242,42 @@ impl Tag {
 
     /// What is next in the course of the superframe, no round being in progress.
     fn schedule(&mut self, present: RadioInstant) -> Action<'_> {
-        let timing = self.timing;
-        let Some(network) = &mut self.network else { return Self::listen(timing.superframe) };
+        let lead = self.meter.lead();
+        let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
+        let superframe = network.following.course.timing.superframe;
         if let Some(since) = network.following.adrift {
-            let patience = RadioDuration::from_ticks(i64::from(LOST_AFTER) * timing.superframe.ticks());
+            let patience = RadioDuration::from_ticks(i64::from(LOST_AFTER) * superframe.ticks());
             if present.since(since) <= patience {
-                return Self::listen(timing.superframe);
+                return Self::listen(superframe);
             }
             self.network = None;
             return Action::Report(Report::Link(Link::Unsynchronised));
         }
-        let begun = network.following.advance(&timing, present.plus(RadioDuration::from_ticks(2 * WAKE.ticks())));
+        // A superframe begins for us as early as we must decide what to send first in it.
+        let early = RadioDuration::from_ticks(lead.ticks() + SHORTEST_WAIT.ticks());
+        let begun = network.following.advance(present.plus(early));
         self.neighbours.advance(begun);
         if network.following.silent() > LOST_AFTER {
             self.network = None;
             return Action::Report(Report::Link(Link::Unsynchronised));
         }
-        let passed = present.since(network.following.phase.start);
+        let Following { course, .. } = &network.following;
+        let timing = course.timing;
+        let passed = present.since(course.phase.start);
         if passed < timing.rounds() {
             return self.among_beacons(passed);
         }
         network.plan(&self.config, &timing);
-        let listed = network.following.membership.in_force().is_some_and(|members| lists(members, self.config.address));
+        let course = &network.following.course;
+        let listed = course.membership.in_force().is_some_and(|members| lists(members, self.config.address));
         if listed && !network.joined {
             network.joined = true;
             let slots = network.owned.count_ones().max(1) as u8;
             return Action::Report(Report::Link(Link::Joined(slots)));
         }
         network.joined &= listed;
-        if network.planned.replace(network.following.phase.number) != Some(network.following.phase.number) {
+        if network.planned.replace(course.phase.number) != Some(course.phase.number) {
+            network.rounds = 0;
             self.round.set_team(self.neighbours.choose(self.config.anchors.into(), self.position_m));
         }
         self.among_rounds(passed)
@@ -222,13 +285,16 @@ impl Tag {
 
     /// In the beacon slots: listening, and asking for slots where those of the list are not those wanted.
     fn among_beacons(&mut self, passed: RadioDuration) -> Action<'_> {
-        let timing = self.timing;
+        let (lead, rate) = (self.meter.lead(), self.rate);
+        let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
+        let course = &network.following.course;
+        let (timing, phase) = (course.timing, course.phase);
         let rest = RadioDuration::from_ticks(timing.rounds().ticks() - passed.ticks());
-        let Some(network) = &mut self.network else { return Self::listen(rest) };
-        let (address, number) = (self.config.address, network.following.phase.number);
-        let listed = network.following.membership.members().iter().find(|member| member.tag == address);
-        let settled = listed.map_or(Share::Release, |member| member.share) == self.share;
-        let full = listed.is_none() && network.following.membership.members().len() == MAX_MEMBERS;
+        let (address, number) = (self.config.address, phase.number);
+        let share = rate.map_or(Share::Release, |rate| share_of(rate, &timing));
+        let listed = course.membership.members().iter().find(|member| member.tag == address);
+        let settled = listed.map_or(Share::Release, |member| member.share) == share;
+        let full = listed.is_none() && course.membership.members().len() == MAX_MEMBERS;
         if settled {
             network.requests = 0;
         }
@@ -236,73 +302,106 @@ impl Tag {
             return Self::listen(rest);
         }
         let rmarker = timing.request(spread(address, number, timing.request_slots.into()).into());
-        let ready = passed.ticks() + timing.transmit.ticks() + timing.to_rmarker.ticks();
-        let spare = RadioDuration::from_ticks(rmarker.ticks() - ready);
-        if spare.ticks() > 2 * WAKE.ticks() {
-            return Self::listen(RadioDuration::from_ticks(spare.ticks() - WAKE.ticks()));
+        let until_pulse = rmarker.ticks() - timing.to_rmarker.ticks() - passed.ticks();
+        let spare = RadioDuration::from_ticks(until_pulse - lead.ticks());
+        if spare > SHORTEST_WAIT {
+            self.wake_at = Some(phase.at(RadioDuration::from_ticks(passed.ticks() + spare.ticks())));
+            return Self::listen(spare);
+        }
+        if until_pulse <= 0 {
+            // This superframe's instant has passed.
+            network.request_from = number.wrapping_add(1);
+            return Self::listen(rest);
         }
         // Whoever collides waits longer each time, one not as long as the other.
         let patience = spread(number, address, 2 << network.requests.min(3));
         network.request_from = number.wrapping_add(REQUEST_PATIENCE + patience);
         network.requests = network.requests.saturating_add(1);
-        if spare < RadioDuration::ZERO {
-            return Self::listen(rest);
-        }
-        let start = Start::At(network.following.phase.at(rmarker));
-        self.write(Message::Request(self.share));
-        Action::Transmit { frame: self.out.bytes(), start, listen: true }
+        self.doing = Doing::Requesting;
+        let wish = self.meter.wish(self.config.scheme);
+        self.write(Message::Request(Request { share, wish }));
+        Action::Transmit { frame: self.out.bytes(), start: Start::At(phase.at(rmarker)), listen: true }
     }
 
     /// In the round slots: a round where one fits in slots of our own, else off until the next of them or the next superframe.
     fn among_rounds(&mut self, passed: RadioDuration) -> Action<'_> {
-        let timing = self.timing;
-        let Some(network) = &self.network else { return Self::listen(timing.superframe) };
-        let phase = network.following.phase;
-        let earliest = RadioDuration::from_ticks(passed.ticks() + timing.transmit.ticks());
-        let anchors = self.round.asked();
-        let next = next_round(network.owned, &timing, earliest, anchors).filter(|_| anchors > 0);
-        if let Some(pulse) = next {
-            if pulse.ticks() - earliest.ticks() > 2 * WAKE.ticks() {
-                let wake = pulse.ticks() - timing.transmit.ticks() - WAKE.ticks();
-                return Action::WaitUntil(phase.at(RadioDuration::from_ticks(wake)));
+        let lead = self.meter.lead();
+        let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
+        let course = &network.following.course;
+        let (timing, phase) = (course.timing, course.phase);
+        // Rounds of few anchors are shorter than slots: who wants a certain rate makes as many as it has slots.
+        let has_enough = self.rate != Some(Rate::Greedy) && network.rounds >= network.owned.count_ones();
+        let anchors = if has_enough { 0 } else { self.round.asked() };
+        let after =
+            |earliest: RadioDuration| next_round(network.owned, &timing, earliest, anchors).filter(|_| anchors > 0);
+        let in_time = RadioDuration::from_ticks(passed.ticks() + self.meter.immediate().ticks());
+        // Woken for a round, the tag makes it as long as its instant lies ahead.
+        let spare = |pulse: RadioDuration| RadioDuration::from_ticks(pulse.ticks() - passed.ticks() - lead.ticks());
+        let planned = self.pulse_at.take().map(|pulse| pulse.since(phase.start));
+        let planned = planned.filter(|pulse| *pulse > passed && spare(*pulse) <= SHORTEST_WAIT);
+        if let Some(pulse) = planned.or_else(|| after(in_time)) {
+            let pulse_at = phase.at(pulse);
+            let at_once = planned.is_none() && pulse == in_time;
+            if !at_once && spare(pulse) > SHORTEST_WAIT {
+                let wake = pulse_at.plus(RadioDuration::from_ticks(-lead.ticks()));
+                (self.wake_at, self.pulse_at) = (Some(wake), Some(pulse_at));
+                return Action::WaitUntil(wake);
             }
-            let start = if pulse > earliest {
-                Start::At(phase.at(RadioDuration::from_ticks(pulse.ticks() + timing.to_rmarker.ticks())))
-            } else {
-                Start::Now
-            };
+            self.decided_at = at_once.then(|| phase.at(passed));
+            self.wake_at = self.wake_at.filter(|_| planned.is_some());
+            let start = if at_once { Start::Now } else { Start::At(pulse_at.plus(timing.to_rmarker)) };
             self.doing = Doing::Polling;
-            let poll = self.round.begin(&mut self.neighbours, self.config.tell_distances);
+            network.rounds = network.rounds.saturating_add(1);
+            let scheme = self.config.scheme.min(timing.layout.scheme);
+            let wish = self.meter.wish(self.config.scheme);
+            let poll = self.round.begin(&mut self.neighbours, scheme, wish, self.config.tell_distances);
             self.write(Message::Poll(poll));
             return Action::Transmit { frame: self.out.bytes(), start, listen: true };
         }
-        let (turns, early) = match network.next_turn(&self.config, &timing, self.share) {
+        let share = self.rate.map_or(Share::Release, |rate| share_of(rate, &timing));
+        let (turns, early) = match network.next_turn(&self.config, &timing, share) {
             Some(turns) if self.dozes && turns >= DOZE_FROM => (turns, DOZE_MARGIN),
-            Some(_) | None => (1, WAKE),
+            Some(_) | None => (1, lead),
         };
         self.dozing = turns > 1;
         let wake = i64::from(turns) * timing.superframe.ticks() - early.ticks();
         Action::WaitUntil(phase.at(RadioDuration::from_ticks(wake)))
     }
+
+    /// What a late start teaches, where the radio did not measure it, and what it leaves to be done again.
+    fn was_late(&mut self) {
+        if !self.was_measured {
+            self.meter.lead_was_short();
+        }
+        if let Some(network) = self.network.as_mut().filter(|_| self.doing == Doing::Requesting) {
+            network.request_from = network.following.course.phase.number.wrapping_add(1);
+        }
+    }
 }
 
 impl Followed {
+    /// Nothing asked for, nothing owned.
+    fn begin(following: Following) -> Self {
+        let request_from = following.course.phase.number;
+        Self { following, request_from, requests: 0, planned: None, owned: 0, rounds: 0, joined: false }
+    }
+
     /// In how many superframes the next one with slots of ours begins, as far as that is settled, or how long a doze may be.
     fn next_turn(&self, config: &TagConfig, timing: &Timing, share: Share) -> Option<u16> {
-        let membership = &self.following.membership;
+        let Following { course, .. } = &self.following;
+        let membership = &course.membership;
         let members = membership.in_force().filter(|_| membership.countdown() == 0)?;
         members.iter().find(|member| member.tag == config.address && member.share == share)?;
         let most = (LONGEST_DOZE.ticks() / timing.superframe.ticks()).max(1) as u16;
         let owns = |turn: &u16| {
-            owned_slots(members, config.address, self.following.phase.number.wrapping_add(*turn), timing.round_slots)
-                != 0
+            owned_slots(members, config.address, course.phase.number.wrapping_add(*turn), timing.round_slots) != 0
         };
         Some((1..most).find(owns).unwrap_or(most))
     }
 
     /// Finds out which slots are ours in this superframe: none where the plan may have changed unheard.
     fn plan(&mut self, config: &TagConfig, timing: &Timing) {
-        let number = self.following.phase.number;
+        let number = self.following.course.phase.number;
         if self.planned == Some(number) {
             return;
         }
@@ -314,6 +413,20 @@ impl Followed {
 impl Machine for Tag {
     fn may_sleep(&self) -> bool {
         self.dozing
+    }
+
+    fn pace(&mut self, pace: Pace) {
+        self.listening_at = pace.listening;
+        self.was_measured = pace.armed.is_some();
+        if let Some(armed) = pace.armed
+            && let Some(wake) = self.wake_at.take()
+        {
+            self.meter.led(armed.since(wake), self.was_awaited);
+        }
+        if let (Some(ready), Some(ended)) = (pace.ready, self.ended_at) {
+            let next = self.config.network.phy.airtime(RESPONSE_BYTES);
+            self.meter.dealt_with(ready.since(ended), next);
+        }
     }
 
     fn guide(&mut self, guidance: Guidance) {
@@ -330,38 +443,72 @@ impl Machine for Tag {
         if let Some(network) = self.network.as_mut().filter(|_| dozed) {
             network.following.adrift = Some(now);
         }
+        self.ended_at = None;
+        self.was_awaited = matches!(event, Event::Timeout | Event::Woken);
         match event {
             Event::Started => {
                 self.doing = Doing::Nothing;
+                (self.wake_at, self.pulse_at) = (None, None);
                 if !dozed {
                     self.network = None;
                 }
                 self.neighbours.forget_clocks();
+                self.round.forget();
             }
-            Event::Sent(departure) => {
-                if self.doing == Doing::Polling {
+            Event::Sent(departure) => match self.doing {
+                Doing::Polling => {
                     self.doing = Doing::Collecting;
                     self.round.sent(departure);
+                    if let Some(decided) = self.decided_at.take() {
+                        let to_rmarker = self.config.network.phy.time_to_rmarker();
+                        let pulse = departure.plus(RadioDuration::from_ticks(-to_rmarker.ticks()));
+                        self.meter.left(pulse.since(decided));
+                    }
                 }
-            }
+                Doing::Ending => self.round.ended(departure),
+                Doing::Requesting | Doing::Collecting | Doing::Nothing => {}
+            },
             Event::Received(frame) => {
                 self.hear(&frame);
-                ended = self.timing.end_of(&self.config.network.phy, &frame);
-                present = self.timing.read_by(&self.config.network.phy, &frame);
+                ended = end_of(&self.config.network.phy, &frame);
+                present = ended.plus(self.meter.reading());
+                self.ended_at = Some(ended);
+                if let Some(listening) = self.listening_at.take() {
+                    self.meter.listened(listening.since(ended));
+                }
             }
             // The window ended with the round, or the receiver was never on.
-            Event::Timeout | Event::Late | Event::NotSent => match self.doing {
-                Doing::Collecting => self.round.give_up(),
-                Doing::Polling => self.doing = Doing::Nothing,
-                Doing::Nothing => {}
-            },
+            Event::Timeout | Event::Late | Event::NotSent => {
+                if event == Event::Late {
+                    self.was_late();
+                }
+                match self.doing {
+                    Doing::Collecting => self.round.give_up(),
+                    Doing::Polling | Doing::Requesting => self.doing = Doing::Nothing,
+                    Doing::Nothing | Doing::Ending => {}
+                }
+            }
             Event::Corrupt | Event::Woken | Event::Reported => {}
         }
+        let mut is_over = self.doing == Doing::Ending;
+        if self.doing == Doing::Requesting {
+            self.doing = Doing::Nothing;
+        }
         if self.doing == Doing::Collecting {
-            return match self.round.await_more(&self.timing, ended) {
-                Some(action) => action,
-                None => self.finish_round(),
-            };
+            let timing = self.network.as_ref().map(|network| network.following.course.timing);
+            match timing.and_then(|timing| self.round.await_more(&timing, ended)) {
+                Some(action) => return action,
+                None => is_over = true,
+            }
+        }
+        if is_over {
+            match self.end_round() {
+                Ended::WithFinal => {
+                    return Action::Transmit { frame: self.out.bytes(), start: Start::Now, listen: false };
+                }
+                Ended::WithReport => return Action::Report(Report::Round(self.round.report())),
+                Ended::WithNothing => {}
+            }
         }
         match self.link.take() {
             Some(link) => Action::Report(Report::Link(link)),

@@ -1,16 +1,19 @@
-//! When things happen in native mode: from the frames' time on the air and the quickness of the boards.
+//! When things happen in native mode: from the frames' time on the air and the layout, which follows the slowest node.
 //!
 //! ```text
-//! superframe: | 16 beacon slots, one an anchor | 4 shared slots | round slots, each one poll and eight responses        |
-//! round:      | poll | answer time | response 0 | gap | response 1 | gap | … |
+//! superframe: | 16 beacon slots, one an anchor | 4 shared slots | round slots, each one poll, eight responses, perhaps a final |
+//! round:      | poll | answer time | response 0 | gap | response 1 | gap | … | answer time | final |
 //! ```
 
-use crate::frame::native::{BEACON_BYTES, OWNED_BEACON_SLOTS, POLL_BYTES, REQUEST_BYTES, RESPONSE_BYTES};
+use super::layout::{Layout, Scheme};
+use crate::frame::native::{
+    BEACON_BYTES, FINAL_BYTES, LONG_RESPONSE_BYTES, OWNED_BEACON_SLOTS, POLL_BYTES, REQUEST_BYTES, RESPONSE_BYTES,
+};
 use crate::native::MAX_ROUND;
 use crate::{PhyConfig, RadioDuration, RadioInstant, RxFrame};
 
-/// How quick the slowest board of a network is, beside its frames' time on the air; measured on the board, interrupt latency,
-/// bus and computation together.
+/// How quick a board is, beside its frames' time on the air: interrupt latency, bus and computation together. In native mode each node
+/// measures it while it runs ([`Meter`](super::pace::Meter)), unless its record pins it; none of the values here was measured on a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Turnaround {
@@ -23,11 +26,11 @@ pub struct Turnaround {
 }
 
 impl Turnaround {
-    /// A DWM1001 (nRF52832 at 64 MHz, SPI at 8 MHz) with its Bluetooth off.
-    pub const DWM1001: Self = Self {
-        answer: RadioDuration::from_micros(250),
-        listen_again: RadioDuration::from_micros(40),
-        transmit: RadioDuration::from_micros(150),
+    /// What a node believes of itself before it has measured: what the simulation's cost of a DWM1001 comes to, and as much again.
+    pub const START: Self = Self {
+        answer: RadioDuration::from_micros(600),
+        listen_again: RadioDuration::from_micros(120),
+        transmit: RadioDuration::from_micros(600),
     };
 }
 
@@ -39,8 +42,8 @@ pub struct Network {
     pub pan: u16,
     /// How frames are put on the air.
     pub phy: PhyConfig,
-    /// The quickness of the slowest board.
-    pub turnaround: Turnaround,
+    /// What this node says of its own quickness instead of measuring it.
+    pub pinned: Option<Turnaround>,
 }
 
 /// Beacon slots that nobody owns: for tags' requests, and beacons of anchors that found no slot of their own.
@@ -51,7 +54,7 @@ pub const BEACON_SLOTS: usize = OWNED_BEACON_SLOTS + SHARED_SLOTS;
 pub const MAX_ROUND_SLOTS: usize = 64;
 
 /// The superframe lasts this long, where the beacon slots leave enough of it.
-const SUPERFRAME: RadioDuration = RadioDuration::from_micros(100_000);
+pub const SUPERFRAME: RadioDuration = RadioDuration::from_micros(100_000);
 /// It lasts at least this many times the beacon slots together.
 const BEACON_SHARE: i64 = 4;
 /// Two clocks part by at most this many millionths (±20 ppm each) …
@@ -63,16 +66,20 @@ const BYTE: RadioDuration = RadioDuration::from_micros(1);
 /// The longest way to another node and back: 450 m, 3 µs.
 const WAY_THERE_AND_BACK: RadioDuration = RadioDuration::from_micros(3);
 
-/// When things happen; the same for all nodes of a [`Network`].
+/// When things happen; the same for all nodes of a network, by its PHY and its layout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Timing {
+    /// The layout that this follows from.
+    pub layout: Layout,
     /// From the poll's RMARKER, heard, to that of the first response.
     pub reply: RadioDuration,
     /// From one response's RMARKER to the next one's.
     pub response_slot: RadioDuration,
     /// From the RMARKER of a response to its end.
     pub response_tail: RadioDuration,
+    /// From the end of the last response to that of the final, where there is one.
+    pub finale: RadioDuration,
     /// From a frame's first pulse to its RMARKER.
     pub to_rmarker: RadioDuration,
     /// What two nodes' ideas of a slot's beginning may differ by.
@@ -89,12 +96,6 @@ pub struct Timing {
     pub round_slots: u8,
     /// A superframe.
     pub superframe: RadioDuration,
-    /// From a decision to transmit to the first pulse ([`Turnaround::transmit`]).
-    pub transmit: RadioDuration,
-    /// The same of a beacon, which is longer.
-    pub transmit_beacon: RadioDuration,
-    /// From the end of a frame until the node has it: the rest of [`Turnaround::answer`].
-    pub reading: RadioDuration,
 }
 
 const fn sum(a: RadioDuration, b: RadioDuration) -> RadioDuration {
@@ -106,20 +107,24 @@ const fn times(a: RadioDuration, n: i64) -> RadioDuration {
 }
 
 impl Timing {
-    /// That of a network.
-    pub const fn of(network: &Network) -> Self {
-        let Network { phy, turnaround, .. } = network;
+    /// That of a network with this PHY and layout.
+    pub const fn of(phy: &PhyConfig, layout: Layout) -> Self {
         let to_rmarker = phy.time_to_rmarker();
-        let reply = sum(sum(phy.time_after_rmarker(POLL_BYTES), turnaround.answer), to_rmarker);
-        let listen_again = sum(turnaround.listen_again, WAY_THERE_AND_BACK);
-        let response_slot = sum(phy.airtime(RESPONSE_BYTES), listen_again);
-        let response_tail = phy.time_after_rmarker(RESPONSE_BYTES);
+        let answer = layout.answer.duration();
+        let reply = sum(sum(phy.time_after_rmarker(POLL_BYTES), answer), to_rmarker);
+        let listen_again = sum(layout.listen_again.duration(), WAY_THERE_AND_BACK);
+        let (response_bytes, finale) = match layout.scheme {
+            Scheme::SingleSided => (RESPONSE_BYTES, RadioDuration::ZERO),
+            Scheme::DoubleSided => (LONG_RESPONSE_BYTES, sum(answer, phy.airtime(FINAL_BYTES))),
+        };
+        let response_slot = sum(phy.airtime(response_bytes), listen_again);
+        let response_tail = phy.time_after_rmarker(response_bytes);
 
         // The guard follows from the superframe's length, which hardly follows from the guard: one step is enough.
         // Who has heard the beacon of one slot must be able to send that of the next, both as long as can be.
         let longer = times(BYTE, (BEACON_BYTES - RESPONSE_BYTES) as i64);
-        let answer = sum(turnaround.answer, times(longer, 2));
-        let beacon = phy.airtime(BEACON_BYTES).ticks() + answer.ticks() + WAY_THERE_AND_BACK.ticks();
+        let beacon_answer = sum(answer, times(longer, 2));
+        let beacon = phy.airtime(BEACON_BYTES).ticks() + beacon_answer.ticks() + WAY_THERE_AND_BACK.ticks();
         let nominal = SUPERFRAME.ticks();
         let slow = (beacon + beacon / 16) * (BEACON_SLOTS as i64) * BEACON_SHARE;
         let superframe = if slow > nominal { slow } else { nominal };
@@ -129,14 +134,16 @@ impl Timing {
         let beacon_slot = RadioDuration::from_ticks(beacon + guard.ticks());
         let request_slot = sum(sum(phy.airtime(REQUEST_BYTES), listen_again), guard);
         let request_slots = (beacon_slot.ticks() * SHARED_SLOTS as i64 / request_slot.ticks()) as u8;
-        let round = sum(sum(sum(to_rmarker, reply), times(response_slot, MAX_ROUND as i64 - 1)), response_tail);
-        let round_slot = sum(sum(round, turnaround.listen_again), guard);
+        let responses = sum(sum(sum(to_rmarker, reply), times(response_slot, MAX_ROUND as i64 - 1)), response_tail);
+        let round_slot = sum(sum(sum(responses, finale), listen_again), guard);
         let fit = (superframe - beacon_slot.ticks() * BEACON_SLOTS as i64) / round_slot.ticks();
         let round_slots = if fit > MAX_ROUND_SLOTS as i64 { MAX_ROUND_SLOTS as u8 } else { fit as u8 };
         Self {
+            layout,
             reply,
             response_slot,
             response_tail,
+            finale,
             to_rmarker,
             guard,
             beacon_slot,
@@ -145,22 +152,7 @@ impl Timing {
             round_slot,
             round_slots,
             superframe: RadioDuration::from_ticks(superframe),
-            transmit: turnaround.transmit,
-            transmit_beacon: sum(turnaround.transmit, longer),
-            reading: RadioDuration::from_ticks(turnaround.answer.ticks() - turnaround.transmit.ticks()),
         }
-    }
-
-    /// When a frame that came was over. A window until an instant begins here, and not where the slowest board has read the
-    /// frame: a quicker one would close it before the instant.
-    pub(super) fn end_of(&self, phy: &PhyConfig, frame: &RxFrame<'_>) -> RadioInstant {
-        // The two check bytes are not handed on.
-        frame.rx_time.plus(phy.time_after_rmarker(frame.bytes.len() as u16 + 2))
-    }
-
-    /// When the slowest node has a frame that it received, and decides what to do next.
-    pub(super) fn read_by(&self, phy: &PhyConfig, frame: &RxFrame<'_>) -> RadioInstant {
-        self.end_of(phy, frame).plus(self.reading)
     }
 
     /// From the poll's RMARKER to that of the response in this slot of the round.
@@ -168,9 +160,10 @@ impl Timing {
         sum(self.reply, times(self.response_slot, slot as i64))
     }
 
-    /// From the first pulse of a poll that names this many anchors to the end of the last response.
+    /// From the first pulse of a poll that names this many anchors to the end of the last frame of the round.
     pub const fn round(&self, anchors: usize) -> RadioDuration {
-        sum(sum(self.to_rmarker, self.reply_in(anchors.saturating_sub(1))), self.response_tail)
+        let responses = sum(sum(self.to_rmarker, self.reply_in(anchors.saturating_sub(1))), self.response_tail);
+        sum(responses, self.finale)
     }
 
     /// From the beginning of the superframe to the RMARKER of a frame in this beacon slot.
@@ -212,13 +205,15 @@ impl Phase {
         Self { number, start: rx_time.plus(RadioDuration::from_ticks(-offset)) }
     }
 
-    /// Goes on to the superframe that `now` is in; answers how many have begun since.
-    pub fn advance(&mut self, timing: &Timing, now: RadioInstant) -> u16 {
-        let length = timing.superframe.ticks();
-        let begun = (now.since(self.start).ticks().div_euclid(length)).clamp(0, i64::from(u16::MAX));
-        self.number = self.number.wrapping_add(begun as u16);
-        self.start = self.start.plus(RadioDuration::from_ticks(begun * length));
-        begun as u16
+    /// Whether the superframe is over at `now`.
+    pub fn ends_by(&self, timing: &Timing, now: RadioInstant) -> bool {
+        now.since(self.start) >= timing.superframe
+    }
+
+    /// Goes on to the next superframe.
+    pub fn next(&mut self, timing: &Timing) {
+        self.number = self.number.wrapping_add(1);
+        self.start = self.start.plus(timing.superframe);
     }
 
     /// The instant this long after the superframe's beginning.
@@ -227,8 +222,16 @@ impl Phase {
     }
 }
 
+/// When a frame that came was over.
+pub fn end_of(phy: &PhyConfig, frame: &RxFrame<'_>) -> RadioInstant {
+    // The two check bytes are not handed on.
+    frame.rx_time.plus(phy.time_after_rmarker(frame.bytes.len() as u16 + 2))
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::course::Course;
+    use super::super::layout::Span;
     use super::*;
     use crate::phy::{Channel, DataRate, PreambleLength, Prf};
 
@@ -236,54 +239,78 @@ mod tests {
         duration.ticks() as f64 / 63_897.6
     }
 
+    fn layout(answer_us: u32, listen_again_us: u32, scheme: Scheme) -> Layout {
+        let span = |micros| Span::at_least(RadioDuration::from_micros(micros));
+        Layout { answer: span(answer_us), listen_again: span(listen_again_us), scheme }
+    }
+
     #[test]
-    fn times_of_a_dwm1001_at_6_81_mbit_s() {
-        let network = Network { pan: 1, phy: PhyConfig::FAST, turnaround: Turnaround::DWM1001 };
-        let timing = Timing::of(&network);
-        // To the RMARKER 136 × 1.01763 = 138.4 µs. Poll of 47 bytes: header 21 × 1.02564 = 21.54, payload (376 + 2 × 48) ×
-        // 0.12821 = 60.51 µs. Reply = 82.05 + 250 + 138.4.
-        assert!((micros(timing.reply) - 470.4).abs() < 0.1, "{}", micros(timing.reply));
+    fn times_at_6_81_mbit_s() {
+        // 248 = 31 · 8 and 40 = 20 · 2 are spans.
+        let timing = Timing::of(&PhyConfig::FAST, layout(248, 40, Scheme::SingleSided));
+        // To the RMARKER 136 × 1.01763 = 138.4 µs. Poll of 48 bytes: header 21 × 1.02564 = 21.54, payload (384 + 2 × 48) ×
+        // 0.12821 = 61.54 µs. Reply = 83.08 + 248 + 138.4.
+        assert!((micros(timing.reply) - 469.5).abs() < 0.1, "{}", micros(timing.reply));
         // Response of 23 bytes: 138.4 + 21.54 + (184 + 48) × 0.12821 = 189.68; + 40 + 3 µs.
         assert!((micros(timing.response_slot) - 232.7).abs() < 0.1, "{}", micros(timing.response_slot));
-        // Four responses: 138.4 + 470.4 + 3 × 232.7 + 51.3 = 1358.
-        assert!((micros(timing.round(4)) - 1358.2).abs() < 0.5, "{}", micros(timing.round(4)));
+        // Four responses: 138.4 + 469.5 + 3 × 232.7 + 51.3 = 1357.
+        assert!((micros(timing.round(4)) - 1357.3).abs() < 0.5, "{}", micros(timing.round(4)));
         // Drift of 40 ppm over three superframes, 12 µs, and 3 µs of way.
         assert!((micros(timing.guard) - 15.0).abs() < 0.1, "{}", micros(timing.guard));
         assert_eq!(timing.superframe, RadioDuration::from_micros(100_000));
     }
 
     #[test]
+    fn a_final_makes_rounds_longer_by_an_answer_and_two_frames() {
+        let [single, double] = [Scheme::SingleSided, Scheme::DoubleSided]
+            .map(|scheme| Timing::of(&PhyConfig::FAST, layout(248, 40, scheme)));
+        // Responses are 5 bytes longer, 40 bits of 0.12821 µs: 5.13 µs each. The final of 14 bytes: 138.4 + 21.54 + (112 + 48) ×
+        // 0.12821 = 180.45 µs, after 248 µs.
+        let longer = micros(double.round(4)) - micros(single.round(4));
+        assert!((longer - (4.0 * 5.13 + 248.0 + 180.45)).abs() < 0.2, "{longer}");
+    }
+
+    #[test]
     fn slots_hold_what_happens_in_them() {
         for rate in [DataRate::Kbps110, DataRate::Kbps850, DataRate::Kbps6810] {
             for preamble in [PreambleLength::Symbols128, PreambleLength::Symbols1024, PreambleLength::Symbols4096] {
-                let Ok(phy) = PhyConfig::new(Channel::Ch5, Prf::Mhz64, rate, preamble) else { continue };
-                let network = Network { pan: 1, phy, turnaround: Turnaround::DWM1001 };
-                let timing = Timing::of(&network);
-                let name = std::format!("{rate:?}, {preamble:?}");
-                assert!(timing.round_slots >= 4, "{name}: {} round slots", timing.round_slots);
-                assert!(timing.round(MAX_ROUND) < timing.round_slot, "{name}");
-                assert!(timing.round_slot_begin(timing.round_slots.into()) <= timing.superframe, "{name}");
-                let beacon = phy.airtime(BEACON_BYTES).ticks() + timing.guard.ticks();
-                assert!(beacon + timing.transmit.ticks() < timing.beacon_slot.ticks(), "{name}");
-                assert!(timing.request_slots >= SHARED_SLOTS as u8, "{name}");
-                let last = timing.request(usize::from(timing.request_slots) - 1).ticks()
-                    + phy.time_after_rmarker(REQUEST_BYTES).ticks();
-                assert!(last < timing.rounds().ticks(), "{name}");
-                // A superframe is well within what instants tell apart.
-                assert!(timing.superframe < RadioDuration::from_micros(3_000_000), "{name}: {:?}", timing.superframe);
+                for (answer_us, scheme) in
+                    [(250, Scheme::SingleSided), (600, Scheme::DoubleSided), (3968, Scheme::DoubleSided)]
+                {
+                    let Ok(phy) = PhyConfig::new(Channel::Ch5, Prf::Mhz64, rate, preamble) else { continue };
+                    let timing = Timing::of(&phy, layout(answer_us, answer_us / 6, scheme));
+                    let name = std::format!("{rate:?}, {preamble:?}, {answer_us} µs");
+                    assert!(timing.round_slots >= 4, "{name}: {} round slots", timing.round_slots);
+                    assert!(timing.round(MAX_ROUND) < timing.round_slot, "{name}");
+                    assert!(timing.round_slot_begin(timing.round_slots.into()) <= timing.superframe, "{name}");
+                    let beacon = phy.airtime(BEACON_BYTES).ticks() + timing.guard.ticks();
+                    assert!(
+                        beacon + layout(answer_us, 0, scheme).answer.duration().ticks() <= timing.beacon_slot.ticks(),
+                        "{name}"
+                    );
+                    assert!(timing.request_slots >= SHARED_SLOTS as u8, "{name}");
+                    let last = timing.request(usize::from(timing.request_slots) - 1).ticks()
+                        + phy.time_after_rmarker(REQUEST_BYTES).ticks();
+                    assert!(last < timing.rounds().ticks(), "{name}");
+                    // A superframe is well within what instants tell apart.
+                    assert!(
+                        timing.superframe < RadioDuration::from_micros(3_000_000),
+                        "{name}: {:?}",
+                        timing.superframe
+                    );
+                }
             }
         }
     }
 
     #[test]
     fn phases_go_on_across_the_wrap() {
-        let network = Network { pan: 1, phy: PhyConfig::FAST, turnaround: Turnaround::DWM1001 };
-        let timing = Timing::of(&network);
         let superframe = 6_389_760_000;
         let start = RadioInstant::from_ticks((1 << 40) - superframe);
-        let mut phase = Phase { number: u16::MAX, start };
-        assert_eq!(phase.advance(&timing, start.plus(RadioDuration::from_ticks(-5))), 0);
-        assert_eq!(phase.advance(&timing, start.plus(RadioDuration::from_ticks(2 * superframe as i64 + 7))), 2);
-        assert_eq!(phase, Phase { number: 1, start: RadioInstant::from_ticks(superframe) });
+        let mut course = Course::begin(&PhyConfig::FAST, Layout::LEAST, start);
+        course.phase.number = u16::MAX;
+        assert_eq!(course.advance(start.plus(RadioDuration::from_ticks(-5))), 0);
+        assert_eq!(course.advance(start.plus(RadioDuration::from_ticks(2 * superframe as i64 + 7))), 2);
+        assert_eq!(course.phase, Phase { number: 1, start: RadioInstant::from_ticks(superframe) });
     }
 }

@@ -10,13 +10,13 @@ use rand::{Rng, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
 use ranging::exchange::{Action, Difference, Event, Link, Machine, Range, Report};
-use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
+use ranging::{Diagnostics, Pace, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
 
 pub const TICKS: f64 = 63_897_600_000.0;
 /// Metres a second in air.
 pub const LIGHT: f64 = 299_792_458.0 / 1.000_293;
-/// From the end of a frame until the node has read it, and from a command until the first pulse can leave: together less than
-/// the 250 µs that a DWM1001 is given for an answer.
+/// From the end of a frame until the node has read it, and from a command until the first pulse can leave, on a quick board; a node's
+/// slowness multiplies both.
 const READING: f64 = 120e-6;
 const STARTING: f64 = 100e-6;
 /// From the end of one frame until a receiver told to stay on hears the next.
@@ -25,7 +25,7 @@ const LISTEN_AGAIN: f64 = 30e-6;
 pub const ANTENNA_DELAY: i64 = 16_436;
 
 /// A machine that may be replaced or switched off between steps.
-pub type Boxed = Box<dyn FnMut(RadioInstant, Event<'_>) -> Owned>;
+pub type Boxed = Box<dyn FnMut(RadioInstant, Pace, Event<'_>) -> Owned>;
 
 /// An action that owns what it refers to.
 #[derive(Clone, Debug)]
@@ -56,14 +56,17 @@ impl From<Action<'_>> for Owned {
 }
 
 pub fn boxed(mut machine: impl Machine + 'static) -> Boxed {
-    Box::new(move |now, event| machine.step(now, event).into())
+    Box::new(move |now, pace, event| {
+        machine.pace(pace);
+        machine.step(now, event).into()
+    })
 }
 
 /// A node that hears every frame and sends some again: as they were, cut, with flipped bits, of another network, later.
 pub fn mischief(seed: u64) -> Boxed {
     let mut rng = Pcg64::seed_from_u64(seed);
     let mut kept: Vec<Vec<u8>> = Vec::new();
-    Box::new(move |now, event| {
+    Box::new(move |now, _, event| {
         if let Event::Received(frame) = event {
             kept.push(frame.bytes.to_vec());
             if kept.len() > 200 {
@@ -129,6 +132,10 @@ pub struct Flight {
 
 struct Node {
     machine: Option<Boxed>,
+    /// How many times slower than a quick board.
+    slowness: f64,
+    /// What the next step is told of the node's pace.
+    pace: Pace,
     position: [f64; 3],
     /// Fast by this fraction.
     drift: f64,
@@ -169,7 +176,7 @@ enum Plain {
 }
 
 enum Heard {
-    Frame { bytes: Vec<u8>, rx_time: RadioInstant, diagnostics: Diagnostics },
+    Frame { bytes: Vec<u8>, rx_time: RadioInstant, diagnostics: Diagnostics, listening: RadioInstant },
     Corrupt,
 }
 
@@ -223,6 +230,8 @@ impl Air {
         let begin = self.now;
         self.nodes.push(Node {
             machine: Some(machine),
+            slowness: 1.0,
+            pace: Pace::default(),
             position,
             drift: drift_ppm * 1e-6,
             start,
@@ -231,6 +240,11 @@ impl Air {
             heard: VecDeque::new(),
         });
         self.nodes.len() - 1
+    }
+
+    /// Makes a node this many times slower than a quick board.
+    pub fn slow_down(&mut self, node: usize, slowness: f64) {
+        self.nodes[node].slowness = slowness;
     }
 
     /// Makes a node's clock read `ticks` now.
@@ -339,7 +353,8 @@ impl Air {
                     }
                     match heard {
                         Heard::Corrupt => self.step(node, local, Event::Corrupt),
-                        Heard::Frame { bytes, rx_time, diagnostics } => {
+                        Heard::Frame { bytes, rx_time, diagnostics, listening } => {
+                            self.nodes[node].pace.listening = keep.then_some(listening);
                             let frame = RxFrame { bytes: &bytes, rx_time, diagnostics };
                             self.step(node, rx_time, Event::Received(frame));
                         }
@@ -351,8 +366,11 @@ impl Air {
 
     fn step(&mut self, node: usize, local: RadioInstant, event: Event<'_>) {
         let now = self.now;
-        let Some(machine) = &mut self.nodes[node].machine else { return };
-        let action = machine(local, event);
+        let reported = event == Event::Reported;
+        let this = &mut self.nodes[node];
+        let Some(machine) = &mut this.machine else { return };
+        let pace = std::mem::take(&mut this.pace);
+        let action = machine(local, Pace { ready: reported.then_some(local), ..pace }, event);
         let state = match action {
             Owned::Round { number, asked, ranges } => {
                 self.reports.push(Reported { time: now, node, what: What::Round { number, asked, ranges } });
@@ -396,14 +414,18 @@ impl Air {
         self.nodes[node].heard.clear();
         let seconds = |duration: RadioDuration| duration.ticks() as f64 / TICKS;
         let lead = seconds(self.phy.time_to_rmarker());
+        let starting = STARTING * self.nodes[node].slowness;
         let departure = match start {
-            Start::Now => self.local(node, now + STARTING + lead),
+            Start::Now => self.local(node, now + starting + lead),
             Start::At(at) => at.snapped().plus(RadioDuration::from_ticks(ANTENNA_DELAY)),
         };
         let rmarker = self.global(node, departure, now);
         let begin = rmarker - lead;
-        if begin < now + STARTING - 1e-9 {
-            return State::Step(now, Plain::Late);
+        if start != Start::Now {
+            self.nodes[node].pace.armed = Some(self.local(node, now + starting));
+        }
+        if begin < now + starting - 1e-9 {
+            return State::Step(now + starting, Plain::Late);
         }
         let end = rmarker + seconds(self.phy.time_after_rmarker(bytes.len() as u16 + 2));
         let flight = Flight { sender: node, begin, rmarker, end, bytes };
@@ -437,7 +459,9 @@ impl Air {
             if self.rng.random_bool(self.loss) {
                 continue;
             }
-            let ready = end + READING;
+            let slowness = self.nodes[node].slowness;
+            let (reading, listen_again) = (READING * slowness, LISTEN_AGAIN * slowness);
+            let ready = end + reading;
             let heard = if collision {
                 self.collisions += 1;
                 Heard::Corrupt
@@ -454,16 +478,17 @@ impl Air {
                     clock_offset_ppm: reading as f32,
                     ..Diagnostics::default()
                 };
-                Heard::Frame { bytes: flight.bytes.clone(), rx_time, diagnostics }
+                let listening = self.local(node, end + listen_again);
+                Heard::Frame { bytes: flight.bytes.clone(), rx_time, diagnostics, listening }
             };
             let keeps = !matches!(self.nodes[node].state, State::Listening { keep: false, .. });
             let this = &mut self.nodes[node];
             // Two receive buffers: the third frame before the first is read is lost.
             if this.heard.len() < 2 {
                 let previous = this.heard.back().map_or(0.0, |(ready, _)| *ready);
-                this.heard.push_back((ready.max(previous + READING), heard));
+                this.heard.push_back((ready.max(previous + reading), heard));
             }
-            this.listening = keeps.then_some(end + LISTEN_AGAIN);
+            this.listening = keeps.then_some(end + listen_again);
         }
         self.flying.remove(index);
     }

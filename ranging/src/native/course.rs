@@ -1,0 +1,67 @@
+//! Where a node is in the course of a network's superframes, and what counts there: phase, members, layout.
+
+use super::layout::Layout;
+use super::plan::Membership;
+use super::timing::{Phase, Timing};
+use crate::frame::native::Beacon;
+use crate::{PhyConfig, RadioInstant};
+
+/// The course of superframes as a node knows it.
+#[derive(Clone, Debug)]
+pub struct Course {
+    /// Where it is in time.
+    pub phase: Phase,
+    /// Who may range, and the layout of the slots.
+    pub membership: Membership,
+    /// What follows from the layout that counts now.
+    pub timing: Timing,
+    phy: PhyConfig,
+}
+
+impl Course {
+    /// A network without members that begins at `start`.
+    pub fn begin(phy: &PhyConfig, layout: Layout, start: RadioInstant) -> Self {
+        Self {
+            phase: Phase { number: 0, start },
+            membership: Membership::new(layout),
+            timing: Timing::of(phy, layout),
+            phy: *phy,
+        }
+    }
+
+    /// That of a beacon that came at `rx_time`; `None` in the middle of a change of layout, when only those who follow already know
+    /// what counts.
+    pub fn of_beacon(phy: &PhyConfig, beacon: &Beacon, rx_time: RadioInstant) -> Option<Self> {
+        let membership = Membership::from_beacon(beacon);
+        if beacon.layout_is_new && beacon.countdown > 0 {
+            return None;
+        }
+        let timing = Timing::of(phy, beacon.layout);
+        let phase = Phase::from_beacon(&timing, beacon.superframe, beacon.slot, rx_time);
+        Some(Self { phase, membership, timing, phy: *phy })
+    }
+
+    /// Goes on to the superframe that `now` is in; answers how many have begun since.
+    pub fn advance(&mut self, now: RadioInstant) -> u16 {
+        let mut begun = 0;
+        // Instants are told apart within 8.6 s, which are some hundred superframes.
+        while self.phase.ends_by(&self.timing, now) {
+            self.phase.next(&self.timing);
+            self.membership.advance();
+            let layout = self.membership.layout_in_force();
+            if layout != self.timing.layout {
+                self.timing = Timing::of(&self.phy, layout);
+            }
+            begun += 1;
+        }
+        begun
+    }
+
+    /// Whether a beacon that came at `rx_time` is of the superframe that this course is in then, begun at the same time: one that was
+    /// repeated later is not. The phase that it tells.
+    pub fn in_step(&self, beacon: &Beacon, rx_time: RadioInstant) -> Option<Phase> {
+        let phase = Phase::from_beacon(&self.timing, beacon.superframe, beacon.slot, rx_time);
+        let off = phase.start.since(self.phase.start).ticks().unsigned_abs();
+        (phase.number == self.phase.number && off <= self.timing.guard.ticks().unsigned_abs()).then_some(phase)
+    }
+}

@@ -1,0 +1,241 @@
+//! How quick this node is, measured while it runs.
+//!
+//! In flow instants of the radio's own clock ([`Pace`](crate::Pace)): when the command for a transmission had reached the chip, when
+//! the receiver was on again, when a frame had been dealt with. Out flow the lead by which the node decides before its own
+//! transmissions, and what it asks of the network's layout. A board that became slower (another task, flash, a compiler) shows it by a
+//! single late start; one that became quicker is believed slowly.
+
+use super::Turnaround;
+use super::layout::{Layout, Scheme, Span};
+use crate::RadioDuration;
+
+/// What is added to a measured duration: the chip's own start (10 µs from the command to the first pulse), the steps of timers …
+const MARGIN: RadioDuration = RadioDuration::from_micros(30);
+/// … and this part of it.
+const MARGIN_SHARE: i64 = 8;
+/// The part of its distance to a shorter sample by which a high quantile sinks.
+const DECAY: i64 = 256;
+/// A sample longer than this is no measure of a board.
+const LONGEST: RadioDuration = RadioDuration::from_micros(10_000);
+
+/// A high quantile of durations: it rises to a longer sample at once and sinks slowly, so that one of some hundred samples is longer.
+#[derive(Clone, Copy, Debug)]
+struct Quantile {
+    ticks: i64,
+    is_measured: bool,
+}
+
+impl Quantile {
+    const fn starting_at(duration: RadioDuration) -> Self {
+        Self { ticks: duration.ticks(), is_measured: false }
+    }
+
+    fn take(&mut self, sample: RadioDuration) {
+        let sample = sample.ticks().clamp(0, LONGEST.ticks());
+        if !self.is_measured || sample > self.ticks {
+            self.ticks = sample;
+        } else {
+            self.ticks -= (self.ticks - sample) / DECAY;
+        }
+        self.is_measured = true;
+    }
+
+    /// It was too short by nobody knows how much.
+    fn grow(&mut self) {
+        self.ticks = (self.ticks + self.ticks / 4).min(LONGEST.ticks());
+    }
+
+    fn with_margin(&self) -> RadioDuration {
+        RadioDuration::from_ticks(self.ticks + self.ticks / MARGIN_SHARE + MARGIN.ticks())
+    }
+}
+
+/// What the node has measured of itself, or what its record says instead.
+#[derive(Clone, Debug)]
+pub struct Meter {
+    pinned: Option<Turnaround>,
+    answer: Quantile,
+    listen_again: Quantile,
+    lead: Quantile,
+    /// As `lead`, of a frame that leaves as soon as it can.
+    immediate: Quantile,
+    reading: Quantile,
+}
+
+impl Meter {
+    /// Nothing measured yet. What is pinned is not measured.
+    pub const fn new(pinned: Option<Turnaround>) -> Self {
+        let start = match pinned {
+            Some(pinned) => pinned,
+            None => Turnaround::START,
+        };
+        Self {
+            pinned,
+            answer: Quantile::starting_at(start.answer),
+            listen_again: Quantile::starting_at(start.listen_again),
+            lead: Quantile::starting_at(start.transmit),
+            immediate: Quantile::starting_at(start.transmit),
+            reading: Quantile::starting_at(RadioDuration::from_ticks(start.answer.ticks() / 2)),
+        }
+    }
+
+    /// From the end of a frame until the command for the answer had reached the chip.
+    pub fn answered(&mut self, after: RadioDuration) {
+        self.answer.take(after);
+    }
+
+    /// From the end of a frame until the receiver was on again.
+    pub fn listened(&mut self, after: RadioDuration) {
+        self.listen_again.take(after);
+    }
+
+    /// From the end of a frame until the node had dealt with it; the next one, which lasts `next`, comes meanwhile.
+    pub fn dealt_with(&mut self, after: RadioDuration, next: RadioDuration) {
+        self.reading.take(after);
+        self.listen_again.take(RadioDuration::from_ticks(after.ticks() - next.ticks()));
+    }
+
+    /// From a decision to transmit at once to the first pulse.
+    pub fn left(&mut self, after: RadioDuration) {
+        self.immediate.take(after);
+    }
+
+    /// From the instant at which the node was to wake until the command for a transmission had reached the chip. Where a frame was
+    /// being read then, the node may have decided before that instant: only a longer time counts.
+    pub fn led(&mut self, after: RadioDuration, was_awaited: bool) {
+        if was_awaited || after.ticks() > self.lead.ticks {
+            self.lead.take(after);
+        }
+    }
+
+    /// An answer came too late, and the radio does not measure by how much.
+    pub fn answer_was_late(&mut self) {
+        self.answer.grow();
+    }
+
+    /// A transmission came too late, and the radio does not measure by how much.
+    pub fn lead_was_short(&mut self) {
+        self.lead.grow();
+    }
+
+    /// How long before a transmission's first pulse the node is to wake and decide.
+    ///
+    /// A pinned lead that proved too short gives way: the node would be silent for ever.
+    pub fn lead(&self) -> RadioDuration {
+        match self.pinned {
+            Some(pinned) => pinned.transmit.max(RadioDuration::from_ticks(self.lead.ticks)),
+            None => self.lead.with_margin(),
+        }
+    }
+
+    /// From a decision to transmit at once to the first pulse.
+    pub fn immediate(&self) -> RadioDuration {
+        self.immediate.with_margin()
+    }
+
+    /// From the end of a frame until the node has dealt with it, about: half of what an answer takes, where that alone is known.
+    pub fn reading(&self) -> RadioDuration {
+        let half = self.answer_or_lead().ticks / 2;
+        RadioDuration::from_ticks(if self.reading.is_measured { self.reading.ticks } else { half })
+    }
+
+    /// Who was never asked takes as long for an answer as for any transmission: both write a frame after a wake-up.
+    fn answer_or_lead(&self) -> &Quantile {
+        if self.answer.is_measured || !self.lead.is_measured { &self.answer } else { &self.lead }
+    }
+
+    /// What this node asks of the network's layout: nothing where it has measured nothing.
+    pub fn wish(&self, scheme: Scheme) -> Layout {
+        let asked = |pinned: Option<RadioDuration>, quantile: &Quantile| match pinned {
+            Some(pinned) => Span::at_least(pinned),
+            None if quantile.is_measured => Span::at_least(quantile.with_margin()),
+            None => Span::default(),
+        };
+        Layout {
+            answer: asked(self.pinned.map(|pinned| pinned.answer), self.answer_or_lead()),
+            listen_again: asked(self.pinned.map(|pinned| pinned.listen_again), &self.listen_again),
+            scheme,
+        }
+    }
+
+    /// The layout of a network that this node founds.
+    pub fn first_layout(&self) -> Layout {
+        let [answer, listen_again] = [&self.answer, &self.listen_again].map(Quantile::with_margin);
+        let first = Layout {
+            answer: Span::at_least(answer),
+            listen_again: Span::at_least(listen_again),
+            scheme: Scheme::SingleSided,
+        };
+        if self.pinned.is_some() { self.wish(Scheme::SingleSided) } else { first }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const fn us(micros: u32) -> RadioDuration {
+        RadioDuration::from_micros(micros)
+    }
+
+    #[test]
+    fn one_late_start_counts_at_once_and_is_forgotten_slowly() {
+        let mut meter = Meter::new(None);
+        meter.led(us(200), true);
+        // 200 + 25 + 30.
+        assert_eq!(meter.lead().as_micros(), 255);
+        meter.led(us(800), true);
+        assert_eq!(meter.lead().as_micros(), 930);
+        meter.led(us(0), false);
+        assert_eq!(meter.lead().as_micros(), 930);
+        for _ in 0..256 {
+            meter.led(us(200), true);
+        }
+        // 200 + 600 · (1 − 1/256)^256 = 200 + 600/e = 420.5 µs; 420.5 · 9/8 + 30 = 503.
+        assert!((500..=506).contains(&meter.lead().as_micros()), "{:?}", meter.lead());
+    }
+
+    #[test]
+    fn what_is_pinned_is_not_measured() {
+        let pinned = Turnaround { answer: us(256), listen_again: us(64), transmit: us(150) };
+        let mut meter = Meter::new(Some(pinned));
+        meter.answered(us(900));
+        meter.led(us(100), true);
+        assert_eq!(meter.lead(), us(150));
+        // Too short, it gives way.
+        meter.led(us(900), true);
+        assert_eq!(meter.lead(), us(900));
+        let wish = meter.wish(Scheme::DoubleSided);
+        assert_eq!([wish.answer.duration(), wish.listen_again.duration()], [us(256), us(64)]);
+    }
+
+    #[test]
+    fn who_was_never_asked_answers_as_quickly_as_it_sends() {
+        let mut meter = Meter::new(None);
+        meter.led(us(160), true);
+        // 160 + 20 + 30 = 210 µs; the next span is (16 + 11) · 2³ = 216 µs.
+        assert_eq!(meter.wish(Scheme::SingleSided).answer.duration(), us(216));
+        meter.answered(us(400));
+        // 400 + 50 + 30 = 480 µs = (16 + 14) · 2⁴.
+        assert_eq!(meter.wish(Scheme::SingleSided).answer.duration(), us(480));
+    }
+
+    #[test]
+    fn who_has_measured_nothing_asks_for_nothing_and_founds_with_time_to_spare() {
+        let meter = Meter::new(None);
+        assert_eq!(meter.wish(Scheme::SingleSided), Layout::LEAST);
+        // 600 · 9/8 + 30 = 705 µs, rounded up to (16 + 7) · 2⁵ = 736.
+        assert_eq!(meter.first_layout().answer.duration(), us(736));
+    }
+
+    #[test]
+    fn nonsense_is_bounded() {
+        let mut meter = Meter::new(None);
+        meter.led(RadioDuration::from_ticks(i64::MAX), true);
+        meter.answered(RadioDuration::from_ticks(i64::MIN));
+        for _ in 0..100 {
+            meter.lead_was_short();
+        }
+        assert_eq!(meter.lead().as_micros(), 11_280);
+    }
+}

@@ -1,0 +1,141 @@
+//! What nodes ask of the layout, collected over the last superframes: the coordinator lays the slots out by it, other anchors pass it on.
+
+use super::layout::Layout;
+
+/// Wishes are kept for one to two times this many superframes: a tag that ranges seldom asks again with each poll, at most 127
+/// superframes apart.
+const KEPT_SUPERFRAMES: u16 = 130;
+/// A layout may be made shorter from this superframe of a network on, or of an anchor's coordination: until then not all were heard.
+const SETTLED_AFTER: u16 = 5;
+/// A layout is made shorter only where it is longer than what is asked by more than this many steps (of 3 to 6 % each): it would change
+/// with every breath otherwise.
+const SPARE_STEPS: u8 = 3;
+
+/// The longest of what was asked for lately.
+#[derive(Clone, Copy, Debug)]
+pub struct Wishes {
+    current: Layout,
+    former: Layout,
+    /// Superframes that `current` was collected in.
+    superframes: u16,
+    /// Everybody has had time to ask.
+    is_settled: bool,
+}
+
+impl Wishes {
+    /// Nobody has asked for anything.
+    pub const fn new() -> Self {
+        Self { current: Layout::LEAST, former: Layout::LEAST, superframes: 0, is_settled: false }
+    }
+
+    /// Somebody asks for this.
+    pub fn note(&mut self, wish: Layout) {
+        self.current = self.current.max(wish);
+    }
+
+    /// `superframes` have begun.
+    pub fn advance(&mut self, superframes: u16) {
+        self.superframes = self.superframes.saturating_add(superframes);
+        self.is_settled |= self.superframes >= SETTLED_AFTER;
+        if self.superframes >= KEPT_SUPERFRAMES {
+            (self.former, self.current) = (self.current, Layout::LEAST);
+            self.superframes = 0;
+        }
+    }
+
+    /// What serves all who asked.
+    pub fn all(&self) -> Layout {
+        self.current.max(self.former)
+    }
+
+    /// The layout to change to, where the one that counts does not serve all, or serves all by far.
+    pub fn better_than(&self, layout: Layout) -> Option<Layout> {
+        let all = self.all();
+        if all.max(layout) != layout {
+            return Some(all.max(layout));
+        }
+        if all == Layout::LEAST {
+            return None;
+        }
+        let is_far = |now: super::Span, asked: super::Span| now.code().saturating_sub(asked.code()) > SPARE_STEPS;
+        let is_longer = is_far(layout.answer, all.answer)
+            || is_far(layout.listen_again, all.listen_again)
+            || layout.scheme != all.scheme;
+        // Nobody has measured one of them yet: it stays.
+        let or_stay = |asked: super::Span, now: super::Span| if asked == super::Span::default() { now } else { asked };
+        let shorter = Layout {
+            answer: or_stay(all.answer, layout.answer),
+            listen_again: or_stay(all.listen_again, layout.listen_again),
+            ..all
+        };
+        (self.is_settled && is_longer && shorter != layout).then_some(shorter)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Scheme, Span};
+    use super::*;
+    use crate::RadioDuration;
+
+    fn layout(answer_us: u32) -> Layout {
+        let span = |micros| Span::at_least(RadioDuration::from_micros(micros));
+        Layout { answer: span(answer_us), listen_again: span(64), scheme: Scheme::SingleSided }
+    }
+
+    #[test]
+    fn a_slower_node_counts_at_once_and_one_that_left_after_two_periods_at_most() {
+        let mut wishes = Wishes::new();
+        wishes.note(layout(300));
+        assert_eq!(wishes.better_than(layout(300)), None);
+        wishes.note(layout(900));
+        assert_eq!(wishes.better_than(layout(300)), Some(layout(900)));
+        for _ in 0..2 {
+            assert_eq!(wishes.better_than(layout(900)), None);
+            wishes.advance(KEPT_SUPERFRAMES);
+            wishes.note(layout(300));
+        }
+        assert_eq!(wishes.better_than(layout(900)), Some(layout(300)));
+    }
+
+    #[test]
+    fn what_a_founder_began_with_is_made_shorter_once_all_had_time_to_ask() {
+        let mut wishes = Wishes::new();
+        wishes.advance(SETTLED_AFTER - 1);
+        wishes.note(layout(300));
+        assert_eq!(wishes.better_than(layout(900)), None);
+        wishes.advance(1);
+        assert_eq!(wishes.better_than(layout(900)), Some(layout(300)));
+        // Only who has measured asks.
+        let mut silent = Wishes::new();
+        silent.advance(SETTLED_AFTER);
+        assert_eq!(silent.better_than(layout(900)), None);
+        silent.note(Layout { answer: Span::default(), ..layout(300) });
+        assert_eq!(silent.better_than(layout(900)), None);
+    }
+
+    #[test]
+    fn a_layout_a_little_too_long_stays() {
+        let mut wishes = Wishes::new();
+        for _ in 0..4 {
+            wishes.note(layout(300));
+            wishes.advance(KEPT_SUPERFRAMES);
+        }
+        // 304 µs = 19 · 16 serve 300; 352 = 22 · 16 are three steps more, 368 four.
+        assert_eq!(wishes.better_than(layout(352)), None);
+        assert_eq!(wishes.better_than(layout(368)), Some(layout(300)));
+    }
+
+    #[test]
+    fn a_final_is_made_room_for_as_long_as_somebody_asks_for_it() {
+        let double = Layout { scheme: Scheme::DoubleSided, ..layout(300) };
+        let mut wishes = Wishes::new();
+        wishes.note(double);
+        assert_eq!(wishes.better_than(layout(300)), Some(double));
+        (0..2).for_each(|_| {
+            wishes.advance(KEPT_SUPERFRAMES);
+            wishes.note(layout(300));
+        });
+        assert_eq!(wishes.better_than(double), Some(layout(300)));
+    }
+}
