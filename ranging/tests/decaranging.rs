@@ -6,7 +6,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use air::{ANTENNA_DELAY, Air, Boxed, Owned, boxed, mischief, moments};
-use ranging::decaranging::{Anchor, AnchorConfig, Tag, TagConfig};
+use ranging::decaranging::{Anchor, AnchorConfig, INIT_DELAY, Tag, TagConfig};
 use ranging::exchange::{Event, Link};
 use ranging::frame::decaranging::Variant;
 use ranging::native::Turnaround;
@@ -37,6 +37,7 @@ fn anchor(phy: PhyConfig) -> Boxed {
         phy,
         turnaround: Turnaround::DWM1001,
         antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
+        init_delay: INIT_DELAY,
     }))
 }
 

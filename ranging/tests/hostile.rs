@@ -188,10 +188,14 @@ fn a_decaranging_tag_survives_anything() {
 
 #[test]
 fn a_decaranging_anchor_survives_anything() {
-    use ranging::decaranging::{Anchor, AnchorConfig};
+    use ranging::decaranging::{Anchor, AnchorConfig, INIT_DELAY, LONG_INIT_DELAY};
     for seed in 30..32 {
         let (phy, turnaround) = (PhyConfig::FAST, Turnaround::DWM1001);
         let antenna_delay = RadioDuration::from_ticks(16_436);
-        torment(Anchor::new(AnchorConfig { address: ADDRESS, eui: EUI, phy, turnaround, antenna_delay }), seed);
+        let init_delay = if seed == 30 { INIT_DELAY } else { LONG_INIT_DELAY };
+        torment(
+            Anchor::new(AnchorConfig { address: ADDRESS, eui: EUI, phy, turnaround, antenna_delay, init_delay }),
+            seed,
+        );
     }
 }

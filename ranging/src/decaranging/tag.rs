@@ -1,9 +1,12 @@
-//! The tag of DecaRanging: blinks, polls, tells its instants, waits for the report.
+//! The tag of DecaRanging: blinks, polls, tells its instants, waits for the report, or for the next response that has the time of
+//! flight.
 
-use super::{DEVIATION_M, Mean, header, least_reply};
+use super::{DEVIATION_M, FLIGHTS_IN_SUM, Mean, Software, bytes_on_air, header, least_reply, short};
 use crate::exchange::{Action, Event, Guidance, Link, Machine, Range, Report, Round};
-use crate::frame::decaranging::{Blink, Final, Frame, Message, Variant, response_time};
-use crate::frame::{Address, FrameBuffer};
+use crate::frame::decaranging::{
+    Answer, Blink, Final, Frame, LONGEST_BYTES, Message, REPORT_FOLLOWS, Variant, delay_of,
+};
+use crate::frame::{Address, FrameBuffer, Header};
 use crate::native::{Rate, Turnaround};
 use crate::{PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, Start, TimeOfFlight};
 
@@ -33,19 +36,57 @@ const UNANSWERED: u8 = 8;
 /// Added to the time in which an answer should come.
 const PATIENCE: RadioDuration = RadioDuration::from_micros(5_000);
 
+/// A delay without a unit, of less than this, is milliseconds where the anchor's software is older, microseconds elsewhere.
+const LEAST_MICROS: u16 = 1_000;
+
 /// The anchor that took the tag.
 #[derive(Clone, Copy, Debug)]
 struct Paired {
     anchor: Address,
     /// Our own address.
     tag: Address,
-    /// From a frame's arrival to its answer's departure, at both ends.
-    reply: RadioDuration,
+    software: Software,
+    /// From a poll's departure to the response's arrival.
+    anchor_delay: RadioDuration,
+    /// From a response's arrival to the final's departure.
+    tag_delay: RadioDuration,
+    /// The delay that the ranging init named, had it been milliseconds: where it may have been.
+    millis: Option<RadioDuration>,
+    /// A response has told which.
+    sure: bool,
+    /// Times of flight in what it reports.
+    flights: f32,
     /// When the anchor was last heard.
     heard: RadioInstant,
     unanswered: u8,
     /// The anchor's last sequence number.
     sequence: u8,
+}
+
+impl Paired {
+    /// How long after a poll a response is waited for.
+    fn patience(&self) -> RadioDuration {
+        let named = RadioDuration::from_ticks(2 * self.delay(self.anchor_delay).ticks());
+        let longest = self.millis.filter(|_| !self.sure).map_or(named, |millis| millis.max(named));
+        RadioDuration::from_ticks(longest.ticks() + PATIENCE.ticks())
+    }
+
+    /// `named`, or the milliseconds that it was.
+    fn delay(&self, named: RadioDuration) -> RadioDuration {
+        match (self.software, self.millis) {
+            (Software::Millis, Some(millis)) => millis,
+            (Software::Millis, None) | (Software::Units | Software::Delays, _) => named,
+        }
+    }
+
+    /// A response came so long after the poll: that tells the unit of the delay.
+    fn answered(&mut self, after: RadioDuration) {
+        if let Some(millis) = self.millis {
+            let late = after.ticks() > millis.ticks() / 2;
+            self.software = if late { Software::Millis } else { Software::Units };
+        }
+        (self.sure, self.unanswered) = (true, 0);
+    }
 }
 
 /// What is being waited for.
@@ -81,8 +122,10 @@ pub struct Tag {
     readings: [u8; 2],
     link: Option<Link>,
     number: u16,
-    /// The range to be reported.
-    range: Option<[Range; 1]>,
+    /// Poll of the last exchange that was finished, of which no distance is known yet.
+    finished: Option<RadioInstant>,
+    /// The range to be reported, and its poll.
+    range: Option<(RadioInstant, [Range; 1])>,
     /// The range that the node is reading.
     reported: Option<[Range; 1]>,
     mean: Mean,
@@ -104,6 +147,7 @@ impl Tag {
             readings: [0; 2],
             link: None,
             number: 0,
+            finished: None,
             range: None,
             reported: None,
             mean: Mean::new(),
@@ -135,24 +179,10 @@ impl Tag {
 
     fn hear(&mut self, frame: &RxFrame<'_>) {
         let Some(Frame { header, message }) = Frame::parse(frame.bytes) else { return };
-        if let Message::RangingInit { tag, response_time: field } = message {
-            // Short addresses of both are used from now on; 0xFFFF and 0xFFFE are nobody's.
-            let addressed =
-                self.state == State::AwaitingInit && header.destination == Address::Extended(self.config.eui);
-            if let (true, Address::Short(anchor), 0..0xFFFE) = (addressed, header.source, tag) {
-                let reply = response_time(field).max(least_reply(&self.config.phy, &self.config.turnaround));
-                self.paired = Some(Paired {
-                    anchor: header.source,
-                    tag: Address::Short(tag),
-                    reply,
-                    heard: frame.rx_time,
-                    unanswered: 0,
-                    sequence: header.sequence,
-                });
-                self.link = Some(Link::Paired(anchor));
-                self.state = State::Between;
-                self.next = None;
-                self.mean = Mean::new();
+        if let Message::RangingInit { tag, anchor_delay, tag_delay } = message {
+            let addressed = header.destination == Address::Extended(self.config.eui);
+            if addressed && self.state == State::AwaitingInit {
+                self.pair(&header, tag, anchor_delay, tag_delay, frame.rx_time);
             }
             return;
         }
@@ -161,24 +191,72 @@ impl Tag {
             return;
         }
         match (self.state, message) {
-            (State::AwaitingResponse { .. }, Message::Response(variant, _)) if variant == self.config.variant => {
-                (paired.heard, paired.sequence, paired.unanswered) = (frame.rx_time, header.sequence, 0);
+            (State::AwaitingResponse { .. }, Message::Response(variant, Answer { parameter: [told, _], tof }))
+                if variant == self.config.variant =>
+            {
+                (paired.heard, paired.sequence) = (frame.rx_time, header.sequence);
+                paired.flights = if told == REPORT_FOLLOWS { FLIGHTS_IN_SUM as f32 } else { 1.0 };
+                paired.answered(frame.rx_time.since(self.poll_tx));
+                let least = least_reply(&self.config.phy, &self.config.turnaround, bytes_on_air(frame));
+                paired.tag_delay = paired.tag_delay.max(least);
                 self.resp_rx = frame.rx_time;
                 self.state = State::Finishing;
+                // It belongs to the exchange before, whose final may have been lost: 0 is none.
+                let tof = tof.filter(|tof| *tof != RadioDuration::ZERO);
+                if let (Some(tof), Some(poll)) = (tof, self.finished.take()) {
+                    self.ranged(poll, tof, frame);
+                }
             }
             (State::AwaitingReport { .. }, Message::Report(variant, ticks)) if variant == self.config.variant => {
                 paired.sequence = header.sequence;
-                let Address::Short(peer) = paired.anchor else { return };
-                let power = frame.diagnostics.rx_power_dbm;
-                let distance_m = TimeOfFlight::from_ticks(ticks.ticks()).metres() - self.bias.metres(power);
-                self.mean.add(distance_m);
-                let diagnostics = frame.diagnostics;
-                self.range =
-                    Some([Range { peer, distance_m, deviation_m: DEVIATION_M, position_m: None, diagnostics }]);
+                self.ranged(self.poll_tx, ticks, frame);
                 self.state = State::Between;
             }
             _ => {}
         }
+    }
+
+    /// An anchor takes the tag.
+    fn pair(&mut self, header: &Header, tag: u16, anchor_delay: u16, tag_delay: Option<u16>, heard: RadioInstant) {
+        let anchor = header.source;
+        // Long addresses are kept where the anchor uses its own; short ones are those of the init. 0xFFFF and 0xFFFE are nobody's.
+        let tag = match (anchor, tag) {
+            (Address::Extended(_), _) => Address::Extended(self.config.eui),
+            (Address::Short(_), 0..0xFFFE) => Address::Short(tag),
+            (Address::Short(_), 0xFFFE..) => return,
+        };
+        let least = least_reply(&self.config.phy, &self.config.turnaround, LONGEST_BYTES);
+        let ambiguous = tag_delay.is_none() && self.config.variant == Variant::Standard;
+        let millis = (ambiguous && (1..LEAST_MICROS).contains(&anchor_delay))
+            .then(|| RadioDuration::from_micros(u32::from(anchor_delay) * 1000));
+        self.paired = Some(Paired {
+            anchor,
+            tag,
+            software: if tag_delay.is_some() { Software::Delays } else { Software::Units },
+            anchor_delay: delay_of(anchor_delay).max(least),
+            tag_delay: delay_of(tag_delay.unwrap_or(anchor_delay)).max(least),
+            millis,
+            sure: false,
+            flights: 1.0,
+            heard,
+            unanswered: 0,
+            sequence: header.sequence,
+        });
+        self.link = Some(Link::Paired(short(anchor)));
+        self.state = State::Between;
+        (self.next, self.finished) = (None, None);
+        self.mean = Mean::new();
+    }
+
+    /// An exchange has its distance, from what the anchor told.
+    fn ranged(&mut self, poll: RadioInstant, told: RadioDuration, frame: &RxFrame<'_>) {
+        let Some(paired) = &self.paired else { return };
+        let diagnostics = frame.diagnostics;
+        let flight_m = TimeOfFlight::from_ticks(told.ticks()).metres() / paired.flights;
+        let distance_m = flight_m - self.bias.metres(diagnostics.rx_power_dbm);
+        self.mean.add(distance_m);
+        let (peer, deviation_m) = (short(paired.anchor), DEVIATION_M);
+        self.range = Some((poll, [Range { peer, distance_m, deviation_m, position_m: None, diagnostics }]));
     }
 
     /// A wait is over without what was waited for.
@@ -188,9 +266,7 @@ impl Tag {
         let Some(paired) = self.paired.as_mut().filter(|_| awaited) else { return };
         paired.unanswered = paired.unanswered.saturating_add(1);
         if paired.unanswered >= UNANSWERED && now.since(paired.heard) > LOST_AFTER {
-            if let Address::Short(anchor) = paired.anchor {
-                self.link = Some(Link::Lost(anchor));
-            }
+            self.link = Some(Link::Lost(short(paired.anchor)));
             self.paired = None;
             self.next = None;
         }
@@ -198,7 +274,7 @@ impl Tag {
 
     fn finish(&mut self, paired: &Paired) -> Action<'_> {
         let delay = self.config.antenna_delay;
-        let start = self.resp_rx.plus(paired.reply).plus(RadioDuration::from_ticks(-delay.ticks()));
+        let start = self.resp_rx.plus(paired.delay(paired.tag_delay)).plus(RadioDuration::from_ticks(-delay.ticks()));
         // The chip starts at the snapped instant: that is what the anchor must be told.
         let final_tx = start.snapped().plus(delay);
         let (poll_tx, resp_rx) = (self.poll_tx, self.resp_rx);
@@ -224,7 +300,12 @@ impl Tag {
                 self.state = State::Blinking;
             }
             Some(paired) => {
-                self.write(&paired, Message::Poll(self.config.variant, self.readings));
+                let readings = match (self.config.variant, paired.software) {
+                    (Variant::Standard, Software::Units | Software::Millis) => Some(self.readings),
+                    // An anchor of newer software counts its delay from the end of a poll without readings.
+                    (Variant::Standard, Software::Delays) | (Variant::Fast, _) => None,
+                };
+                self.write(&paired, Message::Poll(self.config.variant, readings));
                 // After a pause the rhythm begins anew.
                 let next = due.plus(self.config.period);
                 let late = now.since(next) > RadioDuration::ZERO;
@@ -238,8 +319,9 @@ impl Tag {
 
 impl Machine for Tag {
     fn may_sleep(&self) -> bool {
-        // Between exchanges nothing hangs on the clock: a restart begins with the next poll or blink.
-        self.state == State::Between
+        // Between exchanges nothing hangs on the clock, but for a distance that comes later: a restart begins with the next poll or
+        // blink.
+        self.state == State::Between && self.finished.is_none()
     }
 
     fn guide(&mut self, guidance: Guidance) {
@@ -254,21 +336,27 @@ impl Machine for Tag {
         match event {
             Event::Started => {
                 self.state = State::Between;
-                self.next = None;
+                (self.next, self.finished) = (None, None);
                 if let Some(paired) = &mut self.paired {
                     paired.heard = now;
                 }
             }
             Event::Sent(departure) => {
-                let reply = self.paired.map_or(RadioDuration::ZERO, |paired| paired.reply);
-                let until = departure.plus(reply).plus(reply).plus(PATIENCE);
+                let until = departure.plus(self.paired.map_or(RadioDuration::ZERO, |paired| paired.patience()));
                 match self.state {
                     State::Blinking => self.state = State::AwaitingInit,
                     State::Polling => {
                         self.poll_tx = departure;
                         self.state = State::AwaitingResponse { until };
                     }
-                    State::Finishing => self.state = State::AwaitingReport { until },
+                    State::Finishing => match self.paired.map(|paired| paired.software) {
+                        Some(Software::Units | Software::Millis) => self.state = State::AwaitingReport { until },
+                        Some(Software::Delays) => {
+                            self.finished = Some(self.poll_tx);
+                            self.state = State::Between;
+                        }
+                        None => self.state = State::Between,
+                    },
                     State::Between
                     | State::AwaitingInit
                     | State::AwaitingResponse { .. }
@@ -279,16 +367,19 @@ impl Machine for Tag {
             Event::Timeout | Event::Late | Event::NotSent => self.give_up(now),
             Event::Corrupt | Event::Woken | Event::Reported => {}
         }
+        // Nothing may keep the final waiting.
+        if let (State::Finishing, Some(paired)) = (self.state, self.paired) {
+            return self.finish(&paired);
+        }
         if let Some(link) = self.link.take() {
             return Action::Report(Report::Link(link));
         }
-        if let Some(range) = self.range.take() {
+        if let Some((poll, range)) = self.range.take() {
             self.number = self.number.wrapping_add(1);
             let ranges = &*self.reported.insert(range);
-            return Action::Report(Report::Round(Round { number: self.number, poll: self.poll_tx, asked: 1, ranges }));
+            return Action::Report(Report::Round(Round { number: self.number, poll, asked: 1, ranges }));
         }
         let until = match (self.state, self.paired) {
-            (State::Finishing, Some(paired)) => return self.finish(&paired),
             (State::AwaitingInit, _) => self.next.unwrap_or(now),
             (State::AwaitingResponse { until } | State::AwaitingReport { until }, Some(_)) => until,
             (_, _) => now,
