@@ -36,6 +36,9 @@ const UNANSWERED: u8 = 8;
 /// Added to the time in which an answer should come.
 const PATIENCE: RadioDuration = RadioDuration::from_micros(5_000);
 
+/// The receiver is switched off where a response is further away than this, and on again as long before it.
+const LEAD: RadioDuration = RadioDuration::from_micros(3_000);
+
 /// A delay without a unit, of less than this, is milliseconds where the anchor's software is older, microseconds elsewhere.
 const LEAST_MICROS: u16 = 1_000;
 
@@ -65,10 +68,21 @@ struct Paired {
 
 impl Paired {
     /// How long after a poll a response is waited for.
-    fn patience(&self) -> RadioDuration {
-        let named = RadioDuration::from_ticks(2 * self.delay(self.anchor_delay).ticks());
+    fn response_patience(&self) -> RadioDuration {
+        let named = self.delay(self.anchor_delay);
         let longest = self.millis.filter(|_| !self.sure).map_or(named, |millis| millis.max(named));
-        RadioDuration::from_ticks(longest.ticks() + PATIENCE.ticks())
+        RadioDuration::from_ticks(longest.ticks() + longest.ticks().min(PATIENCE.ticks()) + PATIENCE.ticks())
+    }
+
+    /// How long after a final a report is waited for: stock anchors take their time.
+    fn report_patience(&self) -> RadioDuration {
+        RadioDuration::from_ticks(2 * self.delay(self.anchor_delay).ticks() + PATIENCE.ticks())
+    }
+
+    /// How long after a poll no response can come.
+    fn silence(&self) -> RadioDuration {
+        let known = self.sure || self.millis.is_none();
+        if known { self.delay(self.anchor_delay) } else { RadioDuration::ZERO }
     }
 
     /// `named`, or the milliseconds that it was.
@@ -100,8 +114,8 @@ enum State {
     AwaitingInit,
     /// A poll is leaving.
     Polling,
-    /// The response, until then.
-    AwaitingResponse { until: RadioInstant },
+    /// The response, until then; it cannot come before `from`.
+    AwaitingResponse { from: RadioInstant, until: RadioInstant },
     /// A final is leaving; after it the report is awaited.
     Finishing,
     /// The report, until then.
@@ -265,6 +279,11 @@ impl Tag {
         self.state = State::Between;
         let Some(paired) = self.paired.as_mut().filter(|_| awaited) else { return };
         paired.unanswered = paired.unanswered.saturating_add(1);
+        // Where it was the response that was lost, a stock anchor is deaf until the final is due.
+        let deaf_until = now.plus(paired.delay(paired.tag_delay));
+        if self.next.is_some_and(|next| deaf_until.since(next) > RadioDuration::ZERO) {
+            self.next = Some(deaf_until);
+        }
         if paired.unanswered >= UNANSWERED && now.since(paired.heard) > LOST_AFTER {
             self.link = Some(Link::Lost(short(paired.anchor)));
             self.paired = None;
@@ -341,28 +360,31 @@ impl Machine for Tag {
                     paired.heard = now;
                 }
             }
-            Event::Sent(departure) => {
-                let until = departure.plus(self.paired.map_or(RadioDuration::ZERO, |paired| paired.patience()));
-                match self.state {
-                    State::Blinking => self.state = State::AwaitingInit,
-                    State::Polling => {
-                        self.poll_tx = departure;
-                        self.state = State::AwaitingResponse { until };
-                    }
-                    State::Finishing => match self.paired.map(|paired| paired.software) {
-                        Some(Software::Units | Software::Millis) => self.state = State::AwaitingReport { until },
-                        Some(Software::Delays) => {
-                            self.finished = Some(self.poll_tx);
-                            self.state = State::Between;
-                        }
-                        None => self.state = State::Between,
-                    },
-                    State::Between
-                    | State::AwaitingInit
-                    | State::AwaitingResponse { .. }
-                    | State::AwaitingReport { .. } => {}
+            Event::Sent(departure) => match self.state {
+                State::Blinking => self.state = State::AwaitingInit,
+                State::Polling => {
+                    self.poll_tx = departure;
+                    self.state = self.paired.map_or(State::Between, |paired| {
+                        let lead = LEAD.ticks() + self.config.phy.time_to_rmarker().ticks();
+                        let from = departure.plus(RadioDuration::from_ticks(paired.silence().ticks() - lead));
+                        State::AwaitingResponse { from, until: departure.plus(paired.response_patience()) }
+                    });
                 }
-            }
+                State::Finishing => match self.paired {
+                    Some(Paired { software: Software::Delays, .. }) => {
+                        self.finished = Some(self.poll_tx);
+                        self.state = State::Between;
+                    }
+                    Some(paired) => {
+                        self.state = State::AwaitingReport { until: departure.plus(paired.report_patience()) };
+                    }
+                    None => self.state = State::Between,
+                },
+                State::Between
+                | State::AwaitingInit
+                | State::AwaitingResponse { .. }
+                | State::AwaitingReport { .. } => {}
+            },
             Event::Received(frame) => self.hear(&frame),
             Event::Timeout | Event::Late | Event::NotSent => self.give_up(now),
             Event::Corrupt | Event::Woken | Event::Reported => {}
@@ -379,9 +401,14 @@ impl Machine for Tag {
             let ranges = &*self.reported.insert(range);
             return Action::Report(Report::Round(Round { number: self.number, poll, asked: 1, ranges }));
         }
+        if let State::AwaitingResponse { from, .. } = self.state
+            && from.since(now) > RadioDuration::ZERO
+        {
+            return Action::WaitUntil(from);
+        }
         let until = match (self.state, self.paired) {
             (State::AwaitingInit, _) => self.next.unwrap_or(now),
-            (State::AwaitingResponse { until } | State::AwaitingReport { until }, Some(_)) => until,
+            (State::AwaitingResponse { until, .. } | State::AwaitingReport { until }, Some(_)) => until,
             (_, _) => now,
         };
         let window = until.since(now);

@@ -58,6 +58,7 @@ fn kits() -> Vec<Kit> {
             kits.extend([false, true].map(|long| Kit { software, phy, long, init_ms: 150 }));
         }
         kits.push(Kit { software: Software::Older { reply_ms: 150 }, phy, long: false, init_ms: 750 });
+        kits.push(Kit { software: Software::Older { reply_ms: 5 }, phy, long: false, init_ms: 150 });
     }
     kits
 }
@@ -250,4 +251,30 @@ fn while_a_stock_tag_waits_another_tag_ranges() {
     assert!(of_ours.iter().all(|metres| (metres - 7.0).abs() < 0.15));
     assert!(of_stock.iter().all(|metres| (metres - 12.0).abs() < 0.15));
     assert!(errors(&air, ours, 4.0, 7.0).len() > 370);
+}
+
+#[test]
+fn our_tag_and_our_anchor_range_by_whatever_init_is_heard() {
+    // The first frame after the blink is lost; what comes 150 ms after the first blink is for older software, whose exchanges last
+    // 0.3 s; 150 ms after the second it is for newer. Else they range every 0.1 s.
+    for (seed, blinks, at_least) in [(320, 0, 750), (321, 1, 250), (322, 2, 750)] {
+        let kit = older(8);
+        let mut air = air_of(&kit, seed);
+        let anchor = air.add([0.0, 0.0, 1.0], 20.0, our_anchor(kit.phy, INIT_DELAY));
+        let tag = air.add([7.0, 0.0, 1.0], -20.0, our_tag(kit.phy));
+        for blink in 0..blinks {
+            air.loss = 0.0;
+            air.run_until(f64::from(blink) + 0.0005);
+            air.loss = 1.0;
+            air.run_until(f64::from(blink) + if blink + 1 < blinks { 0.9 } else { 0.1 });
+        }
+        air.loss = 0.0;
+        air.run_until(80.0);
+        for (node, peer) in [(anchor, 0x1234), (tag, ANCHOR)] {
+            let links = air.links(node);
+            assert!(matches!(links[..], [(_, Link::Paired(known))] if known == peer), "{blinks}: {links:?}");
+            let errors = errors(&air, node, 0.0, 7.0);
+            assert_accurate(&errors, at_least, &format!("{blinks} blinks"));
+        }
+    }
 }
