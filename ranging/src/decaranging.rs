@@ -16,6 +16,7 @@
 
 mod anchor;
 mod known;
+mod paired;
 mod tag;
 
 pub use anchor::{Anchor, AnchorConfig};
@@ -33,8 +34,6 @@ use crate::{PhyConfig, RadioDuration, RxFrame};
 /// From a blink's arrival to the ranging init's departure, RMARKER to RMARKER: an EVK1000's tag switches its receiver on only
 /// then.
 pub const INIT_DELAY: RadioDuration = RadioDuration::from_micros(150_000);
-/// The same where the tag's switch S1-8 is on.
-pub const LONG_INIT_DELAY: RadioDuration = RadioDuration::from_micros(5 * 150_000);
 
 /// What a board says with the messages of DecaRanging.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,7 +2,7 @@
 
 use heapless::Vec;
 
-use super::known::{Exchange, Known, Pending, Purpose, STOCK_MILLIS, Second};
+use super::known::{Exchange, Known, Later, Pending, Purpose, STOCK_MILLIS};
 use super::{DEVIATION_M, FLIGHTS_IN_SUM, Software, bytes_on_air, flight, header, least_reply, short};
 use crate::exchange::{Action, Event, Link, Machine, Range, Report, Round};
 use crate::frame::decaranging::{
@@ -26,8 +26,8 @@ pub struct AnchorConfig {
     pub turnaround: Turnaround,
     /// What the radio adds to the snapped start of a transmission, as [`Radio::departure`](crate::Radio::departure) does.
     pub antenna_delay: RadioDuration,
-    /// From a blink's arrival to the ranging init's departure, for EVK1000 tags: [`INIT_DELAY`](super::INIT_DELAY), or
-    /// [`LONG_INIT_DELAY`](super::LONG_INIT_DELAY) where their switch S1-8 is on. At most a second.
+    /// From a blink's arrival to the ranging init's departure, for EVK1000 tags: [`INIT_DELAY`](super::INIT_DELAY). Another init
+    /// follows after five times as long, for tags whose switch S1-8 is on.
     pub init_delay: RadioDuration,
 }
 
@@ -249,9 +249,8 @@ impl Anchor {
             Purpose::Init(_) | Purpose::Report => None,
         };
         if let Purpose::Init(software) = purpose {
-            known.offered(software);
-            let (tag, second) = (known.tag, known.second.take());
-            if let Some(Second { blink_rx, delay, software }) = second {
+            let tag = known.tag;
+            if let Some(Later { blink_rx, delay, software }) = known.offered(software) {
                 let header = Header { sequence: self.next_sequence(), ..frame.header };
                 let frame = Frame { header, message: self.init(tag, software) };
                 let (start, purpose) = (self.after(blink_rx, delay), Purpose::Init(software));

@@ -7,10 +7,13 @@
 //! 2. after the stock delay, in turn from blink to blink, as long as the tag goes on blinking:
 //!    - milliseconds, [`LATE`] after the instant: newer software listens for the init's length and 70 µs, older for 3 ms more;
 //!    - two delays, at the instant;
-//!    - milliseconds, at the instant.
+//!    - milliseconds, at the instant;
+//! 3. after five times the stock delay, milliseconds: for older software with switch S1-8 on.
 //!
 //! Polls tell the rest: without readings they are those of newer software. A tag of older software that took the two delays has read
 //! the first as milliseconds, and is answered after as many, where that is a second at most.
+
+use heapless::Vec;
 
 use super::{INIT_DELAY, Mean, Software};
 use crate::frame::Header;
@@ -19,6 +22,10 @@ use crate::{RadioDuration, RadioInstant};
 
 /// By how much an init for older software comes later than newer software listens for.
 const LATE: RadioDuration = RadioDuration::from_micros(1_500);
+/// With switch S1-8 on, the delay is this many times the stock one …
+const LONG: i64 = 5;
+/// … where that is less than the time between two blinks.
+const LONGEST_DELAY: RadioDuration = RadioDuration::from_micros(900_000);
 /// An EVK1000 with older software switches its receiver on after at most this.
 const LONGEST_MILLIS: u16 = 1_000;
 /// The delay that is told in milliseconds: the stock one.
@@ -67,9 +74,9 @@ pub(super) struct Pending {
     pub purpose: Purpose,
 }
 
-/// The ranging init that follows the first one.
+/// A ranging init that follows the first one.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Second {
+pub(super) struct Later {
     /// The blink's arrival.
     pub blink_rx: RadioInstant,
     /// From there to the init's departure.
@@ -88,7 +95,8 @@ pub(super) struct Known {
     pub mean: Mean,
     pub exchange: Option<Exchange>,
     pub pending: Option<Pending>,
-    pub second: Option<Second>,
+    /// What follows a first ranging init without a poll, the next one last.
+    later: Vec<Later, 2>,
     /// Time of flight, whole ticks, for the next response to newer software.
     pub tof: Option<RadioDuration>,
     /// An EVK1000's software, once it is known.
@@ -110,7 +118,7 @@ impl Known {
             mean: Mean::new(),
             exchange: None,
             pending: None,
-            second: None,
+            later: Vec::new(),
             tof: None,
             stock: None,
             blinks: 0,
@@ -123,37 +131,45 @@ impl Known {
     /// The clock has begun anew: nothing that hangs on it is left.
     pub fn restarted(&mut self, now: RadioInstant) {
         self.heard = now;
-        (self.exchange, self.pending, self.second) = (None, None, None);
+        (self.exchange, self.pending) = (None, None);
+        self.later.clear();
     }
 
-    /// The tag blinks: whatever was begun with it is over. `delay` is that of the second init.
-    pub fn blinked(&mut self, blink_rx: RadioInstant, delay: RadioDuration) {
+    /// The tag blinks: whatever was begun with it is over. `delay` is the stock one.
+    pub fn blinked(&mut self, blink_rx: RadioInstant, stock_delay: RadioDuration) {
         let fresh = Self::new(self.tag, blink_rx);
         *self = Self { stock: self.stock, blinks: self.blinks.wrapping_add(1) % 3, ..fresh };
-        let later = RadioDuration::from_ticks(delay.ticks() + LATE.ticks());
+        let late = RadioDuration::from_ticks(stock_delay.ticks() + LATE.ticks());
         let (software, delay) = match (self.stock, self.blinks) {
-            (Some(software), _) => (software, delay),
-            (None, 1) => (Software::Millis, later),
-            (None, 2) => (Software::Delays, delay),
-            (None, _) => (Software::Millis, delay),
+            (Some(software), _) => (software, stock_delay),
+            (None, 1) => (Software::Millis, late),
+            (None, 2) => (Software::Delays, stock_delay),
+            (None, _) => (Software::Millis, stock_delay),
         };
-        self.second = Some(Second { blink_rx, delay, software });
+        let long = RadioDuration::from_ticks(LONG * stock_delay.ticks());
+        let inits = [
+            (long < LONGEST_DELAY).then_some(Later { blink_rx, delay: long, software: Software::Millis }),
+            Some(Later { blink_rx, delay, software }),
+        ];
+        self.later = inits.into_iter().flatten().collect();
     }
 
-    /// A ranging init for this software leaves.
-    pub fn offered(&mut self, software: Software) {
+    /// A ranging init for this software leaves. Answers with the next.
+    pub fn offered(&mut self, software: Software) -> Option<Later> {
         self.reading = match software {
             Software::Units => Reading::AsMeant,
             Software::Millis => Reading::Millis,
             Software::Delays => Reading::MicrosAsMillis,
         };
         (self.misses, self.proven) = (0, false);
+        self.later.pop()
     }
 
     /// The tag polls. Answers with its software and how long after the poll it expects the response, `meant` being the delay that
     /// was meant.
     pub fn polled(&mut self, variant: Variant, readings: bool, meant: RadioDuration) -> (Software, RadioDuration) {
-        (self.pending, self.second) = (None, None);
+        self.pending = None;
+        self.later.clear();
         match (variant, readings) {
             (Variant::Fast, _) => return (Software::Units, meant),
             (Variant::Standard, false) => {

@@ -1,11 +1,10 @@
 //! The tag of DecaRanging: blinks, polls, tells its instants, waits for the report, or for the next response that has the time of
 //! flight.
 
+use super::paired::Paired;
 use super::{DEVIATION_M, FLIGHTS_IN_SUM, Mean, Software, bytes_on_air, header, least_reply, short};
 use crate::exchange::{Action, Event, Guidance, Link, Machine, Range, Report, Round};
-use crate::frame::decaranging::{
-    Answer, Blink, Final, Frame, LONGEST_BYTES, Message, REPORT_FOLLOWS, Variant, delay_of,
-};
+use crate::frame::decaranging::{Answer, Blink, Final, Frame, LONGEST_BYTES, Message, REPORT_FOLLOWS, Variant};
 use crate::frame::{Address, FrameBuffer, Header};
 use crate::native::{Rate, Turnaround};
 use crate::{PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, Start, TimeOfFlight};
@@ -33,75 +32,9 @@ const BLINK_PERIOD: RadioDuration = RadioDuration::from_micros(1_000_000);
 /// Without an answer for this long, and for [`UNANSWERED`] polls, the tag blinks again.
 const LOST_AFTER: RadioDuration = RadioDuration::from_micros(1_000_000);
 const UNANSWERED: u8 = 8;
-/// Added to the time in which an answer should come.
-const PATIENCE: RadioDuration = RadioDuration::from_micros(5_000);
 
 /// The receiver is switched off where a response is further away than this, and on again as long before it.
 const LEAD: RadioDuration = RadioDuration::from_micros(3_000);
-
-/// A delay without a unit, of less than this, is milliseconds where the anchor's software is older, microseconds elsewhere.
-const LEAST_MICROS: u16 = 1_000;
-
-/// The anchor that took the tag.
-#[derive(Clone, Copy, Debug)]
-struct Paired {
-    anchor: Address,
-    /// Our own address.
-    tag: Address,
-    software: Software,
-    /// From a poll's departure to the response's arrival.
-    anchor_delay: RadioDuration,
-    /// From a response's arrival to the final's departure.
-    tag_delay: RadioDuration,
-    /// The delay that the ranging init named, had it been milliseconds: where it may have been.
-    millis: Option<RadioDuration>,
-    /// A response has told which.
-    sure: bool,
-    /// Times of flight in what it reports.
-    flights: f32,
-    /// When the anchor was last heard.
-    heard: RadioInstant,
-    unanswered: u8,
-    /// The anchor's last sequence number.
-    sequence: u8,
-}
-
-impl Paired {
-    /// How long after a poll a response is waited for.
-    fn response_patience(&self) -> RadioDuration {
-        let named = self.delay(self.anchor_delay);
-        let longest = self.millis.filter(|_| !self.sure).map_or(named, |millis| millis.max(named));
-        RadioDuration::from_ticks(longest.ticks() + longest.ticks().min(PATIENCE.ticks()) + PATIENCE.ticks())
-    }
-
-    /// How long after a final a report is waited for: stock anchors take their time.
-    fn report_patience(&self) -> RadioDuration {
-        RadioDuration::from_ticks(2 * self.delay(self.anchor_delay).ticks() + PATIENCE.ticks())
-    }
-
-    /// How long after a poll no response can come.
-    fn silence(&self) -> RadioDuration {
-        let known = self.sure || self.millis.is_none();
-        if known { self.delay(self.anchor_delay) } else { RadioDuration::ZERO }
-    }
-
-    /// `named`, or the milliseconds that it was.
-    fn delay(&self, named: RadioDuration) -> RadioDuration {
-        match (self.software, self.millis) {
-            (Software::Millis, Some(millis)) => millis,
-            (Software::Millis, None) | (Software::Units | Software::Delays, _) => named,
-        }
-    }
-
-    /// A response came so long after the poll: that tells the unit of the delay.
-    fn answered(&mut self, after: RadioDuration) {
-        if let Some(millis) = self.millis {
-            let late = after.ticks() > millis.ticks() / 2;
-            self.software = if late { Software::Millis } else { Software::Units };
-        }
-        (self.sure, self.unanswered) = (true, 0);
-    }
-}
 
 /// What is being waited for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -240,22 +173,9 @@ impl Tag {
             (Address::Short(_), 0xFFFE..) => return,
         };
         let least = least_reply(&self.config.phy, &self.config.turnaround, LONGEST_BYTES);
-        let ambiguous = tag_delay.is_none() && self.config.variant == Variant::Standard;
-        let millis = (ambiguous && (1..LEAST_MICROS).contains(&anchor_delay))
-            .then(|| RadioDuration::from_micros(u32::from(anchor_delay) * 1000));
-        self.paired = Some(Paired {
-            anchor,
-            tag,
-            software: if tag_delay.is_some() { Software::Delays } else { Software::Units },
-            anchor_delay: delay_of(anchor_delay).max(least),
-            tag_delay: delay_of(tag_delay.unwrap_or(anchor_delay)).max(least),
-            millis,
-            sure: false,
-            flights: 1.0,
-            heard,
-            unanswered: 0,
-            sequence: header.sequence,
-        });
+        let mut paired = Paired::new((anchor, tag), (anchor_delay, tag_delay), least, self.config.variant);
+        (paired.heard, paired.sequence) = (heard, header.sequence);
+        self.paired = Some(paired);
         self.link = Some(Link::Paired(short(anchor)));
         self.state = State::Between;
         (self.next, self.finished) = (None, None);

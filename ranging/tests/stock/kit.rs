@@ -32,11 +32,15 @@ pub struct Kit {
     pub long: bool,
     /// From a blink to the ranging init: 150 ms, 750 with S1-8 on.
     pub init_ms: u32,
+    /// A tag that takes no ranging init of another length than its own, and whose windows are shorter.
+    pub strict: bool,
 }
 
 impl Kit {
     pub fn margin_symbols(&self) -> f64 {
         match self.software {
+            // Less would cut the init at 110 kbit/s, which is ten bytes longer than the blink.
+            Software::Older { .. } if self.strict => 1000.0,
             Software::Older { .. } => 3000.0,
             Software::NewerMicros | Software::NewerMillis => 50.0,
         }

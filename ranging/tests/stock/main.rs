@@ -12,7 +12,7 @@ use std::rc::Rc;
 use air::{ANTENNA_DELAY, Air, Boxed, boxed, moments};
 use anchor::StockAnchor;
 use kit::{Kit, Software};
-use ranging::decaranging::{Anchor, AnchorConfig, INIT_DELAY, LONG_INIT_DELAY, Tag, TagConfig};
+use ranging::decaranging::{Anchor, AnchorConfig, INIT_DELAY, Tag, TagConfig};
 use ranging::exchange::Link;
 use ranging::frame::decaranging::Variant;
 use ranging::native::Turnaround;
@@ -38,14 +38,14 @@ fn our_tag(phy: PhyConfig) -> Boxed {
     boxed(Tag::new(config(phy)))
 }
 
-fn our_anchor(phy: PhyConfig, init_delay: RadioDuration) -> Boxed {
+fn our_anchor(phy: PhyConfig) -> Boxed {
     boxed(Anchor::new(AnchorConfig {
         address: ANCHOR,
         eui: ANCHOR_EUI,
         phy,
         turnaround: Turnaround::DWM1001,
         antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
-        init_delay,
+        init_delay: INIT_DELAY,
     }))
 }
 
@@ -55,10 +55,10 @@ fn kits() -> Vec<Kit> {
     for mode in [8, 5] {
         let phy = PhyConfig::evk1000_mode(mode).unwrap();
         for software in [Software::Older { reply_ms: 150 }, Software::NewerMicros, Software::NewerMillis] {
-            kits.extend([false, true].map(|long| Kit { software, phy, long, init_ms: 150 }));
+            kits.extend([false, true].map(|long| Kit { software, phy, long, init_ms: 150, strict: false }));
         }
-        kits.push(Kit { software: Software::Older { reply_ms: 150 }, phy, long: false, init_ms: 750 });
-        kits.push(Kit { software: Software::Older { reply_ms: 5 }, phy, long: false, init_ms: 150 });
+        kits.push(Kit { software: Software::Older { reply_ms: 150 }, phy, long: false, init_ms: 750, strict: false });
+        kits.push(Kit { software: Software::Older { reply_ms: 5 }, phy, long: false, init_ms: 150, strict: false });
     }
     kits
 }
@@ -111,12 +111,12 @@ fn our_tag_pairs_and_ranges_with_every_stock_anchor() {
 
 #[test]
 fn our_anchor_pairs_and_ranges_with_every_stock_tag() {
-    for (seed, kit) in (230..).zip(kits()) {
+    let strict = kits().into_iter().map(|kit| Kit { strict: true, ..kit });
+    for (seed, kit) in (230..).zip(kits().into_iter().chain(strict)) {
         let what = format!("{kit:?}");
         let mut air = air_of(&kit, seed);
         let shown = Rc::default();
-        let delay = if kit.init_ms == 750 { LONG_INIT_DELAY } else { INIT_DELAY };
-        let ours = air.add([0.0, 0.0, 1.0], 20.0, our_anchor(kit.phy, delay));
+        let ours = air.add([0.0, 0.0, 1.0], 20.0, our_anchor(kit.phy));
         air.add([12.0, 0.0, 1.0], -20.0, StockTag::boxed(kit, TAG_EUI, &shown));
         air.run_until(50.0);
         let links = air.links(ours);
@@ -133,12 +133,11 @@ fn lost_frames_cost_their_exchanges_and_nothing_else() {
     for (seed, kit) in (260..).zip(kits()) {
         let what = format!("{kit:?}");
         let truth = 9.0 + board_error(kit.software);
-        let delay = if kit.init_ms == 750 { LONG_INIT_DELAY } else { INIT_DELAY };
         for (stock_is_tag, truth) in [(false, truth), (true, 9.0)] {
             let mut air = air_of(&kit, seed);
             let shown = Rc::default();
             let [stock, ours] = if stock_is_tag {
-                [StockTag::boxed(kit, TAG_EUI, &shown), our_anchor(kit.phy, delay)]
+                [StockTag::boxed(kit, TAG_EUI, &shown), our_anchor(kit.phy)]
             } else {
                 [StockAnchor::boxed(kit, ANCHOR_EUI, &shown), our_tag(kit.phy)]
             };
@@ -160,31 +159,29 @@ fn lost_frames_cost_their_exchanges_and_nothing_else() {
 
 fn older(mode: u8) -> Kit {
     let phy = PhyConfig::evk1000_mode(mode).unwrap();
-    Kit { software: Software::Older { reply_ms: 150 }, phy, long: false, init_ms: 150 }
+    Kit { software: Software::Older { reply_ms: 150 }, phy, long: false, init_ms: 150, strict: false }
 }
 
 #[test]
-fn ranging_inits_leave_at_once_and_150_ms_after_the_blink() {
-    // In the clocks of blinks and inits, from RMARKER to RMARKER; an antenna delay is 0.3 µs, 40 ppm of 150 ms are 6 µs.
-    for (delay, instants_us) in
-        [(INIT_DELAY, [151_500.0, 150_000.0, 150_000.0]), (LONG_INIT_DELAY, [751_500.0, 750_000.0, 750_000.0])]
-    {
-        let kit = Kit { init_ms: 1, ..older(8) };
-        let mut air = air_of(&kit, 300);
-        let anchor = air.add([0.0, 0.0, 1.0], 20.0, our_anchor(kit.phy, delay));
-        // A tag that listens too early for any.
-        let tag = air.add([9.0, 0.0, 1.0], -20.0, StockTag::boxed(kit, TAG_EUI, &Rc::default()));
-        air.run_until(2.9);
-        let of = |node: usize| air.sent.iter().filter(move |flight| flight.sender == node);
-        let blinks: Vec<f64> = of(tag).map(|flight| flight.rmarker).collect();
-        assert_eq!(blinks.len(), 3);
-        for (blink, expected_us) in blinks.into_iter().zip(instants_us) {
-            let after =
-                of(anchor).map(|flight| (flight.rmarker - blink) * 1e6).filter(|us| (0.0..900_000.0).contains(us));
-            let after: Vec<f64> = after.collect();
-            assert_eq!(after.len(), 2, "{after:?}");
-            assert!(after[0] < 1_000.0, "{after:?}");
-            assert!((after[1] - expected_us).abs() < expected_us * 40e-6 + 1.0, "{after:?}, not {expected_us}");
+fn ranging_inits_leave_at_once_and_150_and_750_ms_after_the_blink() {
+    let kit = Kit { init_ms: 1, ..older(8) };
+    let mut air = air_of(&kit, 300);
+    let anchor = air.add([0.0, 0.0, 1.0], 20.0, our_anchor(kit.phy));
+    // A tag that listens too early for any.
+    let tag = air.add([9.0, 0.0, 1.0], -20.0, StockTag::boxed(kit, TAG_EUI, &Rc::default()));
+    air.run_until(2.9);
+    let of = |node: usize| air.sent.iter().filter(move |flight| flight.sender == node);
+    let blinks: Vec<f64> = of(tag).map(|flight| flight.rmarker).collect();
+    assert_eq!(blinks.len(), 3);
+    // The first is late, so that newer software does not hear it.
+    for (blink, expected_us) in blinks.into_iter().zip([151_500.0, 150_000.0, 150_000.0]) {
+        let after = of(anchor).map(|flight| (flight.rmarker - blink) * 1e6).filter(|us| (0.0..900_000.0).contains(us));
+        let after: Vec<f64> = after.collect();
+        let [first, second, third] = after[..] else { panic!("{after:?}") };
+        assert!(first < 1_000.0, "{after:?}");
+        // From RMARKER to RMARKER; an antenna delay is 0.3 µs, and the clock 20 ppm fast.
+        for (us, expected_us) in [(second, expected_us), (third, 750_000.0)] {
+            assert!((us - expected_us).abs() < expected_us * 20e-6 + 1.0, "{after:?}, not {expected_us}");
         }
     }
 }
@@ -194,7 +191,7 @@ fn older_software_that_took_two_delays_is_answered_as_it_read_them() {
     let kit = older(8);
     let mut air = air_of(&kit, 301);
     let shown = Rc::default();
-    let ours = air.add([0.0, 0.0, 1.0], 20.0, our_anchor(kit.phy, INIT_DELAY));
+    let ours = air.add([0.0, 0.0, 1.0], 20.0, our_anchor(kit.phy));
     let tag = air.add([12.0, 0.0, 1.0], -20.0, StockTag::boxed(kit, TAG_EUI, &shown));
     // The init after the first blink is lost, which was in milliseconds; the one after the second is of newer software.
     air.run_until(0.1);
@@ -217,11 +214,10 @@ fn older_software_that_took_two_delays_is_answered_as_it_read_them() {
 fn a_reset_of_our_anchor_needs_none_of_the_stock_tag() {
     for (seed, kit) in (310..).zip(kits()) {
         let mut air = air_of(&kit, seed);
-        let delay = if kit.init_ms == 750 { LONG_INIT_DELAY } else { INIT_DELAY };
-        let ours = air.add([0.0, 0.0, 1.0], 20.0, our_anchor(kit.phy, delay));
+        let ours = air.add([0.0, 0.0, 1.0], 20.0, our_anchor(kit.phy));
         air.add([12.0, 0.0, 1.0], -20.0, StockTag::boxed(kit, TAG_EUI, &Rc::default()));
         air.run_until(10.0);
-        air.switch_on(ours, our_anchor(kit.phy, delay));
+        air.switch_on(ours, our_anchor(kit.phy));
         air.run_until(50.0);
         let rounds = air.rounds(ours, 10.0);
         assert!(rounds.first().is_some_and(|(time, _)| *time < 16.0), "{kit:?}: {:?}", rounds.first());
@@ -233,7 +229,7 @@ fn a_reset_of_our_anchor_needs_none_of_the_stock_tag() {
 fn while_a_stock_tag_waits_another_tag_ranges() {
     let kit = older(8);
     let mut air = air_of(&kit, 302);
-    let anchor = air.add([0.0, 0.0, 1.0], 20.0, our_anchor(kit.phy, INIT_DELAY));
+    let anchor = air.add([0.0, 0.0, 1.0], 20.0, our_anchor(kit.phy));
     let period = RadioDuration::from_micros(73_313);
     let ours =
         air.add([7.0, 0.0, 1.0], -20.0, boxed(Tag::new(TagConfig { eui: TAG_EUI + 1, period, ..config(kit.phy) })));
@@ -260,7 +256,7 @@ fn our_tag_and_our_anchor_range_by_whatever_init_is_heard() {
     for (seed, blinks, at_least) in [(320, 0, 750), (321, 1, 250), (322, 2, 750)] {
         let kit = older(8);
         let mut air = air_of(&kit, seed);
-        let anchor = air.add([0.0, 0.0, 1.0], 20.0, our_anchor(kit.phy, INIT_DELAY));
+        let anchor = air.add([0.0, 0.0, 1.0], 20.0, our_anchor(kit.phy));
         let tag = air.add([7.0, 0.0, 1.0], -20.0, our_tag(kit.phy));
         for blink in 0..blinks {
             air.loss = 0.0;

@@ -178,6 +178,9 @@ impl StockTag {
         if !ours || bytes[5..13] != self.eui.to_le_bytes() || bytes[head] != 0x20 {
             return;
         }
+        if self.kit.strict && bytes.len() != head + if self.older() { 5 } else { 7 } {
+            return;
+        }
         // A short source is the end of a long address.
         let mut source = little(&bytes[13..head]);
         let given = little(&bytes[head + 1..head + 3]);
