@@ -8,8 +8,8 @@
 //! equation 5-2, for equal replies, and stays so for unequal ones; a board at the other end that uses the sum gets equal
 //! replies from our tag, which answers after the time that the ranging init names.
 //!
-//! Boards are found with three kinds of software, see [`Software`]; which one the other end has is told by its frames and by when
-//! it answers, and needs no setting.
+//! Boards are found with different software, older and newer; which one the other end has is told by its frames and by when it
+//! answers, and needs no setting.
 //!
 //! Nothing needs a reset: a tag without answers blinks again; an anchor that was restarted answers the polls it hears, and a
 //! blink of a tag that was restarted pairs it anew.

@@ -94,7 +94,7 @@ impl StockAnchor {
         }
         let Some((tag, given)) = self.tag else { return Self::listen() };
         let peer = if self.kit.long { tag } else { given };
-        let Some((source, payload)) = self.kit.to_us(bytes, self.own) else { return Self::listen() };
+        let Some((source, payload)) = self.kit.payload(bytes, self.own) else { return Self::listen() };
         if source != peer {
             return Self::listen();
         }

@@ -73,7 +73,7 @@ impl Kit {
     }
 
     /// What follows the header in a frame to us; the chip's filter lets no other through.
-    pub fn to_us(&self, bytes: &[u8], own: u64) -> Option<(u64, Vec<u8>)> {
+    pub fn payload(&self, bytes: &[u8], own: u64) -> Option<(u64, Vec<u8>)> {
         let length = if self.long { 8 } else { 2 };
         let head = usize::from(self.head_bytes());
         let kind = [0x41, if self.long { 0xCC } else { 0x88 }];

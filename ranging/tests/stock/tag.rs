@@ -133,7 +133,7 @@ impl StockTag {
             self.hear_init(bytes);
             return if self.peers.is_some() { self.begin(now) } else { self.pause() };
         };
-        let Some((source, payload)) = self.kit.to_us(bytes, own) else { return self.pause() };
+        let Some((source, payload)) = self.kit.payload(bytes, own) else { return self.pause() };
         if source != anchor {
             return self.pause();
         }
