@@ -135,7 +135,7 @@ impl Known {
         self.later.clear();
     }
 
-    /// The tag blinks: whatever was begun with it is over. `delay` is the stock one.
+    /// The tag blinks: whatever was begun with it is over. `stock_delay` is from there to the second init.
     pub fn blinked(&mut self, blink_rx: RadioInstant, stock_delay: RadioDuration) {
         let fresh = Self::new(self.tag, blink_rx);
         *self = Self { stock: self.stock, blinks: self.blinks.wrapping_add(1) % 3, ..fresh };
