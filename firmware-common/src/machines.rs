@@ -102,6 +102,7 @@ impl AnchorMachine {
                 phy: network.phy,
                 turnaround: network.turnaround,
                 antenna_delay,
+                init_delay: decaranging::INIT_DELAY,
             })),
         }
     }

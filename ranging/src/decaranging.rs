@@ -8,10 +8,15 @@
 //! equation 5-2, for equal replies, and stays so for unequal ones; a board at the other end that uses the sum gets equal
 //! replies from our tag, which answers after the time that the ranging init names.
 //!
+//! Boards are found with different software, older and newer; which one the other end has is told by its frames and by when it
+//! answers, and needs no setting.
+//!
 //! Nothing needs a reset: a tag without answers blinks again; an anchor that was restarted answers the polls it hears, and a
 //! blink of a tag that was restarted pairs it anew.
 
 mod anchor;
+mod known;
+mod paired;
 mod tag;
 
 pub use anchor::{Anchor, AnchorConfig};
@@ -19,12 +24,32 @@ pub use tag::{Tag, TagConfig};
 
 use heapless::HistoryBuf;
 
-use crate::frame::decaranging::{LONGEST_BYTES, PAN};
+use crate::frame::decaranging::PAN;
 use crate::frame::{Address, Header};
 use crate::native::{STAMP_DEVIATION_TICKS, Turnaround};
 use crate::time::METRES_PER_TICK;
 use crate::tof::{TimeOfFlight, double_sided_asymmetric};
-use crate::{PhyConfig, RadioDuration};
+use crate::{PhyConfig, RadioDuration, RxFrame};
+
+/// From a blink's arrival to the ranging init's departure, RMARKER to RMARKER: an EVK1000's tag switches its receiver on only
+/// then.
+pub const INIT_DELAY: RadioDuration = RadioDuration::from_micros(150_000);
+
+/// What a board says with the messages of DecaRanging.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Software {
+    /// One delay, its unit in bit 15; a report of the time of flight after each final. This project's own.
+    Units,
+    /// An EVK1000's older software: one delay in plain milliseconds; responses that announce a report, which is of the sum of both
+    /// rounds' excess over the replies, four times the time of flight.
+    Millis,
+    /// An EVK1000's newer software: two delays with units; polls without readings; no report, the next response has the time of
+    /// flight.
+    Delays,
+}
+
+/// Times of flight in a report that was announced ([`REPORT_FOLLOWS`](crate::frame::decaranging::REPORT_FOLLOWS)).
+const FLIGHTS_IN_SUM: i64 = 4;
 
 /// Standard deviation of a distance, metres: of three receptions the response's counts twice (in its round and in its reply),
 /// √(2² + 1 + 1) / 4 of one stamp's.
@@ -51,10 +76,15 @@ impl Mean {
     }
 }
 
-/// From a frame's RMARKER, heard, to that of the earliest answer.
-const fn least_reply(phy: &PhyConfig, turnaround: &Turnaround) -> RadioDuration {
-    let tail = phy.time_after_rmarker(LONGEST_BYTES).ticks();
+/// From the RMARKER of a frame heard, of so many bytes on the air, to that of the earliest answer.
+const fn least_reply(phy: &PhyConfig, turnaround: &Turnaround, heard_bytes: u16) -> RadioDuration {
+    let tail = phy.time_after_rmarker(heard_bytes).ticks();
     RadioDuration::from_ticks(tail + turnaround.answer.ticks() + phy.time_to_rmarker().ticks())
+}
+
+/// Bytes on the air of a frame heard, its two check bytes counted.
+fn bytes_on_air(frame: &RxFrame<'_>) -> u16 {
+    frame.bytes.len() as u16 + 2
 }
 
 /// Both ways' flight and the clocks' drift may make a round longer than the reply in it by this, ticks: 100 µs.
@@ -73,6 +103,14 @@ fn flight(
         double_sided_asymmetric(round1, reply1, round2, reply2)
     } else {
         None
+    }
+}
+
+/// A board's short address; of a long one the end.
+const fn short(address: Address) -> u16 {
+    match address {
+        Address::Short(address) => address,
+        Address::Extended(address) => address as u16,
     }
 }
 

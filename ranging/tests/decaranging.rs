@@ -6,7 +6,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use air::{ANTENNA_DELAY, Air, Boxed, Owned, boxed, mischief, moments};
-use ranging::decaranging::{Anchor, AnchorConfig, Tag, TagConfig};
+use ranging::decaranging::{Anchor, AnchorConfig, INIT_DELAY, Tag, TagConfig};
 use ranging::exchange::{Event, Link};
 use ranging::frame::decaranging::Variant;
 use ranging::native::Turnaround;
@@ -37,6 +37,7 @@ fn anchor(phy: PhyConfig) -> Boxed {
         phy,
         turnaround: Turnaround::START,
         antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
+        init_delay: INIT_DELAY,
     }))
 }
 
@@ -55,6 +56,8 @@ fn assert_accurate(errors: &[f64], least: usize, what: &str) {
 struct Board {
     variant: Variant,
     reply_us: u32,
+    /// As an anchor it writes its delay in milliseconds, without a unit.
+    millis: bool,
     heard: Rc<RefCell<Vec<f64>>>,
     sequence: u8,
     peer: [u8; 2],
@@ -73,7 +76,16 @@ fn ticks(later: RadioInstant, earlier: RadioInstant) -> f64 {
 impl Board {
     fn new(variant: Variant, reply_us: u32, heard: &Rc<RefCell<Vec<f64>>>) -> Self {
         let stamps = [RadioInstant::default(); 4];
-        Self { variant, reply_us, heard: Rc::clone(heard), sequence: 0, peer: [0; 2], own: [0x77, 0x10], stamps }
+        Self {
+            variant,
+            reply_us,
+            millis: false,
+            heard: Rc::clone(heard),
+            sequence: 0,
+            peer: [0; 2],
+            own: [0x77, 0x10],
+            stamps,
+        }
     }
 
     fn fast(&self) -> bool {
@@ -126,7 +138,11 @@ impl Board {
                 init.extend(self.own);
                 init.push(0x20);
                 init.extend(self.peer);
-                let field = if self.reply_us < 0x8000 { self.reply_us } else { 0x8000 | (self.reply_us / 1000) };
+                let field = match self.reply_us {
+                    us if self.millis => us / 1000,
+                    us if us < 0x8000 => us,
+                    us => 0x8000 | (us / 1000),
+                };
                 init.extend([field as u8, (field >> 8) as u8]);
                 let start = Start::At(frame.rx_time.plus(RadioDuration::from_micros(20_000)));
                 return Owned::Transmit { frame: init, start, listen: true };
@@ -251,18 +267,22 @@ impl Board {
 
 #[test]
 fn our_tag_ranges_with_a_board() {
-    for (mode, variant, reply_us) in [
-        (8, Variant::Fast, 500),
-        (8, Variant::Standard, 5000),
-        (5, Variant::Standard, 150_000),
-        (2, Variant::Fast, 600),
+    for (mode, variant, reply_us, millis) in [
+        (8, Variant::Fast, 500, false),
+        (8, Variant::Standard, 900, false),
+        (8, Variant::Standard, 5000, false),
+        (8, Variant::Standard, 5000, true),
+        (5, Variant::Standard, 150_000, false),
+        (5, Variant::Standard, 150_000, true),
+        (2, Variant::Fast, 600, false),
     ] {
         let phy = PhyConfig::evk1000_mode(mode).unwrap();
         let mut air = Air::new(phy, 40 + u64::from(mode));
         // Where the range bias of the mode's pulse rate is none.
         air.power_dbm = if mode == 8 { -81.5 } else { -86.25 };
         let shown = Rc::default();
-        air.add([0.0, 0.0, 1.0], 20.0, Board::new(variant, reply_us, &shown).anchor());
+        let board = Board { millis, ..Board::new(variant, reply_us, &shown) };
+        air.add([0.0, 0.0, 1.0], 20.0, board.anchor());
         let ours = air.add([7.0, 0.0, 1.0], -20.0, tag(phy, variant));
         air.run_until(40.0);
         let what = format!("mode {mode}, {variant:?}");

@@ -21,7 +21,7 @@ fn bytes(rng: &mut Pcg64) -> Vec<u8> {
     let [pan, other] = [NETWORK.pan.to_le_bytes(), 0xDECAu16.to_le_bytes()];
     let destination = if rng.random_bool(0.5) { [0xFF, 0xFF] } else { ADDRESS.to_le_bytes() };
     let source = [rng.random_range(0..4), 1];
-    match rng.random_range(0..6) {
+    match rng.random_range(0..7) {
         0 => {}
         1 => {
             bytes.push(0xC5);
@@ -31,6 +31,11 @@ fn bytes(rng: &mut Pcg64) -> Vec<u8> {
             bytes.push(0x20);
         }
         3 => {
+            bytes.extend([0x41, 0xCC, rng.random()].into_iter().chain(other).chain(EUI.to_le_bytes()));
+            bytes.extend(source.into_iter().chain([0; 6]));
+            bytes.push([0x20, 0x21, 0x10, 0x29, 0x2A][rng.random_range(0..5)]);
+        }
+        4 => {
             bytes
                 .extend([0x41, 0x88, rng.random()].into_iter().chain(other).chain(ADDRESS.to_le_bytes()).chain(source));
             bytes.push([0x21, 0x10, 0x29, 0x2A, 0x61, 0x50, 0x69, 0x6A][rng.random_range(0..8)]);
@@ -40,7 +45,7 @@ fn bytes(rng: &mut Pcg64) -> Vec<u8> {
             bytes.push(rng.random_range(0x30..=0x33));
         }
     }
-    let lengths = [1, 2, 3, 4, 8, 9, 11, 15, 42, 5 + bytes.len() % 3];
+    let lengths = [0, 1, 2, 3, 4, 6, 8, 9, 11, 15, 42, 5 + bytes.len() % 3];
     let more =
         if rng.random_bool(0.7) { lengths[rng.random_range(0..lengths.len())] } else { rng.random_range(0..125) };
     bytes.extend((0..more).map(|_| if rng.random_bool(0.3) { 0 } else { rng.random::<u8>() }));
@@ -198,10 +203,14 @@ fn a_decaranging_tag_survives_anything() {
 
 #[test]
 fn a_decaranging_anchor_survives_anything() {
-    use ranging::decaranging::{Anchor, AnchorConfig};
+    use ranging::decaranging::{Anchor, AnchorConfig, INIT_DELAY};
     for seed in 30..32 {
         let (phy, turnaround) = (PhyConfig::FAST, Turnaround::START);
         let antenna_delay = RadioDuration::from_ticks(16_436);
-        torment(Anchor::new(AnchorConfig { address: ADDRESS, eui: EUI, phy, turnaround, antenna_delay }), seed);
+        let init_delay = if seed == 30 { INIT_DELAY } else { RadioDuration::from_micros(1_000_000) };
+        torment(
+            Anchor::new(AnchorConfig { address: ADDRESS, eui: EUI, phy, turnaround, antenna_delay, init_delay }),
+            seed,
+        );
     }
 }

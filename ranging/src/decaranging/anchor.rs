@@ -2,9 +2,12 @@
 
 use heapless::Vec;
 
-use super::{DEVIATION_M, Mean, flight, header, least_reply};
+use super::known::{Exchange, Known, Later, Pending, Purpose, STOCK_MILLIS};
+use super::{DEVIATION_M, FLIGHTS_IN_SUM, Software, bytes_on_air, flight, header, least_reply, short};
 use crate::exchange::{Action, Event, Link, Machine, Range, Report, Round};
-use crate::frame::decaranging::{Blink, Final, Frame, Message, Variant, response_time_field};
+use crate::frame::decaranging::{
+    Answer, Blink, Final, Frame, LONGEST_BYTES, Message, REPORT_FOLLOWS, Variant, delay_field,
+};
 use crate::frame::{Address, FrameBuffer, Header};
 use crate::native::Turnaround;
 use crate::{PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
@@ -23,59 +26,34 @@ pub struct AnchorConfig {
     pub turnaround: Turnaround,
     /// What the radio adds to the snapped start of a transmission, as [`Radio::departure`](crate::Radio::departure) does.
     pub antenna_delay: RadioDuration,
+    /// From a blink's arrival to the ranging init's departure, for EVK1000 tags: [`INIT_DELAY`](super::INIT_DELAY). Another init
+    /// follows after five times as long, for tags whose switch S1-8 is on.
+    pub init_delay: RadioDuration,
 }
 
 /// A tag not heard for this long is lost.
 const LOST_AFTER: RadioDuration = RadioDuration::from_micros(3_000_000);
-/// Added to the time in which the final should come.
-const PATIENCE: RadioDuration = RadioDuration::from_micros(5_000);
 /// The receiver is looked after at least this often.
 const LISTEN: RadioDuration = RadioDuration::from_micros(1_000_000);
+/// The receiver is switched off this long before the first pulse of a frame to be sent: more than any board needs.
+const LEAD: RadioDuration = RadioDuration::from_micros(3_000);
+/// A frame to be sent later than this, or that long ago, is of another time: the clock has jumped.
+const LONGEST_PENDING: RadioDuration = RadioDuration::from_micros(2_000_000);
+/// What a tag of newer software is given from the end of a response to the first pulse of its final: an EVK1000 gives itself 500 µs.
+const TAG_ANSWER: RadioDuration = RadioDuration::from_micros(1_000);
 
-/// An exchange in progress.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Exchange {
-    variant: Variant,
-    /// The poll's header: whom to answer, and how it addresses us.
-    poll: Header,
-    poll_rx: RadioInstant,
-    /// Departure of the response, once it has left.
-    resp_tx: Option<RadioInstant>,
-}
-
-/// Tags whose ranges are averaged at a time; others are answered as well.
+/// Tags known at a time; when another one comes, it takes the place of the one unheard longest.
 const MAX_TAGS: usize = 8;
-
-/// A tag that is ranged.
-#[derive(Clone, Debug)]
-struct Known {
-    tag: u16,
-    heard: RadioInstant,
-    mean: Mean,
-}
-
-/// What is to be sent, or was sent last.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum State {
-    /// Listening.
-    Listening,
-    /// Send this at this instant.
-    Answer { frame: Frame, start: RadioInstant },
-    /// The response to a poll is leaving.
-    Responding,
-    /// A ranging init or report is leaving.
-    Sending,
-}
 
 /// The anchor's side of DecaRanging. Its reports are rounds of one range, and pairings. It answers every tag that polls it.
 #[derive(Clone, Debug)]
 pub struct Anchor {
     config: AnchorConfig,
     bias: RangeBias,
-    /// The same at both ends.
+    /// From a poll to its response, as tags are told: whole microseconds.
     reply: RadioDuration,
-    state: State,
-    exchange: Option<Exchange>,
+    /// The tag whose response is leaving.
+    responding: Option<u16>,
     tags: Vec<Known, MAX_TAGS>,
     link: Option<Link>,
     number: u16,
@@ -88,12 +66,12 @@ pub struct Anchor {
 impl Anchor {
     /// An anchor that has heard nobody yet.
     pub fn new(config: AnchorConfig) -> Self {
+        let reply = least_reply(&config.phy, &config.turnaround, LONGEST_BYTES);
         Self {
             config,
             bias: RangeBias::of(&config.phy),
-            reply: least_reply(&config.phy, &config.turnaround),
-            state: State::Listening,
-            exchange: None,
+            reply: RadioDuration::from_micros(reply.as_micros() as u32 + 1),
+            responding: None,
             tags: Vec::new(),
             link: None,
             number: 0,
@@ -114,53 +92,31 @@ impl Anchor {
         self.sequence
     }
 
-    /// A frame is to leave one reply after another's arrival.
-    fn answer(&mut self, rx_time: RadioInstant, frame: Frame) {
-        let delay = RadioDuration::from_ticks(-self.config.antenna_delay.ticks());
-        self.state = State::Answer { frame, start: rx_time.plus(self.reply).plus(delay) };
+    /// The start of a frame that is to leave so long after another's arrival.
+    fn after(&self, rx_time: RadioInstant, delay: RadioDuration) -> RadioInstant {
+        rx_time.plus(delay).plus(RadioDuration::from_ticks(-self.config.antenna_delay.ticks()))
     }
 
-    fn hear(&mut self, frame: &RxFrame<'_>) {
-        if let Some(blink) = Blink::parse(frame.bytes) {
-            // Its short address is the end of its long one, unless that means something else.
-            let tag = match blink.tag as u16 {
-                address if address == self.config.address || address >= 0xFFFE => self.config.address ^ 1,
-                address => address,
-            };
-            let header =
-                header(self.next_sequence(), Address::Extended(blink.tag), Address::Short(self.config.address));
-            let message = Message::RangingInit { tag, response_time: response_time_field(self.reply) };
-            self.answer(frame.rx_time, Frame { header, message });
-            self.exchange = None;
-            self.tags.retain(|known| known.tag != tag);
-            self.note(tag, frame.rx_time);
-            return;
-        }
-        let Some(heard @ Frame { header, message }) = Frame::parse(frame.bytes) else { return };
-        let ours = [Address::Short(self.config.address), Address::Extended(self.config.eui)];
-        if !ours.contains(&header.destination) {
-            return;
-        }
-        match message {
-            Message::Poll(variant, _) => {
-                let sequence = self.next_sequence();
-                self.answer(frame.rx_time, heard.answer(sequence, Message::Response(variant, [0; 2])));
-                self.exchange = Some(Exchange { variant, poll: header, poll_rx: frame.rx_time, resp_tx: None });
-                self.note(short(header.source), frame.rx_time);
+    /// A ranging init for a tag with this software.
+    fn init(&self, tag: u16, software: Software) -> Message {
+        let named = delay_field(self.reply);
+        let (anchor_delay, tag_delay) = match software {
+            Software::Units => (named, None),
+            Software::Millis => (STOCK_MILLIS, None),
+            Software::Delays => {
+                let response = self.config.phy.airtime(LONGEST_BYTES).ticks();
+                let reply = RadioDuration::from_ticks(response + TAG_ANSWER.ticks()).max(self.reply);
+                (named, Some(delay_field(reply)))
             }
-            Message::Final(told) => self.hear_final(&heard, told, frame),
-            // An anchor's own.
-            Message::RangingInit { .. } | Message::Response(..) | Message::Report(..) => {}
-        }
+        };
+        Message::RangingInit { tag, anchor_delay, tag_delay }
     }
 
-    /// A tag was heard; a new one takes the place of the one unheard longest where there is no other.
-    fn note(&mut self, tag: u16, now: RadioInstant) {
-        if let Some(known) = self.tags.iter_mut().find(|known| known.tag == tag) {
-            known.heard = now;
-            return;
+    /// What is known of a tag that is heard now; a new one takes the place of the one unheard longest where there is no other.
+    fn known(&mut self, tag: u16, now: RadioInstant) -> Option<&mut Known> {
+        if let Some(index) = self.tags.iter().position(|known| known.tag == tag) {
+            return self.tags.get_mut(index);
         }
-        self.link = Some(Link::Paired(tag));
         if self.tags.is_full() {
             let unheard = |(_, known): &(usize, &Known)| now.since(known.heard);
             if let Some((longest, _)) = self.tags.iter().enumerate().max_by_key(unheard) {
@@ -168,42 +124,147 @@ impl Anchor {
             }
         }
         // There is room now.
-        let _ = self.tags.push(Known { tag, heard: now, mean: Mean::new() });
+        let _ = self.tags.push(Known::new(tag, now));
+        self.tags.last_mut()
+    }
+
+    fn hear(&mut self, frame: &RxFrame<'_>) {
+        if let Some(blink) = Blink::parse(frame.bytes) {
+            self.hear_blink(&blink, frame.rx_time);
+            return;
+        }
+        let Some(heard @ Frame { header, message }) = Frame::parse(frame.bytes) else { return };
+        let address = self.config.address;
+        // A tag that uses long addresses takes the short one of the ranging init for the end of a long one.
+        let ours = [Address::Short(address), Address::Extended(self.config.eui), Address::Extended(address.into())];
+        if !ours.contains(&header.destination) {
+            return;
+        }
+        match message {
+            Message::Poll(variant, readings) => self.hear_poll(&heard, variant, readings.is_some(), frame.rx_time),
+            Message::Final(told) => self.hear_final(&heard, told, frame),
+            // An anchor's own.
+            Message::RangingInit { .. } | Message::Response(..) | Message::Report(..) => {}
+        }
+    }
+
+    fn hear_blink(&mut self, blink: &Blink, rx_time: RadioInstant) {
+        // Its short address is the end of its long one, unless that means something else.
+        let tag = match blink.tag as u16 {
+            address if address == self.config.address || address >= 0xFFFE => self.config.address ^ 1,
+            address => address,
+        };
+        let header = header(self.next_sequence(), Address::Extended(blink.tag), Address::Short(self.config.address));
+        let frame = Frame { header, message: self.init(tag, Software::Units) };
+        let (start, delay) = (self.after(rx_time, self.reply), self.config.init_delay);
+        let Some(known) = self.known(tag, rx_time) else { return };
+        known.blinked(rx_time, delay);
+        known.pending = Some(Pending { frame, start, purpose: Purpose::Init(Software::Units) });
+    }
+
+    fn hear_poll(&mut self, heard: &Frame, variant: Variant, readings: bool, poll_rx: RadioInstant) {
+        let poll = heard.header;
+        let (sequence, reply) = (self.next_sequence(), self.reply);
+        let tag = short(poll.source);
+        let Some(known) = self.known(tag, poll_rx) else { return };
+        let (software, delay) = known.polled(variant, readings, reply);
+        let answer = match software {
+            Software::Units => Answer::default(),
+            Software::Millis => Answer { parameter: [REPORT_FOLLOWS, 0], tof: None },
+            Software::Delays => {
+                Answer { parameter: [0; 2], tof: Some(known.tof.take().unwrap_or(RadioDuration::ZERO)) }
+            }
+        };
+        known.heard = poll_rx;
+        known.exchange = Some(Exchange { variant, software, poll, poll_rx, resp_tx: None });
+        let newly = !core::mem::replace(&mut known.paired, true);
+        let frame = heard.answer(sequence, Message::Response(variant, answer));
+        let start = self.after(poll_rx, delay);
+        if let Some(known) = self.known(tag, poll_rx) {
+            known.pending = Some(Pending { frame, start, purpose: Purpose::Response });
+        }
+        if newly {
+            self.link = Some(Link::Paired(tag));
+        }
     }
 
     fn hear_final(&mut self, heard: &Frame, told: Final, frame: &RxFrame<'_>) {
-        let Some(exchange) = self.exchange.filter(|exchange| exchange.poll.source == heard.header.source) else {
-            return;
-        };
-        let Some(resp_tx) = exchange.resp_tx else { return };
+        let source = heard.header.source;
+        let peer = short(source);
         let (variant, round1, reply2) = match told {
             Final::Instants { poll_tx, resp_rx, final_tx } => {
                 (Variant::Standard, resp_rx.since(poll_tx), final_tx.since(resp_rx))
             }
             Final::Intervals { reply2, round1 } => (Variant::Fast, round1, reply2),
         };
+        let sequence = self.next_sequence();
+        let least = least_reply(&self.config.phy, &self.config.turnaround, bytes_on_air(frame));
+        let start = self.after(frame.rx_time, self.reply.max(least));
+        let Some(known) = self.tags.iter_mut().find(|known| known.tag == peer) else { return };
+        let of_tag = |exchange: &Exchange| exchange.poll.source == source && exchange.variant == variant;
+        let Some(exchange) = known.exchange.filter(of_tag) else { return };
+        let Some(resp_tx) = exchange.resp_tx else { return };
         let [reply1, round2] = [resp_tx.since(exchange.poll_rx), frame.rx_time.since(resp_tx)];
-        let Some(tof) = flight(round1, reply1, round2, reply2).filter(|_| variant == exchange.variant) else { return };
-        self.exchange = None;
+        let Some(tof) = flight(round1, reply1, round2, reply2) else { return };
         let diagnostics = frame.diagnostics;
         let distance_m = tof.metres() - self.bias.metres(diagnostics.rx_power_dbm);
-        let peer = short(heard.header.source);
-        if let Some(known) = self.tags.iter_mut().find(|known| known.tag == peer) {
-            known.mean.add(distance_m);
-        }
+        known.mean.add(distance_m);
+        known.ranged(&exchange);
+        let report = match exchange.software {
+            Software::Units => Some(tof.to_ticks()),
+            Software::Millis => Some(tof.to_ticks() * FLIGHTS_IN_SUM),
+            Software::Delays => {
+                known.tof = Some(RadioDuration::from_ticks(tof.to_ticks()));
+                None
+            }
+        };
+        known.pending = report.map(|ticks| {
+            let message = Message::Report(variant, RadioDuration::from_ticks(ticks));
+            Pending { frame: heard.answer(sequence, message), start, purpose: Purpose::Report }
+        });
         let range = Range { peer, distance_m, deviation_m: DEVIATION_M, position_m: None, diagnostics };
         self.range = Some((exchange.poll_rx, [range]));
-        let sequence = self.next_sequence();
-        let report = Message::Report(variant, RadioDuration::from_ticks(tof.to_ticks()));
-        self.answer(frame.rx_time, heard.answer(sequence, report));
     }
-}
 
-/// A tag's short address; of a long one the end.
-const fn short(address: Address) -> u16 {
-    match address {
-        Address::Short(address) => address,
-        Address::Extended(address) => address as u16,
+    /// The tag whose frame is to be sent first, and how long it is from now to when the receiver is to be off for it.
+    fn earliest(&mut self, now: RadioInstant) -> Option<(usize, RadioDuration)> {
+        let off = LEAD.ticks() + self.config.phy.time_to_rmarker().ticks();
+        for known in &mut self.tags {
+            let of_now = |pending: &Pending| pending.start.since(now).ticks().abs() < LONGEST_PENDING.ticks();
+            known.pending = known.pending.filter(of_now);
+        }
+        let spare = |known: &Known| {
+            known.pending.map(|pending| RadioDuration::from_ticks(pending.start.since(now).ticks() - off))
+        };
+        let pending = self.tags.iter().enumerate().filter_map(|(index, known)| Some((index, spare(known)?)));
+        pending.min_by_key(|(_, spare)| *spare)
+    }
+
+    /// Takes and writes a tag's frame; answers with its start.
+    fn take(&mut self, index: usize) -> Option<RadioInstant> {
+        let known = self.tags.get_mut(index)?;
+        let Pending { frame, start, purpose } = known.pending.take()?;
+        self.responding = match purpose {
+            Purpose::Response => Some(known.tag),
+            Purpose::Init(_) | Purpose::Report => None,
+        };
+        if let Purpose::Init(software) = purpose {
+            let tag = known.tag;
+            if let Some(Later { blink_rx, delay, software }) = known.offered(software) {
+                let header = Header { sequence: self.next_sequence(), ..frame.header };
+                let frame = Frame { header, message: self.init(tag, software) };
+                let (start, purpose) = (self.after(blink_rx, delay), Purpose::Init(software));
+                self.tags.get_mut(index)?.pending = Some(Pending { frame, start, purpose });
+            }
+        }
+        frame.emit(&mut self.out);
+        Some(start)
+    }
+
+    /// The exchange whose response is leaving.
+    fn responding(&mut self) -> Option<&mut Option<Exchange>> {
+        let tag = self.responding.take()?;
+        self.tags.iter_mut().find(|known| known.tag == tag).map(|known| &mut known.exchange)
     }
 }
 
@@ -211,35 +272,29 @@ impl Machine for Anchor {
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         match event {
             Event::Started => {
-                self.state = State::Listening;
-                self.exchange = None;
+                self.responding = None;
                 for known in &mut self.tags {
-                    known.heard = now;
+                    known.restarted(now);
                 }
             }
             Event::Sent(departure) => {
-                if let (State::Responding, Some(exchange)) = (self.state, &mut self.exchange) {
+                if let Some(Some(exchange)) = self.responding() {
                     exchange.resp_tx = Some(departure);
                 }
-                self.state = State::Listening;
             }
             Event::Received(frame) => self.hear(&frame),
             Event::Late | Event::NotSent => {
-                if self.state == State::Responding {
-                    self.exchange = None;
+                if let Some(exchange) = self.responding() {
+                    *exchange = None;
                 }
-                self.state = State::Listening;
             }
             Event::Corrupt | Event::Timeout | Event::Woken | Event::Reported => {}
         }
-        if let State::Answer { frame, start } = self.state {
-            self.state = match frame.message {
-                Message::Response(..) => State::Responding,
-                Message::RangingInit { .. } | Message::Report(..) | Message::Poll(..) | Message::Final(_) => {
-                    State::Sending
-                }
-            };
-            frame.emit(&mut self.out);
+        let earliest = self.earliest(now);
+        if let Some((index, spare)) = earliest
+            && spare <= RadioDuration::ZERO
+            && let Some(start) = self.take(index)
+        {
             return Action::Transmit { frame: self.out.bytes(), start: Start::At(start), listen: true };
         }
         if let Some(link) = self.link.take() {
@@ -250,14 +305,12 @@ impl Machine for Anchor {
             let ranges = &*self.reported.insert(range);
             return Action::Report(Report::Round(Round { number: self.number, poll, asked: 1, ranges }));
         }
-        // No final for the last poll: it is forgotten.
-        let patience = RadioDuration::from_ticks(2 * self.reply.ticks() + PATIENCE.ticks());
-        if self.exchange.is_some_and(|exchange| now.since(exchange.poll_rx) > patience) {
-            self.exchange = None;
+        let lost = |known: &&mut Known| known.paired && now.since(known.heard) > LOST_AFTER;
+        if let Some(known) = self.tags.iter_mut().find(lost) {
+            known.paired = false;
+            return Action::Report(Report::Link(Link::Lost(known.tag)));
         }
-        if let Some(lost) = self.tags.iter().position(|known| now.since(known.heard) > LOST_AFTER) {
-            return Action::Report(Report::Link(Link::Lost(self.tags.swap_remove(lost).tag)));
-        }
-        Action::Receive { start: Start::Now, window: LISTEN, keep_listening: true }
+        let window = earliest.map_or(LISTEN, |(_, spare)| spare.min(LISTEN));
+        Action::Receive { start: Start::Now, window, keep_listening: true }
     }
 }

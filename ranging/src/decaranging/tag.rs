@@ -1,9 +1,11 @@
-//! The tag of DecaRanging: blinks, polls, tells its instants, waits for the report.
+//! The tag of DecaRanging: blinks, polls, tells its instants, waits for the report, or for the next response that has the time of
+//! flight.
 
-use super::{DEVIATION_M, Mean, header, least_reply};
+use super::paired::Paired;
+use super::{DEVIATION_M, FLIGHTS_IN_SUM, Mean, Software, bytes_on_air, header, least_reply, short};
 use crate::exchange::{Action, Event, Guidance, Link, Machine, Range, Report, Round};
-use crate::frame::decaranging::{Blink, Final, Frame, Message, Variant, response_time};
-use crate::frame::{Address, FrameBuffer};
+use crate::frame::decaranging::{Answer, Blink, Final, Frame, LONGEST_BYTES, Message, REPORT_FOLLOWS, Variant};
+use crate::frame::{Address, FrameBuffer, Header};
 use crate::native::{Rate, Turnaround};
 use crate::{PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, Start, TimeOfFlight};
 
@@ -30,23 +32,9 @@ const BLINK_PERIOD: RadioDuration = RadioDuration::from_micros(1_000_000);
 /// Without an answer for this long, and for [`UNANSWERED`] polls, the tag blinks again.
 const LOST_AFTER: RadioDuration = RadioDuration::from_micros(1_000_000);
 const UNANSWERED: u8 = 8;
-/// Added to the time in which an answer should come.
-const PATIENCE: RadioDuration = RadioDuration::from_micros(5_000);
 
-/// The anchor that took the tag.
-#[derive(Clone, Copy, Debug)]
-struct Paired {
-    anchor: Address,
-    /// Our own address.
-    tag: Address,
-    /// From a frame's arrival to its answer's departure, at both ends.
-    reply: RadioDuration,
-    /// When the anchor was last heard.
-    heard: RadioInstant,
-    unanswered: u8,
-    /// The anchor's last sequence number.
-    sequence: u8,
-}
+/// The receiver is switched off where a response is further away than this, and on again as long before it.
+const LEAD: RadioDuration = RadioDuration::from_micros(3_000);
 
 /// What is being waited for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,8 +47,8 @@ enum State {
     AwaitingInit,
     /// A poll is leaving.
     Polling,
-    /// The response, until then.
-    AwaitingResponse { until: RadioInstant },
+    /// The response, until then; it cannot come before `from`.
+    AwaitingResponse { from: RadioInstant, until: RadioInstant },
     /// A final is leaving; after it the report is awaited.
     Finishing,
     /// The report, until then.
@@ -81,8 +69,10 @@ pub struct Tag {
     readings: [u8; 2],
     link: Option<Link>,
     number: u16,
-    /// The range to be reported.
-    range: Option<[Range; 1]>,
+    /// Poll of the last exchange that was finished, of which no distance is known yet.
+    finished: Option<RadioInstant>,
+    /// The range to be reported, and its poll.
+    range: Option<(RadioInstant, [Range; 1])>,
     /// The range that the node is reading.
     reported: Option<[Range; 1]>,
     mean: Mean,
@@ -104,6 +94,7 @@ impl Tag {
             readings: [0; 2],
             link: None,
             number: 0,
+            finished: None,
             range: None,
             reported: None,
             mean: Mean::new(),
@@ -135,24 +126,10 @@ impl Tag {
 
     fn hear(&mut self, frame: &RxFrame<'_>) {
         let Some(Frame { header, message }) = Frame::parse(frame.bytes) else { return };
-        if let Message::RangingInit { tag, response_time: field } = message {
-            // Short addresses of both are used from now on; 0xFFFF and 0xFFFE are nobody's.
-            let addressed =
-                self.state == State::AwaitingInit && header.destination == Address::Extended(self.config.eui);
-            if let (true, Address::Short(anchor), 0..0xFFFE) = (addressed, header.source, tag) {
-                let reply = response_time(field).max(least_reply(&self.config.phy, &self.config.turnaround));
-                self.paired = Some(Paired {
-                    anchor: header.source,
-                    tag: Address::Short(tag),
-                    reply,
-                    heard: frame.rx_time,
-                    unanswered: 0,
-                    sequence: header.sequence,
-                });
-                self.link = Some(Link::Paired(anchor));
-                self.state = State::Between;
-                self.next = None;
-                self.mean = Mean::new();
+        if let Message::RangingInit { tag, anchor_delay, tag_delay } = message {
+            let addressed = header.destination == Address::Extended(self.config.eui);
+            if addressed && self.state == State::AwaitingInit {
+                self.pair(&header, tag, anchor_delay, tag_delay, frame.rx_time);
             }
             return;
         }
@@ -161,24 +138,59 @@ impl Tag {
             return;
         }
         match (self.state, message) {
-            (State::AwaitingResponse { .. }, Message::Response(variant, _)) if variant == self.config.variant => {
-                (paired.heard, paired.sequence, paired.unanswered) = (frame.rx_time, header.sequence, 0);
+            (State::AwaitingResponse { .. }, Message::Response(variant, Answer { parameter: [told, _], tof }))
+                if variant == self.config.variant =>
+            {
+                (paired.heard, paired.sequence) = (frame.rx_time, header.sequence);
+                paired.flights = if told == REPORT_FOLLOWS { FLIGHTS_IN_SUM as f32 } else { 1.0 };
+                paired.answered(frame.rx_time.since(self.poll_tx));
+                let least = least_reply(&self.config.phy, &self.config.turnaround, bytes_on_air(frame));
+                paired.tag_delay = paired.tag_delay.max(least);
                 self.resp_rx = frame.rx_time;
                 self.state = State::Finishing;
+                // It belongs to the exchange before, whose final may have been lost: 0 is none.
+                let tof = tof.filter(|tof| *tof != RadioDuration::ZERO);
+                if let (Some(tof), Some(poll)) = (tof, self.finished.take()) {
+                    self.ranged(poll, tof, frame);
+                }
             }
             (State::AwaitingReport { .. }, Message::Report(variant, ticks)) if variant == self.config.variant => {
                 paired.sequence = header.sequence;
-                let Address::Short(peer) = paired.anchor else { return };
-                let power = frame.diagnostics.rx_power_dbm;
-                let distance_m = TimeOfFlight::from_ticks(ticks.ticks()).metres() - self.bias.metres(power);
-                self.mean.add(distance_m);
-                let diagnostics = frame.diagnostics;
-                self.range =
-                    Some([Range { peer, distance_m, deviation_m: DEVIATION_M, position_m: None, diagnostics }]);
+                self.ranged(self.poll_tx, ticks, frame);
                 self.state = State::Between;
             }
             _ => {}
         }
+    }
+
+    /// An anchor takes the tag.
+    fn pair(&mut self, header: &Header, tag: u16, anchor_delay: u16, tag_delay: Option<u16>, heard: RadioInstant) {
+        let anchor = header.source;
+        // Long addresses are kept where the anchor uses its own; short ones are those of the init. 0xFFFF and 0xFFFE are nobody's.
+        let tag = match (anchor, tag) {
+            (Address::Extended(_), _) => Address::Extended(self.config.eui),
+            (Address::Short(_), 0..0xFFFE) => Address::Short(tag),
+            (Address::Short(_), 0xFFFE..) => return,
+        };
+        let least = least_reply(&self.config.phy, &self.config.turnaround, LONGEST_BYTES);
+        let mut paired = Paired::new((anchor, tag), (anchor_delay, tag_delay), least, self.config.variant);
+        (paired.heard, paired.sequence) = (heard, header.sequence);
+        self.paired = Some(paired);
+        self.link = Some(Link::Paired(short(anchor)));
+        self.state = State::Between;
+        (self.next, self.finished) = (None, None);
+        self.mean = Mean::new();
+    }
+
+    /// An exchange has its distance, from what the anchor told.
+    fn ranged(&mut self, poll: RadioInstant, told: RadioDuration, frame: &RxFrame<'_>) {
+        let Some(paired) = &self.paired else { return };
+        let diagnostics = frame.diagnostics;
+        let flight_m = TimeOfFlight::from_ticks(told.ticks()).metres() / paired.flights;
+        let distance_m = flight_m - self.bias.metres(diagnostics.rx_power_dbm);
+        self.mean.add(distance_m);
+        let (peer, deviation_m) = (short(paired.anchor), DEVIATION_M);
+        self.range = Some((poll, [Range { peer, distance_m, deviation_m, position_m: None, diagnostics }]));
     }
 
     /// A wait is over without what was waited for.
@@ -187,10 +199,13 @@ impl Tag {
         self.state = State::Between;
         let Some(paired) = self.paired.as_mut().filter(|_| awaited) else { return };
         paired.unanswered = paired.unanswered.saturating_add(1);
+        // Where it was the response that was lost, a stock anchor is deaf until the final is due.
+        let deaf_until = now.plus(paired.delay(paired.tag_delay));
+        if self.next.is_some_and(|next| deaf_until.since(next) > RadioDuration::ZERO) {
+            self.next = Some(deaf_until);
+        }
         if paired.unanswered >= UNANSWERED && now.since(paired.heard) > LOST_AFTER {
-            if let Address::Short(anchor) = paired.anchor {
-                self.link = Some(Link::Lost(anchor));
-            }
+            self.link = Some(Link::Lost(short(paired.anchor)));
             self.paired = None;
             self.next = None;
         }
@@ -198,7 +213,7 @@ impl Tag {
 
     fn finish(&mut self, paired: &Paired) -> Action<'_> {
         let delay = self.config.antenna_delay;
-        let start = self.resp_rx.plus(paired.reply).plus(RadioDuration::from_ticks(-delay.ticks()));
+        let start = self.resp_rx.plus(paired.delay(paired.tag_delay)).plus(RadioDuration::from_ticks(-delay.ticks()));
         // The chip starts at the snapped instant: that is what the anchor must be told.
         let final_tx = start.snapped().plus(delay);
         let (poll_tx, resp_rx) = (self.poll_tx, self.resp_rx);
@@ -224,7 +239,12 @@ impl Tag {
                 self.state = State::Blinking;
             }
             Some(paired) => {
-                self.write(&paired, Message::Poll(self.config.variant, self.readings));
+                let readings = match (self.config.variant, paired.software) {
+                    (Variant::Standard, Software::Units | Software::Millis) => Some(self.readings),
+                    // An anchor of newer software counts its delay from the end of a poll without readings.
+                    (Variant::Standard, Software::Delays) | (Variant::Fast, _) => None,
+                };
+                self.write(&paired, Message::Poll(self.config.variant, readings));
                 // After a pause the rhythm begins anew.
                 let next = due.plus(self.config.period);
                 let late = now.since(next) > RadioDuration::ZERO;
@@ -238,8 +258,9 @@ impl Tag {
 
 impl Machine for Tag {
     fn may_sleep(&self) -> bool {
-        // Between exchanges nothing hangs on the clock: a restart begins with the next poll or blink.
-        self.state == State::Between
+        // Between exchanges nothing hangs on the clock, but for a distance that comes later: a restart begins with the next poll or
+        // blink.
+        self.state == State::Between && self.finished.is_none()
     }
 
     fn guide(&mut self, guidance: Guidance) {
@@ -254,43 +275,60 @@ impl Machine for Tag {
         match event {
             Event::Started => {
                 self.state = State::Between;
-                self.next = None;
+                (self.next, self.finished) = (None, None);
                 if let Some(paired) = &mut self.paired {
                     paired.heard = now;
                 }
             }
-            Event::Sent(departure) => {
-                let reply = self.paired.map_or(RadioDuration::ZERO, |paired| paired.reply);
-                let until = departure.plus(reply).plus(reply).plus(PATIENCE);
-                match self.state {
-                    State::Blinking => self.state = State::AwaitingInit,
-                    State::Polling => {
-                        self.poll_tx = departure;
-                        self.state = State::AwaitingResponse { until };
-                    }
-                    State::Finishing => self.state = State::AwaitingReport { until },
-                    State::Between
-                    | State::AwaitingInit
-                    | State::AwaitingResponse { .. }
-                    | State::AwaitingReport { .. } => {}
+            Event::Sent(departure) => match self.state {
+                State::Blinking => self.state = State::AwaitingInit,
+                State::Polling => {
+                    self.poll_tx = departure;
+                    self.state = self.paired.map_or(State::Between, |paired| {
+                        let lead = LEAD.ticks() + self.config.phy.time_to_rmarker().ticks();
+                        let from = departure.plus(RadioDuration::from_ticks(paired.silence().ticks() - lead));
+                        State::AwaitingResponse { from, until: departure.plus(paired.response_patience()) }
+                    });
                 }
-            }
+                State::Finishing => match self.paired {
+                    Some(Paired { software: Software::Delays, .. }) => {
+                        self.finished = Some(self.poll_tx);
+                        self.state = State::Between;
+                    }
+                    Some(paired) => {
+                        self.state = State::AwaitingReport { until: departure.plus(paired.report_patience()) };
+                    }
+                    None => self.state = State::Between,
+                },
+                State::Between
+                | State::AwaitingInit
+                | State::AwaitingResponse { .. }
+                | State::AwaitingReport { .. } => {}
+            },
             Event::Received(frame) => self.hear(&frame),
             Event::Timeout | Event::Late | Event::NotSent => self.give_up(now),
             Event::Corrupt | Event::Woken | Event::Reported => {}
         }
+        // Nothing may keep the final waiting.
+        if let (State::Finishing, Some(paired)) = (self.state, self.paired) {
+            return self.finish(&paired);
+        }
         if let Some(link) = self.link.take() {
             return Action::Report(Report::Link(link));
         }
-        if let Some(range) = self.range.take() {
+        if let Some((poll, range)) = self.range.take() {
             self.number = self.number.wrapping_add(1);
             let ranges = &*self.reported.insert(range);
-            return Action::Report(Report::Round(Round { number: self.number, poll: self.poll_tx, asked: 1, ranges }));
+            return Action::Report(Report::Round(Round { number: self.number, poll, asked: 1, ranges }));
+        }
+        if let State::AwaitingResponse { from, .. } = self.state
+            && from.since(now) > RadioDuration::ZERO
+        {
+            return Action::WaitUntil(from);
         }
         let until = match (self.state, self.paired) {
-            (State::Finishing, Some(paired)) => return self.finish(&paired),
             (State::AwaitingInit, _) => self.next.unwrap_or(now),
-            (State::AwaitingResponse { until } | State::AwaitingReport { until }, Some(_)) => until,
+            (State::AwaitingResponse { until, .. } | State::AwaitingReport { until }, Some(_)) => until,
             (_, _) => now,
         };
         let window = until.since(now);

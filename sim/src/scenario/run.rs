@@ -241,6 +241,7 @@ impl Firmware for AnchorFirmware {
                         phy: network.phy,
                         turnaround: Turnaround::DWM1001,
                         antenna_delay,
+                        init_delay: decaranging::INIT_DELAY,
                     });
                     firmware_anchor::run(radio, delay, machine, sink).await
                 }
