@@ -6,9 +6,11 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use air::{ANTENNA_DELAY, Air, Boxed, boxed, mischief, moments};
-use ranging::exchange::{Link, Machine, Range};
+use ranging::exchange::{Action, Event, Link, Machine, Range};
+use ranging::frame::native::{Asked, Distance, Frame, Message, Poll};
+use ranging::frame::{BROADCAST, FrameBuffer};
 use ranging::native::{Anchor, AnchorConfig, Network, Rate, Tag, TagConfig, Turnaround};
-use ranging::{PhyConfig, RadioDuration};
+use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, turnaround: Turnaround::DWM1001 };
 
@@ -487,4 +489,30 @@ fn a_round_without_answers_is_reported_empty() {
     // No beacon for more than the holdover: no poll any more, for the plan may have changed.
     assert!(rounds.iter().all(|(time, _)| *time < 2.4));
     assert!(air.links(node).iter().any(|(time, link)| *time < 2.8 && *link == Link::Unsynchronised));
+}
+
+#[test]
+fn an_anchor_tells_the_departure_with_the_delay_that_its_radio_has_in_force() {
+    // Made with 16436 ticks; the module's maker measured 16500.
+    let mut anchor = Anchor::new(AnchorConfig {
+        address: 1,
+        network: NETWORK,
+        antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
+        position_m: None,
+        rounds: None,
+    });
+    anchor.calibrate(RadioDuration::from_ticks(16_500));
+    let now = RadioInstant::from_ticks(1 << 30);
+    anchor.step(now, Event::Started);
+    let anchors = [Asked { address: 1, distance: Distance::Unsent }].into_iter().collect();
+    let mut poll = FrameBuffer::new();
+    let message = Message::Poll(Poll { round: 3, anchors });
+    Frame { sequence: 1, pan: NETWORK.pan, destination: BROADCAST, source: 0x100, message }.emit(&mut poll);
+    let heard = RxFrame { bytes: poll.bytes(), rx_time: now, diagnostics: Diagnostics::default() };
+    let Action::Transmit { frame, start: Start::At(start), .. } = anchor.step(now, Event::Received(heard)) else {
+        panic!("no answer");
+    };
+    let Some(Frame { message: Message::Response(response), .. }) = Frame::parse(frame) else { panic!("no response") };
+    // The chip starts with the low nine bits of the instant at zero.
+    assert_eq!(response.reply.ticks(), (start.ticks() & !511) as i64 + 16_500 - now.ticks() as i64);
 }

@@ -260,4 +260,8 @@ impl Machine for Anchor {
         }
         Action::Receive { start: Start::Now, window: LISTEN, keep_listening: true }
     }
+
+    fn calibrate(&mut self, antenna_delay: RadioDuration) {
+        self.config.antenna_delay = antenna_delay;
+    }
 }

@@ -24,6 +24,7 @@
 //! | switch a receiver off that listens | 2 | 7 |
 //! | stop after a failure | 5 | 17 |
 //! | read its impulse response, 152 samples, once the receiver is off | 9 | 638 |
+//! | measure temperature and supply, once it is off: 1 ms | 7 | 19 |
 //!
 //! Every transaction is one operation on one buffer. Of a transmission at an instant, all up to the command must be done in time:
 //! the frame, the instant, the command; with a receiver that was listening, its end before them. A frame's two check bytes are
@@ -127,12 +128,11 @@ mod tests;
 use embedded_hal_async::{delay::DelayNs, digital::Wait};
 
 pub use bus::{ClockedSpi, ResetLine, SpiClock, Traffic};
-pub use configuration::{Config, DEFAULT_ANTENNA_DELAY, FrameFilter, TxPower};
-pub use sensors::Sensors;
+pub use configuration::{Config, DEFAULT_ANTENNA_DELAY, FrameFilter, TxPower, default_antenna_delay};
 pub use sleep::{Wake, WakeBy};
 
 use crate::node::Restart;
-use crate::radio::{MAX_FRAME, Pace, ResponseWindow, Sample};
+use crate::radio::{MAX_FRAME, Pace, ResponseWindow, Sample, Sensors};
 use crate::{Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
 use bus::Bus;
 use register::{self as reg, status};
@@ -348,7 +348,8 @@ where
     }
 
     fn departure(&self, at: RadioInstant) -> RadioInstant {
-        at.snapped().plus(RadioDuration::from_ticks(i64::from(self.config.tx_antenna_delay)))
+        let delay = self.config.tx_antenna_delay(&self.factory);
+        at.snapped().plus(RadioDuration::from_ticks(delay.into()))
     }
 
     async fn transmit(
@@ -376,6 +377,10 @@ where
 
     fn pace(&self) -> Pace {
         self.pace
+    }
+
+    async fn sensors(&mut self) -> Result<Option<Sensors>, Self::Error> {
+        self.read_sensors().await.map(Some)
     }
 
     async fn impulse_response(
