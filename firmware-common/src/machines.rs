@@ -125,6 +125,14 @@ impl Machine for TagMachine {
         }
     }
 
+    fn calibrate(&mut self, antenna_delay: RadioDuration) {
+        match self {
+            Self::Native(tag) => tag.calibrate(antenna_delay),
+            Self::DecaRanging(tag) => tag.calibrate(antenna_delay),
+            Self::Listening(tag) => tag.calibrate(antenna_delay),
+        }
+    }
+
     fn guide(&mut self, guidance: Guidance) {
         match self {
             Self::Native(tag) => tag.guide(guidance),
@@ -139,6 +147,13 @@ impl Machine for AnchorMachine {
         match self {
             Self::Native(anchor) => anchor.step(now, event),
             Self::DecaRanging(anchor) => anchor.step(now, event),
+        }
+    }
+
+    fn calibrate(&mut self, antenna_delay: RadioDuration) {
+        match self {
+            Self::Native(anchor) => anchor.calibrate(antenna_delay),
+            Self::DecaRanging(anchor) => anchor.calibrate(antenna_delay),
         }
     }
 }

@@ -60,13 +60,12 @@ impl Settings {
             Mode::Listening { rounds_chz } => Exchange::Listening { period: machines::period(rounds_chz) },
         };
         let calibration = &record.calibration;
-        let antenna_delay = calibration.antenna_delay.unwrap_or(dw1000::DEFAULT_ANTENNA_DELAY);
         let radio = dw1000::Config {
             tx_power: calibration
                 .tx_power
                 .map_or(TxPower::Smart, |register| TxPower::Calibrated { register, smart: true }),
-            tx_antenna_delay: antenna_delay,
-            rx_antenna_delay: antenna_delay,
+            tx_antenna_delay: calibration.antenna_delay,
+            rx_antenna_delay: calibration.antenna_delay,
             crystal_trim: calibration.crystal_trim,
             pan: network.pan,
             short_address: address,
@@ -86,9 +85,11 @@ impl Settings {
         Ok(Self { eui, address, radio, exchange, network, role: record.role })
     }
 
-    /// What the radio adds to the snapped start of a transmission.
+    /// What the radio adds to the snapped start of a transmission, as far as that is known before it has started: a module's own
+    /// delay counts more than the default.
     pub fn antenna_delay(&self) -> RadioDuration {
-        RadioDuration::from_ticks(self.radio.tx_antenna_delay.into())
+        let default = dw1000::default_antenna_delay(self.network.phy.prf());
+        RadioDuration::from_ticks(self.radio.tx_antenna_delay.unwrap_or(default).into())
     }
 }
 
@@ -150,7 +151,7 @@ mod tests {
         assert_eq!((settings.eui, settings.address), (9, 0x42));
         assert_eq!(settings.exchange, Exchange::DecaRanging(Variant::Fast));
         assert_eq!(settings.network.phy.preamble_code(), 12);
-        assert_eq!((settings.radio.tx_antenna_delay, settings.radio.rx_antenna_delay), (16_500, 16_500));
+        assert_eq!((settings.radio.tx_antenna_delay, settings.radio.rx_antenna_delay), (Some(16_500), Some(16_500)));
         assert_eq!(settings.radio.crystal_trim, Some(17));
         assert_eq!(settings.radio.tx_power, TxPower::Calibrated { register: 0x1F1F_1F1F, smart: true });
         assert_eq!(settings.radio.filter, FrameFilter::OFF);

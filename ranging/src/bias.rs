@@ -7,6 +7,7 @@
 //! measured − [`RangeBias::metres`].
 
 use crate::phy::{Channel, Prf};
+use crate::radio::Sensors;
 use crate::{PhyConfig, decibels};
 
 /// Power of the tables' first entry, dBm.
@@ -129,6 +130,11 @@ pub struct Conditions {
 }
 
 impl Conditions {
+    /// Those of a radio that was calibrated at 23 °C and 3.3 V, as the DW1000's maker does it.
+    pub fn of(sensors: &Sensors) -> Self {
+        Self { warmer_by_c: sensors.temperature_celsius - 23.0, higher_by_v: sensors.voltage - 3.3 }
+    }
+
     /// What a distance reads too long with one end under these conditions and the other under those of calibration:
     /// half of what both ends would add.
     pub fn metres(&self) -> f32 {
@@ -206,7 +212,7 @@ mod tests {
     #[test]
     fn warm_and_well_fed_chips_read_long() {
         // ½·(20 °C × 2.15 mm + 0.1 V × 53.5 mm) = ½·(43 + 5.35) mm.
-        let metres = Conditions { warmer_by_c: 20.0, higher_by_v: 0.1 }.metres();
+        let metres = Conditions::of(&Sensors { temperature_celsius: 43.0, voltage: 3.4 }).metres();
         assert!((metres - 24.175e-3).abs() < 1e-6, "{metres}");
     }
 }

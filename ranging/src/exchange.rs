@@ -194,6 +194,12 @@ pub trait Machine {
         false
     }
 
+    /// Takes the antenna delay in force, before the step that tells of the start: what a frame says of its own departure counts
+    /// with it. It replaces what the machine was made with.
+    fn calibrate(&mut self, antenna_delay: RadioDuration) {
+        let _ = antenna_delay;
+    }
+
     /// Takes what the radio measured of the node's pace in the last action, before the step that tells what became of the action.
     fn pace(&mut self, pace: Pace) {
         let _ = pace;
@@ -213,6 +219,10 @@ impl<M: Machine + ?Sized> Machine for &mut M {
 
     fn may_sleep(&self) -> bool {
         (**self).may_sleep()
+    }
+
+    fn calibrate(&mut self, antenna_delay: RadioDuration) {
+        (**self).calibrate(antenna_delay);
     }
 
     fn pace(&mut self, pace: Pace) {

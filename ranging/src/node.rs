@@ -93,6 +93,7 @@ async fn attempt<R: Restart>(
     failures: &mut u32,
 ) -> Result<Infallible, R::Error> {
     radio.restart().await?;
+    machine.calibrate(radio.antenna_delay());
     let mut buffer = [0; MAX_FRAME];
     let (mut now, mut event) = (radio.now().await?, Event::Started);
     loop {

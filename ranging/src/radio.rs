@@ -31,6 +31,13 @@ pub trait Radio {
     /// chip's step, antenna delay added. Frames that carry their own departure are filled with this.
     fn departure(&self, at: RadioInstant) -> RadioInstant;
 
+    /// From the snapped instant to the antenna: what [`departure`](Self::departure) adds. It may be known only once the radio has
+    /// started, where the module's maker measured it.
+    fn antenna_delay(&self) -> RadioDuration {
+        let snapped = RadioInstant::from_ticks(0);
+        self.departure(snapped).since(snapped)
+    }
+
     /// Sends `frame` and returns once it has left, with its departure. With `listen`, the receiver is switched on by the chip
     /// itself as soon as the frame has left; the next [`receive`](Self::receive) with [`Start::Now`] then hears what came in
     /// between.
@@ -60,6 +67,11 @@ pub trait Radio {
         Pace::default()
     }
 
+    /// Measures the radio's temperature and supply, where it can; transmitter and receiver are off afterwards.
+    async fn sensors(&mut self) -> Result<Option<Sensors>, Self::Error> {
+        Ok(None)
+    }
+
     /// Gives `take` the channel impulse response of the last frame, sample by sample, as far as `window` reaches; answers with the
     /// index of the first one. `None`: there is none, because the receiver was told to stay on after the frame and
     /// accumulates anew, or the radio has none to give.
@@ -85,6 +97,16 @@ pub struct Pace {
     pub listening: Option<RadioInstant>,
     /// When the node had dealt with the last frame and could have turned to another: the loop of the node tells, not the radio.
     pub ready: Option<RadioInstant>,
+}
+
+/// What a radio's own sensors say, which its distances depend on: see [`Conditions`](crate::bias::Conditions).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Sensors {
+    /// Temperature of the chip, °C.
+    pub temperature_celsius: f32,
+    /// Supply voltage, V.
+    pub voltage: f32,
 }
 
 /// Which samples of an impulse response are wanted. Near the ends of the accumulator they are moved inside.
@@ -146,6 +168,10 @@ impl<R: Radio> Radio for &mut R {
 
     fn pace(&self) -> Pace {
         (**self).pace()
+    }
+
+    async fn sensors(&mut self) -> Result<Option<Sensors>, Self::Error> {
+        (**self).sensors().await
     }
 
     async fn impulse_response(

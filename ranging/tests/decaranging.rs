@@ -12,6 +12,12 @@ use ranging::frame::decaranging::Variant;
 use ranging::native::Turnaround;
 use ranging::{PhyConfig, RadioDuration, RadioInstant, Start};
 
+/// What a board takes whose air is that of these tests.
+const QUICK: Turnaround = Turnaround {
+    answer: RadioDuration::from_micros(250),
+    listen_again: RadioDuration::from_micros(40),
+    transmit: RadioDuration::from_micros(150),
+};
 const TAG_EUI: u64 = 0xDECA_0200_0000_1234;
 const ANCHOR: u16 = 0x0042;
 
@@ -27,7 +33,7 @@ fn tag_of(phy: PhyConfig, variant: Variant, turnaround: Turnaround) -> Boxed {
 }
 
 fn tag(phy: PhyConfig, variant: Variant) -> Boxed {
-    tag_of(phy, variant, Turnaround::START)
+    tag_of(phy, variant, QUICK)
 }
 
 fn anchor(phy: PhyConfig) -> Boxed {
@@ -35,7 +41,7 @@ fn anchor(phy: PhyConfig) -> Boxed {
         address: ANCHOR,
         eui: 0xDECA_0100_0000_0042,
         phy,
-        turnaround: Turnaround::START,
+        turnaround: QUICK,
         antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
         init_delay: INIT_DELAY,
     }))
@@ -334,7 +340,7 @@ fn pair(seed: u64, distance: f64, variant: Variant, tag_turnaround: Turnaround) 
 fn both_ends_know_the_distance() {
     for (seed, distance) in [(60, 0.01), (61, 0.3), (62, 50.0)] {
         for variant in [Variant::Standard, Variant::Fast] {
-            let (mut air, anchor, tag) = pair(seed, distance, variant, Turnaround::START);
+            let (mut air, anchor, tag) = pair(seed, distance, variant, QUICK);
             air.run_until(30.0);
             assert_accurate(&errors(&air, anchor, 0.0, distance), 500, "anchor");
             assert_accurate(&errors(&air, tag, 0.0, distance), 500, "tag");
@@ -349,7 +355,7 @@ fn both_ends_know_the_distance() {
 
 #[test]
 fn replies_unequal_by_a_millisecond_do_no_harm() {
-    let slow = Turnaround { answer: RadioDuration::from_micros(1250), ..Turnaround::START };
+    let slow = Turnaround { answer: RadioDuration::from_micros(1250), ..QUICK };
     for variant in [Variant::Standard, Variant::Fast] {
         let (mut air, anchor, tag) = pair(63, 10.0, variant, slow);
         air.run_until(30.0);
@@ -361,7 +367,7 @@ fn replies_unequal_by_a_millisecond_do_no_harm() {
 #[test]
 fn counters_wrap_inside_exchanges() {
     for variant in [Variant::Standard, Variant::Fast] {
-        let (mut air, anchor, tag) = pair(64, 10.0, variant, Turnaround::START);
+        let (mut air, anchor, tag) = pair(64, 10.0, variant, QUICK);
         air.run_until(1.0);
         // A poll leaves every 50 ms and an exchange lasts about 1.5 ms: over some wraps at 0.3 ms apart one falls inside.
         let exchange = air.sent.iter().rev().find(|flight| flight.sender == tag).unwrap().rmarker;
@@ -383,7 +389,7 @@ fn counters_wrap_inside_exchanges() {
 
 #[test]
 fn a_dead_link_is_paired_again_by_itself() {
-    let (mut air, anchor_node, tag_node) = pair(65, 5.0, Variant::Fast, Turnaround::START);
+    let (mut air, anchor_node, tag_node) = pair(65, 5.0, Variant::Fast, QUICK);
     let phy = PhyConfig::FAST;
     air.run_until(2.0);
     // The tag is reset: no reset of the anchor is needed.
@@ -409,7 +415,7 @@ fn a_dead_link_is_paired_again_by_itself() {
 #[test]
 fn loss_stalls_nothing() {
     for variant in [Variant::Standard, Variant::Fast] {
-        let (mut air, anchor, _) = pair(66, 5.0, variant, Turnaround::START);
+        let (mut air, anchor, _) = pair(66, 5.0, variant, QUICK);
         air.loss = 0.3;
         air.run_until(30.0);
         // Poll, response and final must come: 0.7³ = 34 % of 20 a second, from the pairing on.
@@ -423,7 +429,7 @@ fn loss_stalls_nothing() {
 fn repeated_cut_flipped_foreign_and_late_frames_do_no_harm() {
     for (seed, variant) in [(70, Variant::Standard), (71, Variant::Fast), (72, Variant::Standard), (73, Variant::Fast)]
     {
-        let (mut air, anchor, tag) = pair(seed, 5.0, variant, Turnaround::START);
+        let (mut air, anchor, tag) = pair(seed, 5.0, variant, QUICK);
         air.add([3.0, 3.0, 1.0], 5.0, mischief(seed));
         air.run_until(30.0);
         for node in [anchor, tag] {

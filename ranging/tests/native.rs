@@ -6,9 +6,11 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use air::{ANTENNA_DELAY, Air, Boxed, boxed, mischief, moments};
-use ranging::exchange::{Link, Machine, Range};
-use ranging::native::{Anchor, AnchorConfig, Network, Rate, Scheme, Tag, TagConfig};
-use ranging::{PhyConfig, RadioDuration};
+use ranging::exchange::{Action, Event, Link, Machine, Range};
+use ranging::frame::native::{Asked, Distance, Frame, Message, Poll};
+use ranging::frame::{BROADCAST, FrameBuffer};
+use ranging::native::{Anchor, AnchorConfig, Layout, Network, Rate, Scheme, Tag, TagConfig};
+use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
 
@@ -639,4 +641,34 @@ fn a_coordinator_that_restarts_two_hundred_times_is_replaced_within_a_second() {
         .collect();
     assert!(matches!(replaced[..], [after] if after < 1.0), "{replaced:?}");
     assert!(longest_gap(&air, node, end, end + 3.0) < 0.5);
+}
+
+#[test]
+fn an_anchor_tells_the_departure_with_the_delay_that_its_radio_has_in_force() {
+    // Made with 16436 ticks; the module's maker measured 16500.
+    let mut anchor = Anchor::new(AnchorConfig {
+        address: 1,
+        network: NETWORK,
+        antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
+        position_m: None,
+        rounds: None,
+    });
+    anchor.calibrate(RadioDuration::from_ticks(16_500));
+    let (mut now, mut event) = (RadioInstant::from_ticks(1 << 30), Event::Started);
+    // Nobody is there: it founds a network.
+    while let Action::Receive { window, .. } = anchor.step(now, event) {
+        (now, event) = (now.plus(window), Event::Timeout);
+    }
+    assert!(matches!(anchor.step(now, Event::Reported), Action::Receive { .. }));
+    let anchors = [Asked { address: 1, distance: Distance::Unsent }].into_iter().collect();
+    let mut poll = FrameBuffer::new();
+    let message = Message::Poll(Poll { round: 3, wish: Layout::LEAST, anchors });
+    Frame { sequence: 1, pan: NETWORK.pan, destination: BROADCAST, source: 0x100, message }.emit(&mut poll);
+    let heard = RxFrame { bytes: poll.bytes(), rx_time: now, diagnostics: Diagnostics::default() };
+    let Action::Transmit { frame, start: Start::At(start), .. } = anchor.step(now, Event::Received(heard)) else {
+        panic!("no answer");
+    };
+    let Some(Frame { message: Message::Response(response), .. }) = Frame::parse(frame) else { panic!("no response") };
+    // The chip starts with the low nine bits of the instant at zero.
+    assert_eq!(response.reply.ticks(), start.snapped().since(now).ticks() + 16_500);
 }

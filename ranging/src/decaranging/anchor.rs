@@ -313,4 +313,8 @@ impl Machine for Anchor {
         let window = earliest.map_or(LISTEN, |(_, spare)| spare.min(LISTEN));
         Action::Receive { start: Start::Now, window, keep_listening: true }
     }
+
+    fn calibrate(&mut self, antenna_delay: RadioDuration) {
+        self.config.antenna_delay = antenna_delay;
+    }
 }

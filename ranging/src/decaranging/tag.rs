@@ -341,4 +341,8 @@ impl Machine for Tag {
         }
         self.begin(now)
     }
+
+    fn calibrate(&mut self, antenna_delay: RadioDuration) {
+        self.config.antenna_delay = antenna_delay;
+    }
 }

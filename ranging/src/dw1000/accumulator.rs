@@ -17,7 +17,7 @@ use crate::radio::{ResponseWindow, Sample};
 /// memory's clock on (AMCE).
 const CLOCK_ACCUMULATOR: u8 = 0x48;
 const CLOCK_ACCUMULATOR_MEMORY: u8 = 0x80;
-/// Samples in a transaction: a buffer on the stack, against four bytes of header and dummy each.
+/// Samples in a transaction: as the bus's buffer holds, against four bytes of header and dummy each.
 const CHUNK: usize = 32;
 
 impl<S, I, R, D> Dw1000<S, I, R, D>
@@ -45,9 +45,7 @@ where
         while left > 0 {
             let samples = left.min(CHUNK);
             // The first byte is of no meaning, wherever the reading starts.
-            let mut bytes = [0; 1 + 4 * CHUNK];
-            let bytes = &mut bytes[..1 + 4 * samples];
-            self.bus.read_into(at, bytes).await?;
+            let bytes = self.bus.read_slice(at, 1 + 4 * samples).await?;
             for [i0, i1, q0, q1] in bytes[1..].as_chunks::<4>().0 {
                 take(Sample { i: i16::from_le_bytes([*i0, *i1]), q: i16::from_le_bytes([*q0, *q1]) });
             }

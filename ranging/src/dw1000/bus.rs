@@ -1,5 +1,7 @@
 //! One register access is one SPI transaction, and every transaction is counted.
 
+use core::ops::Range;
+
 use embedded_hal_async::spi::{Operation, SpiDevice};
 
 use super::Error;
@@ -45,17 +47,20 @@ pub struct Traffic {
     pub bytes: u32,
 }
 
-/// The longest header and datum that go out as one buffer, which costs a bus with direct memory access one start.
-const SHORT: usize = 16;
+/// The longest header, and the longest datum: a receive buffer's frame, and a part of the accumulator with its dummy byte.
+const LONGEST: usize = 3 + 129;
 
 pub(super) struct Bus<S> {
     pub spi: S,
     pub traffic: Traffic,
+    /// Header and datum as they are on the bus: every transaction is one operation on one piece of memory, which costs a bus with
+    /// direct memory access one start. It lies here, so that no future of the driver holds such a buffer.
+    buffer: [u8; LONGEST],
 }
 
 impl<S: SpiDevice> Bus<S> {
     pub fn new(spi: S) -> Self {
-        Self { spi, traffic: Traffic::default() }
+        Self { spi, traffic: Traffic::default(), buffer: [0; LONGEST] }
     }
 
     fn count(&mut self, bytes: usize) {
@@ -63,46 +68,35 @@ impl<S: SpiDevice> Bus<S> {
         self.traffic.bytes = self.traffic.bytes.wrapping_add(bytes as u32);
     }
 
-    /// Reads a short register, up to 13 bytes.
+    /// Puts the header of an access to `length` bytes into the buffer; where in the buffer these bytes lie.
+    fn prepare(&mut self, register: Register, write: bool, length: usize) -> Range<usize> {
+        let (header, header_length) = register.header(write);
+        self.count(header_length + length);
+        self.buffer[..3].copy_from_slice(&header);
+        header_length..header_length + length
+    }
+
+    /// Reads a register of a known length.
     pub async fn read<const N: usize>(&mut self, register: Register) -> Result<[u8; N], Error<S::Error>> {
-        const { assert!(N + 3 <= SHORT) };
-        let (buffer, header_length) = self.read_short(register, N).await?;
+        const { assert!(N + 3 <= LONGEST) };
         let mut value = [0; N];
-        value.copy_from_slice(&buffer[header_length..header_length + N]);
+        value.copy_from_slice(self.read_slice(register, N).await?);
         Ok(value)
     }
 
-    /// Header and `length` bytes as they were on the bus, and the header's length; one piece of code for all lengths.
-    async fn read_short(&mut self, register: Register, length: usize) -> Result<([u8; SHORT], usize), Error<S::Error>> {
-        let (header, header_length) = register.header(false);
-        let mut buffer = [0; SHORT];
-        buffer[..3].copy_from_slice(&header);
-        self.count(header_length + length);
-        self.spi.transfer_in_place(&mut buffer[..header_length + length]).await?;
-        Ok((buffer, header_length))
+    /// Reads up to 129 bytes; one piece of code for all lengths.
+    pub async fn read_slice(&mut self, register: Register, length: usize) -> Result<&[u8], Error<S::Error>> {
+        let datum = self.prepare(register, false, length);
+        // What goes out behind the header is of no meaning to the chip.
+        self.spi.transfer_in_place(&mut self.buffer[..datum.end]).await?;
+        Ok(&self.buffer[datum])
     }
 
-    /// Reads any number of bytes.
-    pub async fn read_into(&mut self, register: Register, data: &mut [u8]) -> Result<(), Error<S::Error>> {
-        let (header, header_length) = register.header(false);
-        self.count(header_length + data.len());
-        self.spi.transaction(&mut [Operation::Write(&header[..header_length]), Operation::Read(data)]).await?;
-        Ok(())
-    }
-
-    /// Writes any number of bytes.
+    /// Writes up to 129 bytes.
     pub async fn write(&mut self, register: Register, data: &[u8]) -> Result<(), Error<S::Error>> {
-        let (header, header_length) = register.header(true);
-        let length = header_length + data.len();
-        self.count(length);
-        if length <= SHORT {
-            let mut buffer = [0; SHORT];
-            buffer[..3].copy_from_slice(&header);
-            buffer[header_length..length].copy_from_slice(data);
-            self.spi.write(&buffer[..length]).await?;
-        } else {
-            self.spi.transaction(&mut [Operation::Write(&header[..header_length]), Operation::Write(data)]).await?;
-        }
+        let datum = self.prepare(register, true, data.len());
+        self.buffer[datum.clone()].copy_from_slice(data);
+        self.spi.write(&self.buffer[..datum.end]).await?;
         Ok(())
     }
 

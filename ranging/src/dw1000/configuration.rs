@@ -1,11 +1,21 @@
 //! What a node configures, and the register writes it becomes: once after reset, none for each frame.
 
 use super::register::{self as reg, Register, status, sys_cfg};
+use super::startup::Factory;
 use super::tuning;
 use crate::phy::{Channel, DataRate, PhyConfig, Prf, Sfd};
 
-/// The antenna delay of a DWM1000-like board before calibration, ticks in each direction.
-pub const DEFAULT_ANTENNA_DELAY: u16 = 16_436;
+/// The antenna delay of a module before calibration, ticks in each direction. Decawave's software has 513.9067 ns at 16 MHz and
+/// 514.462 ns at 64 MHz for both directions together; a tick is 1/63.8976 ns.
+pub const fn default_antenna_delay(prf: Prf) -> u16 {
+    match prf {
+        Prf::Mhz16 => 16_419,
+        Prf::Mhz64 => 16_436,
+    }
+}
+
+/// [`default_antenna_delay`] at 64 MHz.
+pub const DEFAULT_ANTENNA_DELAY: u16 = default_antenna_delay(Prf::Mhz64);
 
 /// Which frames the chip lets through (DW1000 user manual, 5.2); kinds are added with [`and`](Self::and). Frames of a
 /// kind that carries a destination pass only where it is this node's PAN and address, or broadcast.
@@ -47,16 +57,17 @@ impl FrameFilter {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum TxPower {
-    /// The reference design's; short frames at 6.81 Mbit/s are boosted, which is lawful below one frame a millisecond
-    /// (smart power, DW1000 user manual, 7.2.31.2).
+    /// As the module's maker calibrated it, or else the reference design's; short frames at 6.81 Mbit/s are boosted, which is
+    /// lawful below one frame a millisecond (smart power, DW1000 user manual, 7.2.31.2).
     Smart,
-    /// The reference design's, the same for every frame.
+    /// The same without the boost.
     Constant,
     /// TX_POWER as calibrated for this board, with or without smart power.
     Calibrated {
         /// The register's value.
         register: u32,
-        /// Whether its bytes are boosts by frame length, or the powers of the frame's parts.
+        /// Whether its bytes are powers by frame length, the lowest without boost, or the powers of the frame's parts. At rates
+        /// that know no boost, the lowest byte of the former serves for the whole frame.
         smart: bool,
     },
 }
@@ -69,10 +80,11 @@ pub struct Config {
     pub phy: PhyConfig,
     /// Transmit power.
     pub tx_power: TxPower,
-    /// From the chip's transmit time stamp to the antenna, ticks.
-    pub tx_antenna_delay: u16,
-    /// From the antenna to the chip's receive time stamp, ticks.
-    pub rx_antenna_delay: u16,
+    /// From the chip's transmit time stamp to the antenna, ticks; `None`: the one measured by the module's maker, or
+    /// [`default_antenna_delay`].
+    pub tx_antenna_delay: Option<u16>,
+    /// From the antenna to the chip's receive time stamp, ticks; likewise.
+    pub rx_antenna_delay: Option<u16>,
     /// Crystal trim, 0 to 31; `None`: the one measured by the module's maker, or the middle.
     pub crystal_trim: Option<u8>,
     /// This node's network.
@@ -93,8 +105,8 @@ impl Config {
         Self {
             phy,
             tx_power: TxPower::Smart,
-            tx_antenna_delay: DEFAULT_ANTENNA_DELAY,
-            rx_antenna_delay: DEFAULT_ANTENNA_DELAY,
+            tx_antenna_delay: None,
+            rx_antenna_delay: None,
             crystal_trim: None,
             pan: 0xFFFF,
             short_address: 0xFFFF,
@@ -137,13 +149,33 @@ impl Config {
         wanted && matches!(self.phy.data_rate(), DataRate::Kbps6810)
     }
 
-    const fn tx_power_register(&self) -> u32 {
-        match self.tx_power {
+    /// TX_POWER (7.2.31).
+    fn tx_power_register(&self, factory: &Factory) -> u32 {
+        let by_length = match self.tx_power {
             TxPower::Smart | TxPower::Constant => {
-                tuning::tx_power(self.phy.channel(), self.phy.prf(), self.smart_power())
+                let (channel, prf) = (self.phy.channel(), self.phy.prf());
+                factory.tx_power(channel, prf).unwrap_or(tuning::tx_power(channel, prf))
             }
-            TxPower::Calibrated { register, .. } => register,
-        }
+            TxPower::Calibrated { register, smart: true } => register,
+            TxPower::Calibrated { register, smart: false } => return register,
+        };
+        // Without smart power the bytes are the powers of the frame's parts: all the one without boost.
+        if self.smart_power() { by_length } else { (by_length & 0xFF) * 0x0101_0101 }
+    }
+
+    /// The antenna delay in force from the chip's transmit time stamp to the antenna, ticks.
+    pub(super) fn tx_antenna_delay(&self, factory: &Factory) -> u16 {
+        self.tx_antenna_delay.unwrap_or(self.module_antenna_delay(factory))
+    }
+
+    /// That from the antenna to the chip's receive time stamp, ticks.
+    fn rx_antenna_delay(&self, factory: &Factory) -> u16 {
+        self.rx_antenna_delay.unwrap_or(self.module_antenna_delay(factory))
+    }
+
+    fn module_antenna_delay(&self, factory: &Factory) -> u16 {
+        let prf = self.phy.prf();
+        factory.antenna_delay(prf).unwrap_or(default_antenna_delay(prf))
     }
 
     /// CHAN_CTRL (7.2.32): the delimiter's bits as table 21 has them.
@@ -167,7 +199,7 @@ impl Config {
     }
 
     /// The writes that make the chip so, in any order.
-    pub(super) fn writes(&self) -> [Write; 27] {
+    pub(super) fn writes(&self, factory: &Factory) -> [Write; 27] {
         let phy = &self.phy;
         let (channel, prf) = (phy.channel(), phy.prf());
         let panadr = u32::from(self.short_address) | u32::from(self.pan) << 16;
@@ -177,9 +209,9 @@ impl Config {
             Write::new(reg::SYS_CFG, self.sys_cfg(), 4),
             Write::new(reg::SYS_MASK, status::INTERRUPTS, 4),
             Write::new(reg::TX_FCTRL, self.tx_fctrl(0), 4),
-            Write::new(reg::TX_ANTD, self.tx_antenna_delay, 2),
-            Write::new(reg::LDE_RXANTD, self.rx_antenna_delay, 2),
-            Write::new(reg::TX_POWER, self.tx_power_register(), 4),
+            Write::new(reg::TX_ANTD, self.tx_antenna_delay(factory), 2),
+            Write::new(reg::LDE_RXANTD, self.rx_antenna_delay(factory), 2),
+            Write::new(reg::TX_POWER, self.tx_power_register(factory), 4),
             Write::new(reg::CHAN_CTRL, self.chan_ctrl(), 4),
             Write::new(reg::SFD_LENGTH, phy.sfd_symbols(), 1),
             Write::new(reg::AGC_TUNE1, tuning::agc_tune1(prf), 2),

@@ -63,7 +63,8 @@ fn accumulated_symbols(config: &Config, counted: u16, unsaturated: u16) -> f32 {
         (Sfd::Standard, DataRate::Kbps110) => 64,
         (Sfd::Decawave, DataRate::Kbps110) => 82,
         (Sfd::Standard, DataRate::Kbps850 | DataRate::Kbps6810) => 5,
-        (Sfd::Decawave, DataRate::Kbps850 | DataRate::Kbps6810) => 18,
+        (Sfd::Decawave, DataRate::Kbps850) => 18,
+        (Sfd::Decawave, DataRate::Kbps6810) => 10,
     };
     let symbols = if counted == unsaturated { counted.saturating_sub(delimiter) } else { counted };
     f32::from(symbols.max(1))

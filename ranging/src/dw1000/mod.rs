@@ -8,17 +8,27 @@
 //! | operation | transactions | bytes beside the frame's |
 //! |---|---|---|
 //! | send now, same length as before | 5 | 13 |
-//! | send at an instant, same length as before | 6 | 17 |
+//! | send at an instant, same length as before | 7 | 25 |
 //! | …with another length than before | +1 | +3 |
+//! | …with a receiver that was listening: at an instant | +1 | +2 |
+//! | …and now | +2 | +8 |
 //! | switch the receiver on, same wait as before | 1 | 3 |
 //! | …with another wait in the chip's timer | +1 | +3 |
 //! | …between a wait the timer can hold (67 ms) and a longer one | +1 | +3 |
 //! | …at an instant | +3 | +15 |
 //! | receive a frame | 8 | 44 |
 //! | …and keep listening | 9 | 47 |
+//! | …one frame in sixteen of these | +1 | +6 |
+//! | the end of a window, by the chip's timer | 4 | 17 |
+//! | …by the delay | 6 | 22 |
+//! | switch a receiver off that listens | 2 | 7 |
+//! | stop after a failure | 5 | 17 |
 //! | read its impulse response, 152 samples, once the receiver is off | 9 | 638 |
+//! | measure temperature and supply, once it is off: 1 ms | 7 | 19 |
 //!
-//! A frame's two check bytes are neither written nor read. The configuration is written by [`Dw1000::init`] and
+//! Every transaction is one operation on one buffer. Of a transmission at an instant, all up to the command must be done in time:
+//! the frame, the instant, the command; with a receiver that was listening, its end before them. A frame's two check bytes are
+//! neither written nor read. The configuration is written by [`Dw1000::init`] and
 //! [`Dw1000::configure`] only. The tests count all of this.
 //!
 //! # One frame after another
@@ -33,14 +43,20 @@
 //!
 //! The chip's overrun, which corrupts frames already received, cannot happen: the receiver stops after each frame, and
 //! the host switches it on again only when it has given the buffer of the frame before back. Host and chip are checked
-//! to point at different buffers upon each frame (if not, the frame counts as corrupt), and every stop puts them
-//! together again.
+//! to point at different buffers upon each frame (if not, the frame counts as corrupt), and they are together again before the
+//! next reception: after every stop, and while a transmission that cut a reception off is under way.
 //!
 //! # Every wait ends
 //!
 //! Windows are timed by the chip where its timer can hold them, and by the delay in any case; a transmission that
 //! reports nothing is looked up in the chip. An operation that failed, or whose future was dropped, leaves the driver
 //! knowing that it does not know: the next one first stops the chip's transceiver and resets its receiver.
+//!
+//! # What a node takes
+//!
+//! [`Radio::pace`] tells when the command of a transmission at an instant was in, by the chip's own clock, which is read once it
+//! is: the node waits for the frame to leave anyway. When the receiver was on again after a frame costs a transaction that the
+//! next frame may be short of, and is measured once in sixteen frames.
 //!
 //! # Without an executor
 //!
@@ -112,15 +128,14 @@ mod tests;
 use embedded_hal_async::{delay::DelayNs, digital::Wait};
 
 pub use bus::{ClockedSpi, ResetLine, SpiClock, Traffic};
-pub use configuration::{Config, DEFAULT_ANTENNA_DELAY, FrameFilter, TxPower};
-pub use sensors::Sensors;
+pub use configuration::{Config, DEFAULT_ANTENNA_DELAY, FrameFilter, TxPower, default_antenna_delay};
 pub use sleep::{Wake, WakeBy};
 
 use crate::node::Restart;
-use crate::radio::{MAX_FRAME, ResponseWindow, Sample};
+use crate::radio::{MAX_FRAME, Pace, ResponseWindow, Sample, Sensors};
 use crate::{Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
 use bus::Bus;
-use register as reg;
+use register::{self as reg, status};
 
 /// What bus or chip failed with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -157,6 +172,15 @@ enum Transceiver {
     Listening,
 }
 
+/// What has become of the receiver after a reception that was cut off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Receiver {
+    /// Fit for the next frame.
+    Sound,
+    /// It met an error or a timeout: to be reset before the next frame.
+    Spoilt,
+}
+
 /// A DW1000 on an SPI device, with its interrupt pin, reset line and a delay.
 pub struct Dw1000<S, I, R, D> {
     bus: Bus<S>,
@@ -172,6 +196,10 @@ pub struct Dw1000<S, I, R, D> {
     rx_timer_on: bool,
     /// What the chip's maker measured on it.
     factory: startup::Factory,
+    /// What the last operation measured of the node.
+    pace: Pace,
+    /// Frames after which the receiver was switched on again: one of [`receive::PACE_EVERY`] is timed.
+    kept_listening: u8,
 }
 
 impl<S, I, R, D> Dw1000<S, I, R, D>
@@ -194,6 +222,8 @@ where
             rx_timer: 0,
             rx_timer_on: false,
             factory: startup::Factory::default(),
+            pace: Pace::default(),
+            kept_listening: 0,
         }
     }
 
@@ -216,7 +246,16 @@ where
     async fn ensure_off(&mut self) -> Result<(), Error<S::Error>> {
         match self.transceiver {
             Transceiver::NotReady => Err(Error::NotReady),
-            Transceiver::Unknown | Transceiver::Listening => self.stop().await,
+            Transceiver::Unknown => self.stop().await,
+            Transceiver::Listening => {
+                self.cut_reception().await?;
+                let flags = self.status().await?;
+                match self.clear_reception(flags).await? {
+                    Receiver::Sound => self.transceiver = Transceiver::Off,
+                    Receiver::Spoilt => self.stop().await?,
+                }
+                Ok(())
+            }
             Transceiver::Off => Ok(()),
         }
     }
@@ -226,25 +265,53 @@ where
     /// (4.3.2).
     async fn stop(&mut self) -> Result<(), Error<S::Error>> {
         self.transceiver = Transceiver::Unknown;
-        self.bus
-            .write_each(&[
-                (reg::SYS_CTRL, &[reg::sys_ctrl::TRXOFF]),
-                (reg::SYS_STATUS, &[0xFF; 4]),
-                (reg::PMSC_CTRL0.plus(3), &[startup::RESET_RECEIVER]),
-                (reg::PMSC_CTRL0.plus(3), &[startup::RESET_NOTHING]),
-            ])
-            .await?;
-        self.align_buffers().await?;
+        self.bus.write(reg::SYS_CTRL, &[reg::sys_ctrl::TRXOFF]).await?;
+        self.reset_receiver().await?;
+        let [pointers] = self.bus.read(reg::SYS_STATUS.plus(3)).await?;
+        if receive::buffers_differ(u32::from(pointers) << 24) {
+            self.change_buffer().await?;
+        }
         self.transceiver = Transceiver::Off;
         Ok(())
     }
 
-    async fn align_buffers(&mut self) -> Result<(), Error<S::Error>> {
-        let [pointers] = self.bus.read(reg::SYS_STATUS.plus(3)).await?;
-        if receive::buffers_differ(u32::from(pointers) << 24) {
-            self.bus.write(reg::SYS_CTRL.plus(3), &[reg::sys_ctrl::HRBPT]).await?;
+    /// Clears all five bytes of the status and resets the receiver, which is off.
+    async fn reset_receiver(&mut self) -> Result<(), Error<S::Error>> {
+        self.bus
+            .write_each(&[
+                // HPDWARN and TXPUTE would make the next start at an instant look late.
+                (reg::SYS_STATUS, &[0xFF; 5]),
+                (reg::PMSC_CTRL0.plus(3), &[startup::RESET_RECEIVER]),
+                (reg::PMSC_CTRL0.plus(3), &[startup::RESET_NOTHING]),
+            ])
+            .await
+    }
+
+    /// Switches a receiver off that listens. What it heard last is to be cleared before it is on again, by
+    /// [`clear_reception`](Self::clear_reception); a transmission may come first.
+    async fn cut_reception(&mut self) -> Result<(), Error<S::Error>> {
+        self.transceiver = Transceiver::Unknown;
+        self.bus.write(reg::SYS_CTRL, &[reg::sys_ctrl::TRXOFF]).await
+    }
+
+    /// Clears what a reception left that was cut off: usually nothing. A frame that was received unseen is given up, so that host
+    /// and chip are at the same receive buffer again (4.3.2). A receiver that met an error is to be reset (4.1.6), which is not
+    /// done here: a transmission may be under way.
+    async fn clear_reception(&mut self, flags: u32) -> Result<Receiver, Error<S::Error>> {
+        if flags & (status::RECEPTIONS | status::LDEDONE) != 0 {
+            // Not the transmitter's, which are in the first byte.
+            self.bus.write(reg::SYS_STATUS.plus(1), &[0xFF; 3]).await?;
         }
-        Ok(())
+        if receive::buffers_differ(flags) {
+            self.change_buffer().await?;
+        }
+        let spoilt = flags & (status::RX_ERRORS | status::RX_TIMEOUTS) != 0;
+        Ok(if spoilt { Receiver::Spoilt } else { Receiver::Sound })
+    }
+
+    /// The host goes on to the other receive buffer.
+    async fn change_buffer(&mut self) -> Result<(), Error<S::Error>> {
+        self.bus.write(reg::SYS_CTRL.plus(3), &[reg::sys_ctrl::HRBPT]).await
     }
 
     async fn status(&mut self) -> Result<u32, Error<S::Error>> {
@@ -281,7 +348,8 @@ where
     }
 
     fn departure(&self, at: RadioInstant) -> RadioInstant {
-        at.snapped().plus(RadioDuration::from_ticks(i64::from(self.config.tx_antenna_delay)))
+        let delay = self.config.tx_antenna_delay(&self.factory);
+        at.snapped().plus(RadioDuration::from_ticks(delay.into()))
     }
 
     async fn transmit(
@@ -305,6 +373,14 @@ where
 
     async fn idle(&mut self) -> Result<(), Self::Error> {
         self.ensure_off().await
+    }
+
+    fn pace(&self) -> Pace {
+        self.pace
+    }
+
+    async fn sensors(&mut self) -> Result<Option<Sensors>, Self::Error> {
+        self.read_sensors().await.map(Some)
     }
 
     async fn impulse_response(

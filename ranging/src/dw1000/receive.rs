@@ -9,13 +9,15 @@ use super::bus::{ClockedSpi, ResetLine};
 use super::diagnostics::RawDiagnostics;
 use super::register::{self as reg, status, sys_cfg, sys_ctrl};
 use super::{Dw1000, Error, Transceiver, micros};
-use crate::radio::MAX_FRAME;
+use crate::radio::{MAX_FRAME, Pace};
 use crate::{RadioDuration, RadioInstant, ReceiveError, RxFrame, Start};
 
 /// Ticks in a step of the chip's frame wait timer: 512 chips, 1.026 µs (7.2.14).
 const TIMER_STEP_TICKS: u64 = 512 * 128;
 /// How much later than the chip's timer the delay ends a wait: the chip's interrupt is on its way.
 const TIMER_MARGIN_US: u32 = 200;
+/// Of how many frames after which the receiver is on again it is measured when that was: it costs a transaction of six bytes.
+pub(super) const PACE_EVERY: u8 = 16;
 /// How often, every 10 µs, the first-path detector is asked whether it is done, which takes it less than 100 µs.
 const DETECTOR_PATIENCE: usize = 20;
 
@@ -64,6 +66,7 @@ where
         window: RadioDuration,
         keep_listening: bool,
     ) -> Result<RxFrame<'b>, ReceiveError<Error<S::Error>>> {
+        self.pace = Pace::default();
         let already_on = self.transceiver == Transceiver::Listening && start == Start::Now;
         let patience_us = if already_on {
             micros(window)
@@ -80,6 +83,12 @@ where
         let flags = match self.await_event(patience_us).await? {
             (Event::Frame, flags) => self.await_first_path(flags).await?,
             (Event::Lost, flags) => flags | status::LDEERR,
+            (Event::TimedOut, flags) if !buffers_differ(flags) => {
+                // The chip has switched its receiver off, and nothing can have come since.
+                self.reset_receiver().await?;
+                self.transceiver = Transceiver::Off;
+                return Err(ReceiveError::Timeout);
+            }
             (Event::TimedOut | Event::Rejected | Event::Nothing, _) => {
                 self.stop().await?;
                 return Err(ReceiveError::Timeout);
@@ -117,7 +126,7 @@ where
         }
     }
 
-    async fn enable_receiver(&mut self) -> Result<(), Error<S::Error>> {
+    pub(super) async fn enable_receiver(&mut self) -> Result<(), Error<S::Error>> {
         self.bus.write(reg::SYS_CTRL.plus(1), &[sys_ctrl::RXENAB]).await?;
         self.transceiver = Transceiver::Listening;
         Ok(())
@@ -160,7 +169,7 @@ where
                     self.bus
                         .write_each(&[
                             (reg::SYS_CTRL, &[sys_ctrl::TRXOFF]),
-                            (reg::SYS_STATUS, &[0xFF; 4]),
+                            (reg::SYS_STATUS, &[0xFF; 5]),
                             (reg::SYS_CTRL.plus(1), &[sys_ctrl::RXENAB]),
                         ])
                         .await?;
@@ -194,6 +203,10 @@ where
         let carrier = self.bus.read(reg::DRX_CAR_INT).await?;
         if keep_listening {
             self.bus.write(reg::SYS_CTRL.plus(1), &[sys_ctrl::RXENAB]).await?;
+            if self.kept_listening.is_multiple_of(PACE_EVERY) {
+                self.pace.listening = Some(self.clock().await?);
+            }
+            self.kept_listening = self.kept_listening.wrapping_add(1);
         }
 
         let frame_info = u32::from_le_bytes(self.bus.read(reg::RX_FINFO).await?);
@@ -202,27 +215,29 @@ where
         let bytes = match length.and_then(|length| buffer.get_mut(..length)) {
             Some(bytes) => bytes,
             None => {
+                // The next frame may be in the other buffer, whose flags are to be cleared too.
+                self.give_buffer_back().await?;
                 self.stop().await?;
                 return Err(ReceiveError::Corrupt);
             }
         };
-        self.bus.read_into(reg::RX_BUFFER, bytes).await?;
+        bytes.copy_from_slice(self.bus.read_slice(reg::RX_BUFFER, bytes.len()).await?);
         let [t0, t1, t2, t3, t4, first_path @ ..]: [u8; 9] = self.bus.read(reg::RX_TIME).await?;
         let quality = self.bus.read(reg::RX_FQUAL).await?;
-        // Only the flags of this buffer, for the next frame may be in the other one by now; then the buffer goes back.
-        self.bus
-            .write_each(&[
-                (reg::SYS_STATUS.plus(1), &[status::RECEIVED_IN_BYTE_1]),
-                (reg::SYS_CTRL.plus(3), &[sys_ctrl::HRBPT]),
-            ])
-            .await?;
-
+        self.give_buffer_back().await?;
         self.transceiver = if keep_listening { Transceiver::Listening } else { Transceiver::Off };
         Ok(RxFrame {
             bytes,
             rx_time: RadioInstant::from_le_bytes([t0, t1, t2, t3, t4]),
             diagnostics: RawDiagnostics { frame_info, first_path, quality, carrier }.evaluate(&self.config),
         })
+    }
+
+    /// Clears the flags of the host's buffer, and only these, for the next frame may be in the other one by now; then the chip may
+    /// fill it again.
+    async fn give_buffer_back(&mut self) -> Result<(), Error<S::Error>> {
+        self.bus.write(reg::SYS_STATUS.plus(1), &[status::RECEIVED_IN_BYTE_1]).await?;
+        self.change_buffer().await
     }
 }
 

@@ -140,8 +140,10 @@ pub(super) mod status {
     pub const RX_ERRORS: u32 = RXPHE | RXFCE | RXRFSL | LDEERR | RXOVRR | RXSFDTO;
     /// The receiver gave up.
     pub const RX_TIMEOUTS: u32 = RXRFTO | RXPTO;
+    /// What a reception may end with.
+    pub const RECEPTIONS: u32 = RXFCG | AFFREJ | RX_ERRORS | RX_TIMEOUTS;
     /// What raises the interrupt line.
-    pub const INTERRUPTS: u32 = TXFRS | RXFCG | AFFREJ | RX_ERRORS | RX_TIMEOUTS;
+    pub const INTERRUPTS: u32 = TXFRS | RECEPTIONS;
 }
 
 #[cfg(test)]

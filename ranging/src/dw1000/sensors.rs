@@ -7,31 +7,19 @@ use super::bus::{ClockedSpi, ResetLine};
 use super::register as reg;
 use super::startup::Factory;
 use super::{Dw1000, Error};
+use crate::radio::Sensors;
 
-/// What the chip's sensors say.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Sensors {
-    /// Temperature of the chip, °C.
-    pub temperature_celsius: f32,
-    /// Supply voltage, V.
-    pub voltage: f32,
-}
-
-impl Sensors {
-    /// Against the maker's readings at 23 °C and 3.3 V; where he left none, by the typical offset of Decawave's
-    /// software.
-    fn evaluate(voltage: u8, temperature: u8, factory: &Factory) -> Self {
-        Self {
-            temperature_celsius: match factory.temperature {
-                0 => 1.13 * f32::from(temperature) - 113.0,
-                at_23 => (f32::from(temperature) - f32::from(at_23)) * 1.14 + 23.0,
-            },
-            voltage: match factory.voltage {
-                0 => 0.0057 * f32::from(voltage) + 2.3,
-                at_3v3 => (f32::from(voltage) - f32::from(at_3v3)) / 173.0 + 3.3,
-            },
-        }
+/// The readings against the maker's at 23 °C and 3.3 V; where he left none, by the typical offset of Decawave's software.
+fn evaluate(voltage: u8, temperature: u8, factory: &Factory) -> Sensors {
+    Sensors {
+        temperature_celsius: match factory.temperature {
+            0 => 1.13 * f32::from(temperature) - 113.0,
+            at_23 => (f32::from(temperature) - f32::from(at_23)) * 1.14 + 23.0,
+        },
+        voltage: match factory.voltage {
+            0 => 0.0057 * f32::from(voltage) + 2.3,
+            at_3v3 => (f32::from(voltage) - f32::from(at_3v3)) / 173.0 + 3.3,
+        },
     }
 }
 
@@ -43,7 +31,7 @@ where
     D: DelayNs,
 {
     /// Measures temperature and voltage: 1 ms. A receiver that is on is switched off.
-    pub async fn sensors(&mut self) -> Result<Sensors, Error<S::Error>> {
+    pub(super) async fn read_sensors(&mut self) -> Result<Sensors, Error<S::Error>> {
         self.ensure_off().await?;
         // Biases, then outputs, one by one (6.4).
         self.bus
@@ -58,7 +46,7 @@ where
         self.delay.delay_ms(1).await;
         let [voltage, temperature] = self.bus.read(reg::TC_SARL).await?;
         self.bus.write(reg::TC_SARC, &[0x00]).await?;
-        Ok(Sensors::evaluate(voltage, temperature, &self.factory))
+        Ok(evaluate(voltage, temperature, &self.factory))
     }
 }
 
@@ -70,10 +58,10 @@ mod tests {
     fn readings_are_taken_against_the_makers() {
         let factory = Factory { voltage: 173, temperature: 116, ..Factory::default() };
         // (126 − 116)·1.14 + 23 = 34.4 °C; (190 − 173)/173 + 3.3 = 3.39827 V.
-        let s = Sensors::evaluate(190, 126, &factory);
+        let s = evaluate(190, 126, &factory);
         assert!((s.temperature_celsius - 34.4).abs() < 1e-4 && (s.voltage - 3.398_27).abs() < 1e-4, "{s:?}");
         // Unprogrammed: 1.13·120 − 113 = 22.6 °C; 0.0057·175 + 2.3 = 3.2975 V.
-        let s = Sensors::evaluate(175, 120, &Factory::default());
+        let s = evaluate(175, 120, &Factory::default());
         assert!((s.temperature_celsius - 22.6).abs() < 1e-4 && (s.voltage - 3.2975).abs() < 1e-4, "{s:?}");
     }
 }

@@ -4,7 +4,7 @@ use embedded_hal_async::{delay::DelayNs, digital::Wait};
 
 use super::bus::{ClockedSpi, ResetLine, SpiClock};
 use super::register::{self as reg, Register};
-use super::startup::{CLOCK_CRYSTAL, CLOCK_SEQUENCED, CLOCKS_DEFAULT};
+use super::startup::{CLOCK_CRYSTAL, CLOCK_SEQUENCED, CLOCKS_DEFAULT, PLL_LOCK_DETECTION};
 use super::{Dw1000, Error, Transceiver};
 
 /// AON_WCFG: what the chip does on waking (7.2.45.1).
@@ -108,10 +108,14 @@ where
         if channel != self.config.chan_ctrl() {
             return self.init().await;
         }
+        // Perhaps not kept either, and the PLL is awaited by it.
+        let (register, value) = PLL_LOCK_DETECTION;
+        self.bus.write(register, value).await?;
         self.await_pll().await?;
         self.bus.spi.set_clock(SpiClock::Fast)?;
         // The one register that is not kept, and is spoilt by the restoring of another (7.2.26).
-        self.bus.write(reg::TX_ANTD, &self.config.tx_antenna_delay.to_le_bytes()).await?;
+        let delay = self.config.tx_antenna_delay(&self.factory);
+        self.bus.write(reg::TX_ANTD, &delay.to_le_bytes()).await?;
         self.stop().await
     }
 

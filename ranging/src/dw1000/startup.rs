@@ -4,9 +4,9 @@ use embedded_hal_async::{delay::DelayNs, digital::Wait};
 
 use super::bus::{ClockedSpi, ResetLine, SpiClock};
 use super::configuration::Config;
-use super::register::{self as reg, status};
+use super::register::{self as reg, Register, status};
 use super::{Dw1000, Error, Transceiver};
-use crate::phy::PreambleLength;
+use crate::phy::{Channel, PreambleLength, Prf};
 
 /// DEV_ID of every DW1000.
 const DEVICE_ID: u32 = 0xDECA_0130;
@@ -27,6 +27,10 @@ const CLOCKS_LOADING: u8 = 0x03;
 const OTP_LDO_TUNE: u16 = 0x04;
 const OTP_VOLTAGE: u16 = 0x08;
 const OTP_TEMPERATURE: u16 = 0x09;
+/// Two words for each of the six channels: TX_POWER at 16 and at 64 MHz.
+const OTP_TX_POWER: u16 = 0x10;
+/// In each direction, ticks: at 16 MHz in the lower half, at 64 MHz in the upper.
+const OTP_ANTENNA_DELAY: u16 = 0x1C;
 const OTP_CRYSTAL: u16 = 0x1E;
 
 /// OTP_SF: loads the regulators' tuning, or an operating parameter set (7.2.46.9).
@@ -35,10 +39,13 @@ const KICK_PARAMETERS: u8 = 1 << 0;
 const PARAMETERS_LENGTH_64: u8 = 0 << 5;
 const PARAMETERS_DEFAULT: u8 = 2 << 5;
 
+/// The flag of the PLL's lock is reliable with EC_CTRL so (PLLLDT, 7.2.37.1).
+pub(super) const PLL_LOCK_DETECTION: (Register, &[u8]) = (reg::EC_CTRL, &[0x04]);
+
 /// Crystal trim for a module without a measured one.
 const CRYSTAL_MIDDLE: u8 = 0x10;
 
-/// What the maker measured on this chip; zero where it did not.
+/// What the maker measured on this chip; zeros or ones where it did not.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Factory {
     pub ldo_tuned: bool,
@@ -47,6 +54,40 @@ pub(super) struct Factory {
     pub voltage: u8,
     /// Reading of the temperature sensor at 23 °C.
     pub temperature: u8,
+    /// At 16 MHz and at 64 MHz.
+    pub antenna_delays: [u16; 2],
+    /// By channel, then likewise.
+    pub tx_powers: [[u32; 2]; 6],
+}
+
+impl Factory {
+    /// TX_POWER as calibrated for a channel and pulse frequency, for smart power.
+    pub fn tx_power(&self, channel: Channel, prf: Prf) -> Option<u32> {
+        let place = match channel {
+            Channel::Ch1 => 0,
+            Channel::Ch2 => 1,
+            Channel::Ch3 => 2,
+            Channel::Ch4 => 3,
+            Channel::Ch5 => 4,
+            Channel::Ch7 => 5,
+        };
+        let [at_16, at_64] = self.tx_powers[place];
+        let register = match prf {
+            Prf::Mhz16 => at_16,
+            Prf::Mhz64 => at_64,
+        };
+        Some(register).filter(|&register| register != 0 && register != u32::MAX)
+    }
+
+    /// The antenna delay in each direction at a pulse frequency, ticks.
+    pub fn antenna_delay(&self, prf: Prf) -> Option<u16> {
+        let [at_16, at_64] = self.antenna_delays;
+        let ticks = match prf {
+            Prf::Mhz16 => at_16,
+            Prf::Mhz64 => at_64,
+        };
+        Some(ticks).filter(|&ticks| ticks != 0 && ticks != u16::MAX)
+    }
 }
 
 impl<S, I, R, D> Dw1000<S, I, R, D>
@@ -56,7 +97,7 @@ where
     R: ResetLine,
     D: DelayNs,
 {
-    /// Resets the chip, whatever it does or sleeps, and writes the configuration: 8 ms. May be called at any time.
+    /// Resets the chip, whatever it does or sleeps, and writes the configuration: 9 ms. May be called at any time.
     pub async fn init(&mut self) -> Result<(), Error<S::Error>> {
         self.transceiver = Transceiver::NotReady;
         self.bus.spi.set_clock(SpiClock::Slow)?;
@@ -68,8 +109,7 @@ where
         self.identify().await?;
         self.soft_reset().await?;
 
-        // The flag of the PLL's lock is reliable with EC_CTRL so (7.2.37.1).
-        self.bus.write_each(&[(reg::PMSC_CTRL0, &[CLOCK_CRYSTAL]), (reg::EC_CTRL, &[0x04])]).await?;
+        self.bus.write_each(&[(reg::PMSC_CTRL0, &[CLOCK_CRYSTAL]), PLL_LOCK_DETECTION]).await?;
         self.read_factory_values().await?;
         if self.factory.ldo_tuned {
             self.bus.write(reg::OTP_SF, &[KICK_LDO]).await?;
@@ -140,7 +180,14 @@ where
         let [voltage, _, _, _] = self.read_once_programmed(OTP_VOLTAGE).await?;
         let [temperature, _, _, _] = self.read_once_programmed(OTP_TEMPERATURE).await?;
         let [crystal, _, _, _] = self.read_once_programmed(OTP_CRYSTAL).await?;
-        self.factory = Factory { ldo_tuned: ldo != 0, crystal_trim: crystal & 0x1F, voltage, temperature };
+        let [low_16, high_16, low_64, high_64] = self.read_once_programmed(OTP_ANTENNA_DELAY).await?;
+        let antenna_delays = [[low_16, high_16], [low_64, high_64]].map(u16::from_le_bytes);
+        let mut tx_powers = [[0; 2]; 6];
+        for (address, power) in (OTP_TX_POWER..).zip(tx_powers.as_flattened_mut()) {
+            *power = u32::from_le_bytes(self.read_once_programmed(address).await?);
+        }
+        let (ldo_tuned, crystal_trim) = (ldo != 0, crystal & 0x1F);
+        self.factory = Factory { ldo_tuned, crystal_trim, voltage, temperature, antenna_delays, tx_powers };
         Ok(())
     }
 
@@ -180,7 +227,7 @@ where
     }
 
     async fn write_configuration(&mut self) -> Result<(), Error<S::Error>> {
-        for write in self.config.writes() {
+        for write in self.config.writes(&self.factory) {
             self.bus.write(write.register, write.bytes()).await?;
         }
         let trim = match (self.config.crystal_trim, self.factory.crystal_trim) {

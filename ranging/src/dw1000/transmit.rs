@@ -7,8 +7,8 @@ use embedded_hal_async::{delay::DelayNs, digital::Wait};
 
 use super::bus::{ClockedSpi, ResetLine};
 use super::register::{self as reg, status, sys_ctrl};
-use super::{Dw1000, Error, Transceiver, micros};
-use crate::radio::MAX_FRAME;
+use super::{Dw1000, Error, Receiver, Transceiver, micros};
+use crate::radio::{MAX_FRAME, Pace};
 use crate::{Radio, RadioDuration, RadioInstant, Start, TransmitError};
 
 /// The check bytes that the chip adds.
@@ -34,14 +34,21 @@ where
             Ok(length) if frame.len() <= MAX_FRAME => length + CHECK_BYTES,
             _ => return Err(TransmitError::TooLong),
         };
-        self.ensure_off().await?;
+        self.pace = Pace::default();
+        // Of a receiver that listens nothing more is needed before the start than that it is off.
+        let listened = self.transceiver == Transceiver::Listening;
+        if listened {
+            self.cut_reception().await?;
+        } else {
+            self.ensure_off().await?;
+        }
         self.transceiver = Transceiver::Unknown;
         self.load(frame, length).await?;
         if listen {
             // The receiver that follows has no window yet.
             self.set_rx_timer(None).await?;
         }
-        self.start_transmitter(start, listen).await?;
+        let receiver = self.start_transmitter(start, listen, listened).await?;
         self.await_sent(start, length).await?;
         // Only the transmitter's flags, for the receiver may already have something to tell.
         self.bus.write(reg::SYS_STATUS, &[0xF8]).await?;
@@ -49,7 +56,15 @@ where
             Start::Now => RadioInstant::from_le_bytes(self.bus.read(reg::TX_TIME).await?),
             Start::At(at) => self.departure(at),
         };
-        self.transceiver = if listen { Transceiver::Listening } else { Transceiver::Off };
+        match (receiver, listen) {
+            (Receiver::Sound, true) => self.transceiver = Transceiver::Listening,
+            (Receiver::Sound, false) => self.transceiver = Transceiver::Off,
+            (Receiver::Spoilt, true) => {
+                self.stop().await?;
+                self.enable_receiver().await?;
+            }
+            (Receiver::Spoilt, false) => self.stop().await?,
+        }
         Ok(departed)
     }
 
@@ -63,23 +78,37 @@ where
         Ok(())
     }
 
-    async fn start_transmitter(&mut self, start: Start, listen: bool) -> Result<(), TransmitError<Error<S::Error>>> {
+    /// Starts the transmitter, and clears what was heard before where the receiver `listened`: there is time once the command is
+    /// in, and the next reception has not begun.
+    async fn start_transmitter(
+        &mut self,
+        start: Start,
+        listen: bool,
+        listened: bool,
+    ) -> Result<Receiver, TransmitError<Error<S::Error>>> {
         let listen = if listen { sys_ctrl::WAIT4RESP } else { 0 };
         match start {
-            Start::Now => self.bus.write(reg::SYS_CTRL, &[sys_ctrl::TXSTRT | listen]).await?,
+            Start::Now => {
+                self.bus.write(reg::SYS_CTRL, &[sys_ctrl::TXSTRT | listen]).await?;
+                if !listened {
+                    return Ok(Receiver::Sound);
+                }
+            }
             Start::At(at) => {
                 self.bus.write(reg::DX_TIME, &at.to_le_bytes()).await?;
                 let command = sys_ctrl::TXSTRT | sys_ctrl::TXDLYS | listen;
                 self.bus.write(reg::SYS_CTRL, &[command]).await?;
-                let [byte_3, byte_4] = self.bus.read(reg::SYS_STATUS.plus(3)).await?;
-                let half_period_away = u32::from(byte_3) << 24 & status::HPDWARN != 0;
-                if half_period_away || byte_4 & status::TXPUTE_IN_BYTE_4 != 0 {
-                    self.stop().await?;
-                    return Err(TransmitError::Late);
-                }
+                self.pace.armed = Some(self.clock().await?);
             }
         }
-        Ok(())
+        let [flags @ .., byte_4] = self.bus.read::<5>(reg::SYS_STATUS).await?;
+        let flags = u32::from_le_bytes(flags);
+        let late = flags & status::HPDWARN != 0 || byte_4 & status::TXPUTE_IN_BYTE_4 != 0;
+        if late && matches!(start, Start::At(_)) {
+            self.stop().await?;
+            return Err(TransmitError::Late);
+        }
+        Ok(if listened { self.clear_reception(flags).await? } else { Receiver::Sound })
     }
 
     /// Waits for the interrupt; if it does not come, looks into the chip, and waits on while the start lies ahead.

@@ -147,8 +147,8 @@ pub(super) fn lde_repc(phy: &PhyConfig) -> u16 {
 
 /// TX_POWER for reference hardware with smart power (table 20): its low byte is the power without the boost that short
 /// frames may have, and serves for the whole frame where smart power is off.
-pub(super) const fn tx_power(channel: Channel, prf: Prf, smart: bool) -> u32 {
-    let boosted = match (prf, channel) {
+pub(super) const fn tx_power(channel: Channel, prf: Prf) -> u32 {
+    match (prf, channel) {
         (Prf::Mhz16, Channel::Ch1 | Channel::Ch2) => 0x1535_5575,
         (Prf::Mhz16, Channel::Ch3) => 0x0F2F_4F6F,
         (Prf::Mhz16, Channel::Ch4) => 0x1F1F_3F5F,
@@ -159,8 +159,7 @@ pub(super) const fn tx_power(channel: Channel, prf: Prf, smart: bool) -> u32 {
         (Prf::Mhz64, Channel::Ch4) => 0x3A5A_7A9A,
         (Prf::Mhz64, Channel::Ch5) => 0x2545_6585,
         (Prf::Mhz64, Channel::Ch7) => 0x5171_B1D1,
-    };
-    if smart { boosted } else { (boosted & 0xFF) * 0x0101_0101 }
+    }
 }
 
 /// The TXPSR and PE bits of a preamble length, four bits as TX_FCTRL has them from bit 18 (table 16).

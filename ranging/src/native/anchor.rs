@@ -409,4 +409,8 @@ impl Machine for Anchor {
         }
         self.schedule(present)
     }
+
+    fn calibrate(&mut self, antenna_delay: RadioDuration) {
+        self.config.antenna_delay = antenna_delay;
+    }
 }

@@ -41,7 +41,7 @@ impl StockAnchor {
             responding: false,
             tof: 0,
         };
-        Box::new(move |_, event| anchor.step(event))
+        Box::new(move |_, _, event| anchor.step(event))
     }
 
     /// Delay fields of the ranging init, and the same in µs.

@@ -19,6 +19,12 @@ use ranging::native::Turnaround;
 use ranging::{PhyConfig, RadioDuration};
 use tag::StockTag;
 
+/// What a board takes whose air is that of these tests.
+const QUICK: Turnaround = Turnaround {
+    answer: RadioDuration::from_micros(250),
+    listen_again: RadioDuration::from_micros(40),
+    transmit: RadioDuration::from_micros(150),
+};
 const TAG_EUI: u64 = 0xDECA_0200_0000_1234;
 const ANCHOR_EUI: u64 = 0xDECA_0100_0000_0042;
 const ANCHOR: u16 = 0x0042;
@@ -28,7 +34,7 @@ fn config(phy: PhyConfig) -> TagConfig {
         eui: TAG_EUI,
         variant: Variant::Standard,
         phy,
-        turnaround: Turnaround::DWM1001,
+        turnaround: QUICK,
         antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
         period: RadioDuration::from_micros(100_000),
     }
@@ -43,7 +49,7 @@ fn our_anchor(phy: PhyConfig) -> Boxed {
         address: ANCHOR,
         eui: ANCHOR_EUI,
         phy,
-        turnaround: Turnaround::DWM1001,
+        turnaround: QUICK,
         antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
         init_delay: INIT_DELAY,
     }))

@@ -53,7 +53,7 @@ impl StockTag {
             next,
             report: false,
         };
-        Box::new(move |now, event| tag.step(now, event))
+        Box::new(move |now, _, event| tag.step(now, event))
     }
 
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Owned {

@@ -150,6 +150,9 @@ fn plan(world: &World, scenario: &Scenario, address: u16, path: Path, network: u
     let offset_ppm = world.random(u64::from(address)).random_range(-1.0..=1.0) * scenario.clock_ppm;
     let network = network_of(scenario, network);
     let mut config = dw1000::Config::new(network.phy);
+    // Calibrated: simulated chips have this delay at every pulse frequency.
+    config.tx_antenna_delay = Some(dw1000::DEFAULT_ANTENNA_DELAY);
+    config.rx_antenna_delay = Some(dw1000::DEFAULT_ANTENNA_DELAY);
     match (network.mode, role) {
         (Mode::Native, _) | (Mode::Listening { .. }, Role::Anchor) => {
             config.filter = dw1000::FrameFilter::DATA;

@@ -117,6 +117,31 @@ fn a_late_transmission_is_told_and_the_next_one_goes_out() {
 }
 
 #[test]
+fn a_start_at_any_instant_leaves_the_next_one_in_time() {
+    let (world, a, _b) = two_nodes(0.0);
+    let mut sender = driver(a.peripherals(), fast());
+    let clock = a.peripherals().delay;
+    run(
+        &world,
+        async move {
+            sender.init().await.unwrap();
+            clock.pause_ms(20).await;
+            let mut too_near = 0;
+            // From before the time that writing the frame takes until after it, through the microseconds in which the transmitter
+            // cannot power up.
+            for ahead in 60..260 {
+                let at = soon(&mut sender, us(ahead)).await;
+                too_near += u32::from(sender.transmit(b"near", Start::At(at), false).await == Err(TransmitError::Late));
+                let at = soon(&mut sender, us(2_000)).await;
+                assert!(sender.transmit(b"far", Start::At(at), false).await.is_ok(), "after one {ahead} us ahead");
+            }
+            assert!((20..180).contains(&too_near), "{too_near}");
+        },
+        async {},
+    );
+}
+
+#[test]
 fn windows_are_kept() {
     let (world, a, b) = two_nodes(0.0);
     let mut radio = driver(a.peripherals(), fast());

@@ -7,7 +7,7 @@ use ranging::node::Restart;
 fn sleep_keeps_the_configuration_and_waking_restores_the_rest() {
     for wake in [Wake::Outside(WakeBy::ChipSelect), Wake::Counter { counter: 1, or: WakeBy::ChipSelect }] {
         let (world, a, b) = two_nodes(0.0);
-        let config = Config { tx_antenna_delay: 16_400, ..fast() };
+        let config = Config { tx_antenna_delay: Some(16_400), ..fast() };
         let (mut sender, mut receiver) = (driver(a.peripherals(), config), driver(b.peripherals(), fast()));
         let clock = a.peripherals().delay;
         let statistics = a.clone();
@@ -157,7 +157,7 @@ fn sensors_and_trim() {
         &world,
         async move {
             warm.init().await.unwrap();
-            let seen = warm.sensors().await.unwrap();
+            let seen = warm.sensors().await.unwrap().unwrap();
             // Steps of 1.14 °C and 5.8 mV.
             assert!((seen.temperature_celsius - 41.0).abs() < 0.6 && (seen.voltage - 3.0).abs() < 0.003, "{seen:?}");
         },

@@ -4,8 +4,8 @@ use embassy_futures::block_on;
 use std::vec::Vec;
 
 use super::double::*;
-use crate::dw1000::Traffic;
-use crate::radio::MAX_FRAME;
+use crate::dw1000::{Traffic, Transceiver};
+use crate::radio::{MAX_FRAME, Pace};
 use crate::{Radio, RadioDuration, RadioInstant, ReceiveError, Start, TransmitError};
 
 /// SYS_STATUS after a good frame: RXPRD, RXSFDD, LDEDONE, RXPHD, RXDFR, RXFCG; the chip one buffer ahead of the host.
@@ -61,7 +61,9 @@ fn sends_at_an_instant_and_knows_the_departure() {
             write(&[0x8A, 0xFF, 0x23, 0x33, 0x44, 0x55]),
             // TXSTRT, TXDLYS, WAIT4RESP.
             write(&[0x8D, 0x86]),
-            read(&[0x4F, 0x03], 2),
+            // When that was; HPDWARN, TXPUTE; then TXFRS.
+            read(&[0x06], 5),
+            read(&[0x0F], 5),
             read(&[0x0F], 1),
             write(&[0x8F, 0xF8]),
         ]
@@ -70,28 +72,27 @@ fn sends_at_an_instant_and_knows_the_departure() {
 
 /// What stops the transceiver: TRXOFF, status cleared, receiver reset and unreset, buffers compared.
 fn stopping() -> [Seen; 5] {
-    [
-        write(&[0x8D, 0x40]),
-        write(&[0x8F, 0xFF, 0xFF, 0xFF, 0xFF]),
-        write(&[0xF6, 0x03, 0xE0]),
-        write(&[0xF6, 0x03, 0xF0]),
-        read(&[0x4F, 0x03], 1),
-    ]
+    let [clear, reset, release] = resetting();
+    [write(&[0x8D, 0x40]), clear, reset, release, read(&[0x4F, 0x03], 1)]
+}
+
+/// What makes a receiver fit again that is off: status cleared, all five bytes of it, receiver reset and unreset.
+fn resetting() -> [Seen; 3] {
+    [write(&[0x8F, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF]), write(&[0xF6, 0x03, 0xE0]), write(&[0xF6, 0x03, 0xF0])]
 }
 
 #[test]
 fn a_late_start_sends_nothing() {
     // HPDWARN is bit 27: bit 3 of the fourth byte. TXPUTE is bit 34: bit 2 of the fifth.
-    for late in [[0x08, 0x00], [0x00, 0x04]] {
+    for late in [[0, 0, 0, 0x08, 0x00], [0, 0, 0, 0x00, 0x04]] {
         let (mut radio, bus, _) = fast(true);
-        bus.answer(&[0x4F, 0x03], &late);
-        bus.answer(&[0x4F, 0x03], &[0, 0]);
+        bus.answer(SYS_STATUS, &late);
+        bus.answer(SYS_STATUS, &[0x81]);
         let at = Start::At(RadioInstant::from_ticks(512));
         assert_eq!(block_on(radio.transmit(&[1], at, true)), Err(TransmitError::Late));
         let seen = bus.seen();
         assert_eq!(seen[seen.len() - 5..], stopping());
         // The next one goes out without ado: 5 transactions, for the length is known.
-        bus.answer(SYS_STATUS, &[0x81]);
         assert!(block_on(radio.transmit(&[1], Start::Now, false)).is_ok());
         assert_eq!(bus.seen().len(), 5);
     }
@@ -155,6 +156,8 @@ fn keep_listening_is_on_again_before_the_frame_is_read() {
     for double_buffered in [&[0x10], &[0x11], &[0x15], &[0x12]] {
         assert!(on_again < place(double_buffered));
     }
+    // The first frame is one of those that are timed.
+    assert_eq!(seen[on_again + 1], read(&[0x06], 5));
     // From the interrupt to the receiver being on: three transactions, 16 bytes.
     let first = seen.iter().position(|s| *s == read(&[0x0F], 4)).unwrap();
     let bytes = |s: &Seen| match s {
@@ -191,8 +194,8 @@ fn costs_are_those_of_the_table() {
     bus.answer(SYS_STATUS, &[0x81]);
     cost(&mut radio, async |r| send(r, 20, Start::Now).await);
     assert_eq!(cost(&mut radio, async |r| send(r, 20, Start::Now).await), (5, 20 + 13));
-    assert_eq!(cost(&mut radio, async |r| send(r, 20, far).await), (6, 20 + 17));
-    assert_eq!(cost(&mut radio, async |r| send(r, 25, far).await), (7, 25 + 17 + 3));
+    assert_eq!(cost(&mut radio, async |r| send(r, 20, far).await), (7, 20 + 25));
+    assert_eq!(cost(&mut radio, async |r| send(r, 25, far).await), (8, 25 + 25 + 3));
 
     bus.forget_answers();
     put_frame(&bus);
@@ -207,8 +210,114 @@ fn costs_are_those_of_the_table() {
     assert_eq!(hear(&mut radio, Start::Now, long, false), (8 + 2, 3 + 44 + 6));
     assert_eq!(hear(&mut radio, Start::Now, long, false), (8 + 1, 3 + 44 + 3));
     assert_eq!(hear(&mut radio, far, long, false), (8 + 1 + 3, 3 + 44 + 3 + 15));
-    assert_eq!(hear(&mut radio, Start::Now, long, true), (9 + 1, 3 + 47 + 3));
-    assert_eq!(hear(&mut radio, Start::Now, long, true), (9, 3 + 47));
+    // One frame in sixteen that are followed by listening is timed: the first.
+    assert_eq!(hear(&mut radio, Start::Now, long, true), (9 + 1 + 1, 3 + 47 + 3 + 6));
+    for _ in 1..16 {
+        assert_eq!(hear(&mut radio, Start::Now, long, true), (9, 3 + 47));
+    }
+    assert_eq!(hear(&mut radio, Start::Now, long, true), (9 + 1, 3 + 47 + 6));
+    // Switching it off, before a transmission and else.
+    bus.forget_answers();
+    bus.answer(SYS_STATUS, &[0x81]);
+    assert_eq!(cost(&mut radio, async |r| send(r, 25, far).await), (7 + 1, 25 + 25 + 2));
+    radio.transceiver = Transceiver::Listening;
+    assert_eq!(cost(&mut radio, async |r| send(r, 25, Start::Now).await), (5 + 2, 25 + 13 + 8));
+    radio.transceiver = Transceiver::Listening;
+    assert_eq!(cost(&mut radio, async |r| r.idle().await.unwrap()), (2, 7));
+    radio.transceiver = Transceiver::Unknown;
+    assert_eq!(cost(&mut radio, async |r| r.idle().await.unwrap()), (5, 17));
+    assert_eq!(cost(&mut radio, async |r| assert!(r.sensors().await.is_ok())), (7, 19));
+    // The end of a window, by the chip's timer and by the delay.
+    let mut miss = |radio: &mut Driver, flags| {
+        bus.forget_answers();
+        bus.answer(SYS_STATUS, flags);
+        cost(radio, async |r| assert!(r.receive(&mut buffer, Start::Now, WINDOW, true).await.is_err()))
+    };
+    miss(&mut radio, &[0, 0, 0x02, 0]);
+    assert_eq!(miss(&mut radio, &[0, 0, 0x02, 0]), (1 + 4, 3 + 17));
+    radio.irq = Line(false);
+    assert_eq!(miss(&mut radio, &[0; 4]), (1 + 6, 3 + 22));
+}
+
+#[test]
+fn a_listening_receiver_is_only_switched_off_before_a_transmission() {
+    let at = RadioInstant::from_ticks(1 << 32);
+    // What the status says once the command is in, and what is written for it: nothing of note; a frame in the buffer that the host
+    // has not seen (RXFCG, ICRBP): flags cleared, on to the other buffer; a frame that the filter rejected (AFFREJ).
+    let unseen = [write(&[0xCF, 0x01, 0xFF, 0xFF, 0xFF]), write(&[0xCD, 0x03, 0x01])];
+    let cases: [([u8; 5], &[Seen]); 3] =
+        [([0x01, 0, 0, 0, 0], &[]), ([0x01, 0x6F, 0, 0x80, 0], &unseen), ([0x01, 0, 0, 0x20, 0], &unseen[..1])];
+    for (flags, cleared) in cases {
+        for listen in [false, true] {
+            let (mut radio, bus, _) = fast(true);
+            radio.transceiver = Transceiver::Listening;
+            bus.answer(SYS_STATUS, &flags);
+            bus.answer(SYS_STATUS, &[0x81]);
+            block_on(radio.transmit(&[1], Start::At(at), listen)).unwrap();
+            let seen = bus.seen();
+            assert_eq!(seen[..2], [write(&[0x8D, 0x40]), write(&[0x89, 1])]);
+            let status = seen.iter().position(|s| *s == read(&[0x0F], 5)).unwrap();
+            let sent = seen.iter().position(|s| *s == read(&[0x0F], 1)).unwrap();
+            assert_eq!(seen[status + 1..sent], *cleared, "{flags:x?}");
+            assert_eq!(seen[sent + 1..], [write(&[0x8F, 0xF8])]);
+            let after = if listen { Transceiver::Listening } else { Transceiver::Off };
+            assert_eq!(radio.transceiver, after);
+        }
+    }
+}
+
+#[test]
+fn a_receiver_that_met_an_error_is_reset_once_the_frame_has_left() {
+    // RXPHE, RXSFDTO, RXRFTO: after these the next time stamp may be wrong without a reset (4.1.6), which must not meet the transmission.
+    for flags in [[0, 0x10, 0, 0, 0], [0, 0, 0, 0x04, 0], [0, 0, 0x02, 0, 0]] {
+        for (listen, start) in
+            [(false, Start::Now), (true, Start::Now), (true, Start::At(RadioInstant::from_ticks(1 << 32)))]
+        {
+            let (mut radio, bus, _) = fast(true);
+            radio.transceiver = Transceiver::Listening;
+            bus.answer(SYS_STATUS, &flags);
+            bus.answer(SYS_STATUS, &[0x81]);
+            block_on(radio.transmit(&[1], start, listen)).unwrap();
+            let seen = bus.seen();
+            let sent = seen.iter().position(|s| *s == write(&[0x8F, 0xF8])).unwrap();
+            let reset = seen.iter().position(|s| *s == write(&[0xF6, 0x03, 0xE0])).unwrap();
+            assert!(sent < reset, "{flags:x?}");
+            let mut expected = Vec::from(stopping());
+            if listen {
+                expected.push(write(&[0xCD, 0x01, 0x01]));
+            }
+            assert_eq!(seen[seen.len() - expected.len()..], expected);
+        }
+    }
+}
+
+#[test]
+fn what_a_node_takes_is_measured_in_the_chips_clock() {
+    let (mut radio, bus, _) = fast(true);
+    let mut buffer = [0; MAX_FRAME];
+    let time = |ticks: u64| Some(RadioInstant::from_ticks(ticks));
+    put_frame(&bus);
+    bus.answer(&[0x06], &[0x00, 0x02, 0, 0, 0]);
+    block_on(radio.receive(&mut buffer, Start::Now, WINDOW, true)).unwrap();
+    assert_eq!(radio.pace(), Pace { armed: None, listening: time(0x200), ready: None });
+    // The next frame is not timed, and what was measured does not stay.
+    block_on(radio.receive(&mut buffer, Start::Now, WINDOW, true)).unwrap();
+    assert_eq!(radio.pace(), Pace::default());
+
+    // In time, too late, and at once, which has no deadline.
+    bus.forget_answers();
+    bus.answer(SYS_STATUS, &[0x81]);
+    bus.answer(&[0x06], &[0x00, 0x04, 0, 0, 0]);
+    let at = Start::At(RadioInstant::from_ticks(1 << 32));
+    block_on(radio.transmit(&[1], at, false)).unwrap();
+    assert_eq!(radio.pace(), Pace { armed: time(0x400), listening: None, ready: None });
+    block_on(radio.transmit(&[1], Start::Now, false)).unwrap();
+    assert_eq!(radio.pace(), Pace::default());
+    bus.forget_answers();
+    bus.answer(SYS_STATUS, &[0, 0, 0, 0x08, 0]);
+    bus.answer(&[0x06], &[0x00, 0x06, 0, 0, 0]);
+    assert_eq!(block_on(radio.transmit(&[1], at, false)), Err(TransmitError::Late));
+    assert_eq!(radio.pace(), Pace { armed: time(0x600), listening: None, ready: None });
 }
 
 #[test]
@@ -219,7 +328,9 @@ fn windows_end_by_the_chip_or_by_the_delay() {
     bus.answer(SYS_STATUS, &[0x01, 0x00, 0x02, 0x00]);
     assert_eq!(block_on(radio.receive(&mut buffer, Start::Now, WINDOW, true)), Err(ReceiveError::Timeout));
     let seen = bus.seen();
-    assert_eq!(seen[seen.len() - 5..], stopping());
+    // Its receiver is off by then.
+    assert_eq!(seen[seen.len() - 4], read(&[0x0F], 4));
+    assert_eq!(seen[seen.len() - 3..], resetting());
     // No interrupt at all.
     let (mut radio, bus, _) = fast(false);
     assert_eq!(block_on(radio.receive(&mut buffer, Start::Now, WINDOW, true)), Err(ReceiveError::Timeout));
@@ -329,6 +440,6 @@ fn rejected_frames_leave_the_window_open() {
     assert!(block_on(radio.receive(&mut buffer, Start::Now, WINDOW, false)).is_ok());
     assert_eq!(*delay.waits.borrow(), [1200], "one deadline for all");
     let seen = bus.seen();
-    let again = [write(&[0x8D, 0x40]), write(&[0x8F, 0xFF, 0xFF, 0xFF, 0xFF]), write(&[0xCD, 0x01, 0x01])];
+    let again = [write(&[0x8D, 0x40]), write(&[0x8F, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF]), write(&[0xCD, 0x01, 0x01])];
     assert_eq!(seen.windows(3).filter(|three| *three == again).count(), 2);
 }

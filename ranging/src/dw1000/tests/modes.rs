@@ -8,6 +8,7 @@ use embedded_hal_02::{blocking::spi, digital::v2::OutputPin};
 
 use crate::dw1000::configuration::Config;
 use crate::dw1000::register::{self as reg, Register};
+use crate::dw1000::startup::Factory;
 use crate::phy::{Channel, DataRate, PhyConfig, PreambleLength, Prf, Sfd};
 
 /// Types that the crate's look-ups name in their errors.
@@ -38,7 +39,7 @@ impl OutputPin for NoBus {
 }
 
 fn value(config: &Config, register: Register) -> u64 {
-    let write = config.writes().into_iter().find(|write| write.register == register).unwrap();
+    let write = config.writes(&Factory::default()).into_iter().find(|write| write.register == register).unwrap();
     let mut bytes = [0; 8];
     bytes[..write.bytes().len()].copy_from_slice(write.bytes());
     u64::from_le_bytes(bytes)

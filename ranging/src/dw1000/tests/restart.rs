@@ -30,7 +30,7 @@ fn the_bus_may_fail_anywhere() {
         // It begins by switching off what it does not know.
         assert_eq!(bus.seen()[0], write(&[0x8D, 0x40]));
     }
-    for transactions in 0..11 {
+    for transactions in 0..12 {
         let (mut radio, bus, _) = fast(true);
         bus.answer(SYS_STATUS, &[0x01, 0x6F, 0x00, 0x80]);
         bus.answer(&[0x10], &[5, 0, 0, 0]);
@@ -104,6 +104,9 @@ fn nothing_works_before_init_or_asleep() {
     block_on(radio.wake()).unwrap();
     let seen = bus.seen();
     assert_eq!(seen[1], Seen::Hold(600_000));
+    // The PLL's lock is awaited with its detection switched on.
+    let detection = seen.iter().position(|s| *s == write(&[0xA4, 0x04])).unwrap();
+    assert!(detection < seen.iter().position(|s| *s == read(&[0x0F], 4)).unwrap());
     // TX_ANTD is not kept in sleep: 16436 = 0x4034.
     assert!(seen.contains(&write(&[0x98, 0x34, 0x40])));
     assert!(block_on(radio.now()).is_ok());

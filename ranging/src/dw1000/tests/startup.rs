@@ -3,8 +3,8 @@
 use embassy_futures::block_on;
 
 use super::double::*;
-use crate::PhyConfig;
 use crate::dw1000::{Config, Dw1000, Error, FrameFilter, SpiClock, TxPower};
+use crate::{PhyConfig, Radio, RadioInstant};
 
 fn uninitialised() -> (Driver, Bus) {
     let bus = Bus::default();
@@ -65,17 +65,76 @@ fn the_makers_trims_are_used() {
     let (mut radio, bus) = uninitialised();
     bus.answer(&[0x00], &[0x30, 0x01, 0xCA, 0xDE]);
     bus.answer(SYS_STATUS, &[0x02, 0, 0, 0]);
-    // One-time memory in the order it is asked: LDO tune, voltage, temperature, crystal (5 bits).
-    for word in [[0x28, 0, 0, 0], [173, 0, 0, 0], [116, 0, 0, 0], [0xF3, 0x01, 0, 0]] {
+    // One-time memory in the order it is asked: LDO tune, voltage, temperature, crystal (5 bits), antenna delays (PRF 16: 0x4001,
+    // PRF 64: 0x4055), powers of channels 1, 2, 3, 4, 5, 7 at PRF 16 and 64: that of channel 5 at 64 is the tenth.
+    let words = [[0x28, 0, 0, 0], [173, 0, 0, 0], [116, 0, 0, 0], [0xF3, 0x01, 0, 0], [0x01, 0x40, 0x55, 0x40]];
+    let powers = (1..=12).map(|nth| if nth == 10 { [0x87, 0x67, 0x47, 0x27] } else { [nth; 4] });
+    for word in words.into_iter().chain(powers) {
         bus.answer(&[0x6D, 0x0A], &word);
     }
     block_on(radio.init()).unwrap();
     let seen = bus.seen();
     assert!(seen.contains(&write(&[0xED, 0x12, 0x02])), "regulators' tuning loaded");
     assert!(seen.contains(&write(&[0xEB, 0x0E, 0x73])));
-    for address in [0x04, 0x08, 0x09, 0x1E] {
+    for address in [0x04, 0x08, 0x09, 0x1E, 0x1C].into_iter().chain(0x10..=0x1B) {
         assert!(seen.contains(&write(&[0xED, 0x04, address, 0x00])));
     }
+    assert!(seen.contains(&write(&[0x9E, 0x87, 0x67, 0x47, 0x27])));
+    assert!(seen.contains(&write(&[0x98, 0x55, 0x40])) && seen.contains(&write(&[0xEE, 0x84, 0x30, 0x55, 0x40])));
+    // What the node tells is what the chip adds.
+    assert_eq!(radio.antenna_delay().ticks(), 0x4055);
+    assert_eq!(radio.departure(RadioInstant::from_ticks(0x1FF)).ticks(), 0x4055);
+}
+
+/// TX_ANTD and TX_POWER of a board whose one-time memory holds this as antenna delays and as power.
+fn calibrated(config: Config, delays: [u8; 4], power: [u8; 4]) -> (u16, u32) {
+    let bus = Bus::default();
+    let mut radio: Driver = Dw1000::new(bus.clone(), Line(true), (), Delay::default(), config);
+    bus.answer(&[0x00], &[0x30, 0x01, 0xCA, 0xDE]);
+    bus.answer(SYS_STATUS, &[0x02, 0, 0, 0]);
+    for word in [[0; 4], [0; 4], [0; 4], [0; 4], delays, power] {
+        bus.answer(&[0x6D, 0x0A], &word);
+    }
+    block_on(radio.init()).unwrap();
+    let written = bus.seen();
+    let datum = |header: u8| {
+        written.iter().find_map(|seen| match seen {
+            Seen::Write(bytes) if bytes[0] == header => Some(bytes[1..].to_vec()),
+            Seen::Write(_) | Seen::Read(..) | Seen::Hold(_) | Seen::Clock(_) => None,
+        })
+    };
+    let delay = u16::from_le_bytes(datum(0x98).unwrap().try_into().unwrap());
+    assert_eq!(radio.antenna_delay().ticks(), i64::from(delay));
+    (delay, u32::from_le_bytes(datum(0x9E).unwrap().try_into().unwrap()))
+}
+
+#[test]
+fn a_module_without_calibration_has_the_defaults_of_its_pulse_frequency() {
+    // 513.9067 ns and 514.462 ns for both directions: × 63.8976 / 2 = 16418.7 and 16436.4 ticks. Powers: table 20.
+    let mode = |mode| Config::new(PhyConfig::evk1000_mode(mode).unwrap());
+    for void in [[0; 4], [0xFF; 4]] {
+        assert_eq!(calibrated(mode(4), void, void), (16_436, 0x0727_4767));
+        assert_eq!(calibrated(mode(2), void, void), (16_419, 0x1535_5575));
+    }
+}
+
+#[test]
+fn what_is_configured_counts_more_than_the_makers_and_these_more_than_defaults() {
+    let (delays, power) = ([0x01, 0x40, 0x55, 0x40], [0x87, 0x67, 0x47, 0x27]);
+    let mode = |mode| Config::new(PhyConfig::evk1000_mode(mode).unwrap());
+    // 6.81 Mbit/s: boosts; 110 kbit/s has none, the low byte is for all parts of the frame. PRF 64 and 16.
+    assert_eq!(calibrated(mode(8), delays, power), (0x4055, 0x2747_6787));
+    assert_eq!(calibrated(mode(5), delays, power), (0x4001, 0x8787_8787));
+    let constant = Config { tx_power: TxPower::Constant, ..mode(8) };
+    assert_eq!(calibrated(constant, delays, power), (0x4055, 0x8787_8787));
+    let own = |smart| {
+        let tx_power = TxPower::Calibrated { register: 0x1122_3344, smart };
+        move |mode| Config { tx_power, tx_antenna_delay: Some(16_400), ..mode }
+    };
+    assert_eq!(calibrated(own(true)(mode(8)), delays, power), (16_400, 0x1122_3344));
+    assert_eq!(calibrated(own(true)(mode(5)), delays, power), (16_400, 0x4444_4444));
+    // Powers of the frame's parts are that at every rate.
+    assert_eq!(calibrated(own(false)(mode(5)), delays, power), (16_400, 0x1122_3344));
 }
 
 #[test]
@@ -87,8 +146,8 @@ fn filter_address_power_and_trim_reach_the_chip() {
         short_address: 0x1234,
         eui: 0x0102_0304_0506_0708,
         filter: FrameFilter::DATA.and(FrameFilter::TYPE_5),
-        tx_antenna_delay: 0x4000,
-        rx_antenna_delay: 0x4100,
+        tx_antenna_delay: Some(0x4000),
+        rx_antenna_delay: Some(0x4100),
         ..Config::new(PhyConfig::FAST)
     };
     let (mut radio, bus, _) = fast(true);
