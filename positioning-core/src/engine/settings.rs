@@ -1,5 +1,6 @@
 //! How the engine is to work.
 
+use crate::linear::b_wls_in_parts;
 use crate::track::{Blocked, Motion, Noise};
 use crate::{Area, Method, Real, Side, Solver};
 
@@ -71,7 +72,7 @@ impl Solvers<f32> {
     pub fn on_node(method: NodeMethod) -> Self {
         match method {
             NodeMethod::Robust => Self::robust(),
-            NodeMethod::BWls => Self { plane: crate::b_wls, space: crate::b_wls },
+            NodeMethod::BWls => Self { plane: b_wls_in_parts, space: b_wls_in_parts },
             NodeMethod::BWlsR => Self { plane: crate::b_wls_r, space: crate::b_wls_r },
             NodeMethod::BoundingBox => Self { plane: crate::bounding_box, space: crate::bounding_box },
         }
