@@ -3,7 +3,7 @@
 //! Switches and a record, if there is one → the record that the node follows. Distances → two lines of text.
 
 use heapless::HistoryBuf;
-use node_record::{Calibration, Identity, Mode, Network, Phy, Record, Role, Tag, Turnaround};
+use node_record::{Calibration, Identity, Mode, Network, Phy, Record, Role, Solver, Tag, Turnaround};
 use ranging::PhyConfig;
 
 use crate::lcd::{Text, WIDTH};
@@ -36,6 +36,8 @@ const TAG: Tag = Tag {
     tell_distances: true,
     scan: None,
     report_ranges: true,
+    solver: Solver::Track,
+    scheme: None,
 };
 
 impl Switches {
@@ -44,7 +46,13 @@ impl Switches {
         let mut record = record.unwrap_or_else(|| Record {
             identity: Identity::default(),
             role: Role::Tag(TAG),
-            network: Network { pan: PAN, mode: Mode::Native, phy: self.phy(), turnaround: TURNAROUND },
+            network: Network {
+                pan: PAN,
+                mode: Mode::Native,
+                phy: self.phy(),
+                turnaround: Some(TURNAROUND),
+                region: None,
+            },
             calibration: Calibration::default(),
             pins: None,
             anchors: Default::default(),

@@ -8,7 +8,7 @@ use std::vec;
 use std::vec::Vec;
 
 use advertising::{Disguise, IBeacon, Revealed};
-use node_record::{Advertiser, Calibration, Identity, Mode, Network, Phy, Record, Role, Turnaround};
+use node_record::{Advertiser, Calibration, Identity, Mode, Network, Phy, Record, Role};
 
 use super::*;
 
@@ -33,7 +33,8 @@ fn record(role: Role, beacon_key: Option<[u8; 16]>) -> Record {
             pan: 0xDECA,
             mode: Mode::Native,
             phy: Phy { channel: 5, prf_mhz: 64, rate_kbps: 6810, preamble: 128, code: None },
-            turnaround: Turnaround { answer_us: 300, listen_again_us: 100, transmit_us: 300 },
+            turnaround: None,
+            region: None,
         },
         calibration: Calibration::default(),
         pins: None,

@@ -7,7 +7,7 @@ use core::fmt;
 
 use telemetry::{
     Condition, Counters, Crash, CrashReason, Fix, Hello, LevelsFault, Likely, Outcome, Reason, RecordFault, Reset,
-    ResetCause, Whereabouts,
+    ResetCause, Solver, Whereabouts,
 };
 
 /// Gives a type its text, once for both: a match whose arms are a format and its arguments.
@@ -63,6 +63,8 @@ pub enum FixLine {
         used: u32,
         /// From the poll to the publication, ms.
         age_ms: u32,
+        /// What made it.
+        by: By,
     },
     /// A position whose height was given.
     Plane {
@@ -74,6 +76,8 @@ pub enum FixLine {
         used: u32,
         /// From the poll to the publication, ms.
         age_ms: u32,
+        /// What made it.
+        by: By,
     },
     /// No position.
     None {
@@ -83,12 +87,23 @@ pub enum FixLine {
         answered: u8,
         /// Anchors that were asked.
         asked: u8,
+        /// What found none.
+        by: By,
     },
 }
+
+/// What made a position, where that is known.
+pub struct By(Solver);
+
+text!(By, |this| this.0.as_str();
+    Some(name) => (", {}", name),
+    None => (""),
+);
 
 impl FixLine {
     /// The line of a fix, in whose round so many anchors answered.
     pub fn of(fix: &Fix, answered: u8) -> Self {
+        let by = By(fix.solver);
         match fix.outcome {
             Outcome::Position { position, deviation, used, .. } => {
                 let square: u64 = deviation
@@ -99,23 +114,23 @@ impl FixLine {
                 let position = position.map(Centimetres::of);
                 let (used, age_ms) = (used.count_ones(), fix.age_us.saturating_add(500) / 1000);
                 if deviation[2] == 0 {
-                    Self::Plane { position, deviation: size, used, age_ms }
+                    Self::Plane { position, deviation: size, used, age_ms, by }
                 } else {
-                    Self::Space { position, deviation: size, used, age_ms }
+                    Self::Space { position, deviation: size, used, age_ms, by }
                 }
             }
-            Outcome::Reason(reason) => Self::None { reason, answered, asked: fix.asked },
+            Outcome::Reason(reason) => Self::None { reason, answered, asked: fix.asked, by },
         }
     }
 }
 
 text!(FixLine, |this| this;
-    Self::Space { position: [x, y, z], deviation, used, age_ms } =>
-        ("fix x={} y={} z={} ±{} m, {} anchors, {} ms", x, y, z, deviation, used, age_ms),
-    Self::Plane { position: [x, y, z], deviation, used, age_ms } =>
-        ("fix x={} y={} z={} (given) ±{} m, {} anchors, {} ms", x, y, z, deviation, used, age_ms),
-    Self::None { reason, answered, asked } =>
-        ("no fix: {} ({} of {} answered)", reason.as_str(), answered, asked),
+    Self::Space { position: [x, y, z], deviation, used, age_ms, by } =>
+        ("fix x={} y={} z={} ±{} m, {} anchors, {} ms{}", x, y, z, deviation, used, age_ms, by),
+    Self::Plane { position: [x, y, z], deviation, used, age_ms, by } =>
+        ("fix x={} y={} z={} (given) ±{} m, {} anchors, {} ms{}", x, y, z, deviation, used, age_ms, by),
+    Self::None { reason, answered, asked, by } =>
+        ("no fix: {} ({} of {} answered){}", reason.as_str(), answered, asked, by),
 );
 
 /// Who is speaking.
@@ -217,14 +232,14 @@ mod tests {
             used: 0b11_0111_1000,
             quality: 255,
         };
-        FixLine::of(&Fix { t_us: 0, round: 0, age_us: 12_400, asked: 8, outcome }, 6).to_string()
+        FixLine::of(&Fix { t_us: 0, round: 0, age_us: 12_400, asked: 8, outcome, solver: Solver::BWls }, 6).to_string()
     }
 
     #[test]
     fn a_fix_in_space_and_in_the_plane() {
         // √(300² + 400² + 350²) = 610: 6.1 cm. √(300² + 400²) = 500: 5 cm.
-        assert_eq!(fix([300, 400, 350]), "fix x=3.21 y=-0.05 z=1.50 ±0.06 m, 6 anchors, 12 ms");
-        assert_eq!(fix([300, 400, 0]), "fix x=3.21 y=-0.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms");
+        assert_eq!(fix([300, 400, 350]), "fix x=3.21 y=-0.05 z=1.50 ±0.06 m, 6 anchors, 12 ms, b-wls");
+        assert_eq!(fix([300, 400, 0]), "fix x=3.21 y=-0.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms, b-wls");
     }
 
     #[test]
@@ -244,7 +259,7 @@ mod tests {
     #[test]
     fn no_fix_tells_how_many_answered() {
         let outcome = Outcome::Reason(Reason::TooFewAnchors);
-        let line = FixLine::of(&Fix { t_us: 0, round: 0, age_us: 0, asked: 4, outcome }, 2);
+        let line = FixLine::of(&Fix { t_us: 0, round: 0, age_us: 0, asked: 4, outcome, solver: Solver::Unknown }, 2);
         assert_eq!(line.to_string(), "no fix: too-few-anchors (2 of 4 answered)");
     }
 

@@ -1,13 +1,17 @@
 //! From the record in flash to what the node's parts are configured with, once, at the start.
 
-use node_record::{Fault, Invalid, Mode, Record, Role, Tag, Value};
+use node_record::{Fault, Invalid, Mode, Record, Region, Role, Tag, Value};
 use ranging::RadioDuration;
 use ranging::dw1000::{self, FrameFilter, TxPower};
 use ranging::frame::decaranging::Variant;
-use ranging::native::Network;
+use ranging::native::{Network, Turnaround};
+use ranging::phy::DataRate;
 use telemetry::RecordFault;
 
 use crate::machines;
+
+/// The time over which a transmitter's mean power is limited, microseconds.
+const MEAN_POWER_US: u32 = 1000;
 
 /// What a node is configured with.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,8 +24,15 @@ pub struct Settings {
     pub radio: dw1000::Config,
     /// How its network ranges.
     pub exchange: Exchange,
-    /// The network's PAN, frames and quickness.
+    /// The network's PAN, frames and quickness; where no turnaround is pinned, a DWM1001's.
     pub network: Network,
+    /// The turnaround that the record pins; `None`: nodes are to measure their own.
+    pub turnaround: Option<Turnaround>,
+    /// The least time from the start of one frame of this node's to that of its next, by the rules of its region.
+    ///
+    /// Limits are mean powers of a millisecond (47 CFR 15.521 (d), EN 302 065), and smart power puts the power of a short frame's
+    /// whole millisecond into the frame: two in one would be too much (DW1000 User Manual 2.12, 7.2.31.2).
+    pub frame_spacing: Option<RadioDuration>,
     /// What the node does.
     pub role: Role,
 }
@@ -82,7 +93,22 @@ impl Settings {
             sleeps: matches!(record.role, Role::Tag(Tag { sleep: true, .. })),
             ..dw1000::Config::new(network.phy)
         };
-        Ok(Self { eui, address, radio, exchange, network, role: record.role })
+        let boosts = match radio.tx_power {
+            TxPower::Smart => true,
+            TxPower::Constant => false,
+            TxPower::Calibrated { register: _, smart } => smart,
+        };
+        let spaced = boosts && network.phy.data_rate() == DataRate::Kbps6810 && is_limited(record.network.region);
+        Ok(Self {
+            eui,
+            address,
+            radio,
+            exchange,
+            network,
+            turnaround: record.network.turnaround.map(Turnaround::from),
+            frame_spacing: spaced.then(|| RadioDuration::from_micros(MEAN_POWER_US)),
+            role: record.role,
+        })
     }
 
     /// What the radio adds to the snapped start of a transmission, as far as that is known before it has started: a module's own
@@ -90,6 +116,14 @@ impl Settings {
     pub fn antenna_delay(&self) -> RadioDuration {
         let default = dw1000::default_antenna_delay(self.network.phy.prf());
         RadioDuration::from_ticks(self.radio.tx_antenna_delay.unwrap_or(default).into())
+    }
+}
+
+/// Whether a mean power over a millisecond is limited. Nobody knows of a region that is not given, so it is.
+fn is_limited(region: Option<Region>) -> bool {
+    match region {
+        None | Some(Region::Eu | Region::Us | Region::Japan) => true,
+        Some(Region::Unchecked) => false,
     }
 }
 
@@ -106,9 +140,8 @@ pub fn told(fault: &Fault) -> RecordFault {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use node_record::{Calibration, Identity};
+    use node_record::{Calibration, Identity, Solver};
     use ranging::PhyConfig;
-    use ranging::native::Turnaround;
 
     fn record() -> Record {
         Record {
@@ -118,7 +151,8 @@ mod tests {
                 pan: 0xBA12,
                 mode: Mode::Native,
                 phy: node_record::Phy { channel: 5, prf_mhz: 64, rate_kbps: 6810, preamble: 128, code: None },
-                turnaround: node_record::Turnaround { answer_us: 250, listen_again_us: 40, transmit_us: 150 },
+                turnaround: None,
+                region: None,
             },
             calibration: Calibration::default(),
             pins: None,
@@ -133,7 +167,7 @@ mod tests {
         let settings = Settings::of(&record(), 0x1122_3344_5566_7788).unwrap();
         assert_eq!((settings.eui, settings.address), (0x1122_3344_5566_7788, 0x7788));
         assert_eq!(settings.network.phy, PhyConfig::FAST);
-        assert_eq!(settings.network.turnaround, Turnaround::DWM1001);
+        assert_eq!((settings.turnaround, settings.network.turnaround), (None, Turnaround::DWM1001));
         assert_eq!((settings.radio.pan, settings.radio.short_address), (0xBA12, 0x7788));
         assert_eq!(settings.radio.filter, FrameFilter::DATA);
         assert_eq!(settings.antenna_delay().ticks(), 16_436);
@@ -158,6 +192,34 @@ mod tests {
     }
 
     #[test]
+    fn a_pinned_turnaround_is_the_networks() {
+        let mut record = record();
+        let pinned = node_record::Turnaround { answer_us: 600, listen_again_us: 120, transmit_us: 300 };
+        record.network.turnaround = Some(pinned);
+        let settings = Settings::of(&record, 1).unwrap();
+        let [answer, listen_again, transmit] = [600, 120, 300].map(RadioDuration::from_micros);
+        let expected = Turnaround { answer, listen_again, transmit };
+        assert_eq!((settings.turnaround, settings.network.turnaround), (Some(expected), expected));
+    }
+
+    #[test]
+    fn frames_are_a_millisecond_apart_where_smart_power_boosts_them_and_a_region_has_limits() {
+        let spacing = |region, rate_kbps| {
+            let mut record = record();
+            record.network.region = region;
+            record.network.phy = node_record::Phy { rate_kbps, preamble: 1024, ..record.network.phy };
+            Settings::of(&record, 1).unwrap().frame_spacing
+        };
+        let millisecond = Some(RadioDuration::from_micros(1000));
+        assert_eq!(spacing(Some(Region::Eu), 6810), millisecond);
+        assert_eq!(spacing(Some(Region::Us), 6810), millisecond);
+        assert_eq!(spacing(None, 6810), millisecond);
+        assert_eq!(spacing(Some(Region::Unchecked), 6810), None);
+        // At lower rates the chip boosts nothing.
+        assert_eq!((spacing(Some(Region::Eu), 850), spacing(Some(Region::Eu), 110)), (None, None));
+    }
+
+    #[test]
     fn a_listening_tag_hears_answers_to_others_and_an_anchor_only_its_own() {
         let mut record = record();
         record.network.mode = Mode::Listening { rounds_chz: 1_000 };
@@ -173,6 +235,8 @@ mod tests {
             tell_distances: false,
             scan: None,
             report_ranges: false,
+            solver: Solver::Track,
+            scheme: None,
         });
         assert_eq!(Settings::of(&record, 1).unwrap().radio.filter, FrameFilter::OFF);
     }

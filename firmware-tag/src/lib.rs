@@ -8,6 +8,7 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+mod digest;
 mod handover;
 mod levels;
 mod locator;
@@ -40,8 +41,9 @@ use telemetry::{Board, Condition, Hello, Role, Sighting};
 use handover::{Quiet, Round};
 use sounding::Sounder;
 
+pub use digest::Digest;
 pub use handover::{Handover, Heard, Level, Levels, Measured};
-pub use locator::{AnchorPlace, Epoch, Locator, Position, places};
+pub use locator::{AnchorPlace, Epoch, Locator, Position, method, places};
 pub use pace::Pace;
 #[cfg(feature = "_board")]
 pub use shelf::Shelf;
@@ -132,7 +134,8 @@ pub async fn run<R: Restart, D: DelayNs + Clone>(
     join(ranging, engine(&handover, delay, locator, pace, &sink)).await.0
 }
 
-/// Runs a tag as its record says, in one task, and tells the outside by its reporter: first who it is, and then for ever.
+/// Runs a tag as its record says, in one task, and tells the outside by its reporter: first who it is, and then for ever. `watch` sees
+/// each epoch before it is published.
 pub async fn run_as_told<R: Restart, D: DelayNs + Clone, M: RawMutex, const BYTES: usize>(
     radio: R,
     delay: D,
@@ -140,6 +143,7 @@ pub async fn run_as_told<R: Restart, D: DelayNs + Clone, M: RawMutex, const BYTE
     locator: Locator<'_>,
     (handover, reporter): (&Handover<M>, &Reporter<M, BYTES>),
     board: Board,
+    watch: impl FnMut(&Epoch<'_>),
 ) -> Infallible {
     let (eui, address, build) = (settings.eui, settings.address, *build::BUILD);
     let hello = Hello { t_us: reporter.now_us(), eui, address, role: Role::Tag, board, build };
@@ -147,7 +151,7 @@ pub async fn run_as_told<R: Restart, D: DelayNs + Clone, M: RawMutex, const BYTE
     let sink = Told::new(reporter, tag.report_ranges);
     let machine = TagMachine::new(settings, tag);
     let ranging = ranging(radio, delay.clone(), machine, handover, &sink);
-    let engine = engine(handover, delay.clone(), locator, Pace::of(tag), &sink);
+    let engine = watched_engine(handover, delay.clone(), locator, Pace::of(tag), &sink, watch);
     join3(ranging, engine, reporter.keep_telling(hello, delay)).await.0
 }
 
@@ -165,10 +169,22 @@ pub async fn ranging<R: Restart, M: RawMutex>(
 /// The task that makes positions, sole owner of whatever that needs.
 pub async fn engine<M: RawMutex>(
     handover: &Handover<M>,
+    delay: impl DelayNs,
+    locator: Locator<'_>,
+    pace: Pace,
+    sink: &impl Sink,
+) -> Infallible {
+    watched_engine(handover, delay, locator, pace, sink, |_| ()).await
+}
+
+/// The same, that shows each epoch before it is published.
+async fn watched_engine<M: RawMutex>(
+    handover: &Handover<M>,
     mut delay: impl DelayNs,
     locator: Locator<'_>,
     mut pace: Pace,
     sink: &impl Sink,
+    mut watch: impl FnMut(&Epoch<'_>),
 ) -> Infallible {
     let mut tracker = Tracker::new(locator);
     let turns = tracker.wants_response();
@@ -184,6 +200,7 @@ pub async fn engine<M: RawMutex>(
                 let position = epoch.outcome.as_ref().ok();
                 let rate = pace.after(sink.now_us(), position);
                 handover.guide(Guidance { position_m: position.map(|position| position.position_m), rate, turns });
+                watch(&epoch);
                 sink.publish(epoch).await;
             }
             Either3::Second(heard) => {
@@ -198,6 +215,7 @@ pub async fn engine<M: RawMutex>(
                 if let Ok(position) = &epoch.outcome {
                     handover.guide(Guidance { position_m: Some(position.position_m), rate: None, turns });
                 }
+                watch(&epoch);
                 sink.publish(epoch).await;
             }
             if let Some(told) = tracker.room() {

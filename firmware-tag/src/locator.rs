@@ -1,8 +1,9 @@
 //! What a tag makes of its rounds, and by what: the engine's settings, the places of the anchors; positions with their covariance.
 
 use heapless::Vec;
+use node_record::Solver;
 use positioning_core::ble::surroundings::Known;
-use positioning_core::engine::{Dimensions, Settings, Solvers};
+use positioning_core::engine::{Dimensions, NodeMethod, Settings, Solvers};
 use positioning_core::nlos::Classifier;
 use positioning_core::{NoFix, Noise, Real, Side};
 
@@ -29,6 +30,8 @@ const SURE_M: f32 = 0.3;
 pub struct Locator<'a> {
     /// How the engine is to work.
     pub settings: Settings<f32>,
+    /// What that is called.
+    pub solver: Solver,
     /// Places known by configuration; they count more than what the anchors say of themselves.
     pub anchors: &'a [AnchorPlace],
     /// What tells blocked links; `None`: their powers.
@@ -50,6 +53,8 @@ pub struct Epoch<'a> {
     pub outcome: Result<Position, NoFix>,
     /// The impulse response of its last frame, where it was read.
     pub sounding: Option<&'a Sounding>,
+    /// What made the position.
+    pub solver: Solver,
 }
 
 /// A position in space; a tag at a known height has that height, and no variance in z.
@@ -66,6 +71,17 @@ pub struct Position {
     pub quality: f32,
 }
 
+/// The method by which a tag with this solver solves each round by itself; `None`: it follows a track.
+pub const fn method(solver: Solver) -> Option<NodeMethod> {
+    match solver {
+        Solver::Track => None,
+        Solver::Robust => Some(NodeMethod::Robust),
+        Solver::BWls => Some(NodeMethod::BWls),
+        Solver::BWlsR => Some(NodeMethod::BWlsR),
+        Solver::BoundingBox => Some(NodeMethod::BoundingBox),
+    }
+}
+
 /// Where the anchors of a record stand, for a locator.
 pub fn places(record: &node_record::Record) -> Vec<AnchorPlace, { node_record::MAX_ANCHORS }> {
     record.anchors.iter().map(|anchor| AnchorPlace { address: anchor.address, position_m: anchor.position_m }).collect()
@@ -74,20 +90,42 @@ pub fn places(record: &node_record::Record) -> Vec<AnchorPlace, { node_record::M
 impl<'a> Locator<'a> {
     /// That of a tag at this height, metres, or anywhere in space; ranges are doubted by their powers.
     ///
-    /// A track is followed, so that a round with one answer is still a position.
+    /// A track is followed, so that a round with one answer is still a position; [`by`](Self::by) chooses otherwise.
     pub fn new(height_m: Option<f32>, anchors: &'a [AnchorPlace]) -> Self {
         let dimensions = match height_m {
             Some(height) => Dimensions::Plane { height },
             None => Dimensions::Space { side: Side::Unknown },
         };
-        let settings =
-            Settings { noise: Noise::by_powers(), solvers: Solvers::on_node(), ..Settings::track(dimensions) };
-        Self { settings, anchors, model: None, beacons: KnownBeacons::new(&[], None), surveyed: None }
+        let solvers = Solvers::on_node(NodeMethod::Robust);
+        let settings = Settings { noise: Noise::by_powers(), solvers, ..Settings::track(dimensions) };
+        Self {
+            settings,
+            solver: Solver::Track,
+            anchors,
+            model: None,
+            beacons: KnownBeacons::new(&[], None),
+            surveyed: None,
+        }
+    }
+
+    /// The same, by this solver.
+    pub fn by(self, solver: Solver) -> Self {
+        let locator = match method(solver) {
+            None => self,
+            Some(method) => self.solving(Solvers::on_node(method)),
+        };
+        Self { solver, ..locator }
+    }
+
+    /// The same, that solves each round by itself.
+    pub fn solving(self, solvers: Solvers<f32>) -> Self {
+        let Settings { noise, dimensions, .. } = self.settings;
+        Self { settings: Settings { noise, ..Settings::solve(dimensions, solvers) }, ..self }
     }
 
     /// That of a tag with this record.
     pub fn of(tag: &node_record::Tag, record: &'a node_record::Record, anchors: &'a [AnchorPlace]) -> Self {
-        let locator = Self::new(tag.height_m, anchors);
+        let locator = Self::new(tag.height_m, anchors).by(tag.solver);
         if HEARS_BEACONS { locator.with_beacons(KnownBeacons::of(record)) } else { locator }
     }
 

@@ -2,6 +2,7 @@
 
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use firmware_common::Reporter;
+use node_record::Solver;
 use ranging::exchange::{Event, Link};
 use telemetry::{Condition, Difference, Fix, Outcome, Range, Sighting};
 
@@ -56,7 +57,8 @@ impl<M: RawMutex, const BYTES: usize> Sink for Told<'_, M, BYTES> {
         };
         let age_us = u32::try_from(t_us.saturating_sub(epoch.poll_us)).unwrap_or(u32::MAX);
         let (round, asked) = (measured.number(), measured.asked());
-        journal.fix(Fix { t_us, round, age_us, asked, outcome }, measured.count() as u8);
+        let fix = Fix { t_us, round, age_us, asked, outcome, solver: in_telemetry(epoch.solver) };
+        journal.fix(fix, measured.count() as u8);
     }
 
     fn step(&self, event: &Event<'_>) {
@@ -100,5 +102,16 @@ impl<M: RawMutex, const BYTES: usize> Sink for Told<'_, M, BYTES> {
 
     fn scanner_restarted(&self, times: u32) {
         self.reporter.journal.state(self.now_us(), Condition::ScannerRestarted(times));
+    }
+}
+
+/// The record's solver in the words of telemetry.
+fn in_telemetry(solver: Solver) -> telemetry::Solver {
+    match solver {
+        Solver::Track => telemetry::Solver::Track,
+        Solver::Robust => telemetry::Solver::Robust,
+        Solver::BWls => telemetry::Solver::BWls,
+        Solver::BWlsR => telemetry::Solver::BWlsR,
+        Solver::BoundingBox => telemetry::Solver::BoundingBox,
     }
 }

@@ -5,6 +5,7 @@
 //! which may ask for the impulse response, or by the received powers.
 
 use heapless::Vec;
+use node_record::Solver;
 use positioning_core::ble::surroundings::{ON_NODE, Surroundings};
 use positioning_core::engine::{Engine, Measurement, Missing, Output, Tdoa, Verdict};
 use positioning_core::nlos::{Feature, Features, Judge, Reception, first_path_to_noise_db};
@@ -26,6 +27,7 @@ const RECEIVER_DB: f32 = 5.0;
 #[derive(Clone)]
 pub struct Tracker<'a> {
     pub(crate) engine: Engine<f32>,
+    pub(crate) solver: Solver,
     pub(crate) anchors: &'a [AnchorPlace],
     judge: Judge<'a>,
     /// Where the tag was at the end of the last round, metres, where that is known.
@@ -57,9 +59,10 @@ pub(crate) struct Taken {
 impl<'a> Tracker<'a> {
     /// Knows nothing of the tag yet.
     pub fn new(locator: Locator<'a>) -> Self {
-        let Locator { settings, anchors, model, beacons, surveyed } = locator;
+        let Locator { settings, solver, anchors, model, beacons, surveyed } = locator;
         Self {
             engine: Engine::new(settings),
+            solver,
             anchors,
             judge: Judge::new(model),
             last_m: None,
@@ -95,7 +98,7 @@ impl<'a> Tracker<'a> {
         self.window.after_anchors = true;
         self.window.found_by_anchors |= outcome.is_ok();
         self.window.by_anchors = outcome.as_ref().ok().and_then(Position::sure).or(self.window.by_anchors);
-        Epoch { measured, poll_us, outcome, sounding }
+        Epoch { measured, poll_us, outcome, sounding, solver: self.solver }
     }
 
     fn take_ranges(&mut self, round: &Round<'_>, sounding: Option<&Sounding>, poll_us: u64, taken: &mut Taken) {
@@ -325,6 +328,40 @@ mod tests {
         let one = tracker.follow(round(&heard[2..3]), None, 110_000).outcome.unwrap();
         assert_eq!(one.used, 0b1);
         assert_eq!(tracker.follow(round(&[]), None, 160_000).outcome, Err(NoFix::TooFewAnchors));
+    }
+
+    #[test]
+    fn a_tag_that_solves_each_round_by_itself_needs_three_ranges_in_each() {
+        let heard = ranges(|i| Some(CORNERS[i]));
+        for solver in Solver::ALL {
+            let mut tracker = Tracker::new(Locator::new(Some(0.0), &[]).by(solver));
+            for k in 1..=20 {
+                let epoch = tracker.follow(round(&heard), None, 50_000 * k);
+                let found = epoch.outcome.unwrap().position_m;
+                // Squares meet where circles do not: the box knows the tag to a metre.
+                let [x, y, _] = [0, 1, 2].map(|axis| (found[axis] - TAG[axis]).abs());
+                assert!(
+                    near(found, TAG) || solver == Solver::BoundingBox && x < 1.0 && y < 1.0,
+                    "{solver:?}: {found:?}"
+                );
+                assert_eq!(epoch.solver, solver);
+            }
+            let two = tracker.follow(round(&heard[..2]), None, 1_050_000).outcome;
+            match solver {
+                Solver::Track => assert!(two.is_ok(), "{two:?}"),
+                Solver::Robust | Solver::BWls | Solver::BWlsR | Solver::BoundingBox => {
+                    assert_eq!(two, Err(NoFix::TooFewAnchors), "{solver:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_solver_is_the_method_of_its_name() {
+        for solver in Solver::ALL {
+            let name = crate::method(solver).map_or("track", |method| method.method().as_str());
+            assert_eq!(name, solver.name());
+        }
     }
 
     #[test]

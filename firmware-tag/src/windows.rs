@@ -93,7 +93,7 @@ impl Tracker<'_> {
         self.number = self.number.wrapping_add(1);
         let outcome = outcome(&end, taken, self.levels.len());
         let measured = Measured::Levels(Levels { number: self.number, levels: &self.levels });
-        Some(Epoch { measured, poll_us: now_us, outcome, sounding: None })
+        Some(Epoch { measured, poll_us: now_us, outcome, sounding: None, solver: self.solver })
     }
 
     /// In which room the tag is, where the last window had something to tell of that.

@@ -4,7 +4,7 @@
 #[allow(dead_code, reason = "its main is the example's")]
 mod simulated;
 
-use node_record::{Record, Role, Tag};
+use node_record::{Record, Role, Solver, Tag};
 use small_air::room;
 use telemetry::{Condition, Decoder, Fix, Message};
 
@@ -12,7 +12,7 @@ use telemetry::{Condition, Decoder, Fix, Message};
 const LIFE_S: u64 = 30;
 
 fn sleeper() -> Record {
-    let mut record = room::record();
+    let mut record = room::record(Solver::Track);
     let Role::Tag(tag) = record.role else { panic!("the room's record is a tag's") };
     record.role = Role::Tag(Tag { rate_chz: Some(100), sleep: true, ..tag });
     record
@@ -20,10 +20,10 @@ fn sleeper() -> Record {
 
 #[test]
 fn a_seldom_tag_sleeps_between_its_turns_and_loses_nothing_but_some_accuracy() {
-    let (bytes, naps) = simulated::live(&sleeper(), LIFE_S * 1_000_000, room::tag).unwrap();
+    let simulated::Life { telemetry, naps, .. } = simulated::live(&sleeper(), LIFE_S * 1_000_000, room::tag).unwrap();
     let mut decoder = Decoder::new();
     let told: Vec<Message> =
-        bytes.into_iter().filter_map(|byte| decoder.feed(byte)).map(|message| message.unwrap()).collect();
+        telemetry.into_iter().filter_map(|byte| decoder.feed(byte)).map(|message| message.unwrap()).collect();
     // A second's turn each, but for the first two; as many naps.
     let fixes: Vec<Fix> =
         told.iter().filter_map(|message| if let Message::Fix(fix) = message { Some(*fix) } else { None }).collect();

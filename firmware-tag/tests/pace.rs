@@ -4,18 +4,18 @@
 #[allow(dead_code, reason = "its main is the example's")]
 mod simulated;
 
-use node_record::{Role, Tag};
+use node_record::{Role, Solver, Tag};
 use small_air::room;
 use telemetry::{Decoder, Message};
 
 #[test]
 fn a_tag_at_rest_goes_to_its_still_rate_and_back_when_it_is_carried_on() {
-    let mut record = room::record();
+    let mut record = room::record(Solver::Track);
     let Role::Tag(tag) = record.role else { panic!("the room's record is a tag's") };
     record.role = Role::Tag(Tag { still_rate_chz: Some(200), report_ranges: false, ..tag });
-    let (bytes, _) = simulated::live(&record, 15_000_000, room::lazy_tag).unwrap();
+    let life = simulated::live(&record, 15_000_000, room::lazy_tag).unwrap();
     let mut decoder = Decoder::new();
-    let told = bytes.into_iter().filter_map(|byte| decoder.feed(byte)).map(|message| message.unwrap());
+    let told = life.telemetry.into_iter().filter_map(|byte| decoder.feed(byte)).map(|message| message.unwrap());
     let rounds_s: Vec<f64> = told
         .filter_map(|message| if let Message::Fix(fix) = message { Some(fix.t_us as f64 / 1e6) } else { None })
         .collect();

@@ -6,6 +6,7 @@ mod simulated;
 
 use std::sync::OnceLock;
 
+use node_record::Solver;
 use small_air::room;
 use telemetry::{Condition, Decoder, Fix, Message};
 
@@ -14,7 +15,7 @@ fn told() -> &'static [Message] {
     static TOLD: OnceLock<Vec<Message>> = OnceLock::new();
     TOLD.get_or_init(|| {
         let mut decoder = Decoder::new();
-        let bytes = simulated::live(&room::record(), room::LIFE_US, room::tag).unwrap().0;
+        let bytes = simulated::live(&room::record(Solver::Track), room::LIFE_US, room::tag).unwrap().telemetry;
         bytes.into_iter().filter_map(|byte| decoder.feed(byte)).map(|message| message.unwrap()).collect()
     })
 }

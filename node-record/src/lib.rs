@@ -13,15 +13,16 @@ mod board;
 mod models;
 mod page;
 mod record;
+mod region;
 mod store;
 mod validate;
 
 pub use board::{Board, Pages};
 pub use models::{BeaconModels, MODELS_BYTES, MODELS_VERSION, OfBeacons, decode_models, encode_models, load_models};
-pub use page::{Fault, HEADER_BYTES, MAX_BYTES, MODEL_AT, MODEL_BYTES, decode, encode};
+pub use page::{Fault, HEADER_BYTES, MAX_BYTES, MODEL_AT, MODEL_BYTES, decode, encode, version};
 pub use record::*;
 pub use store::{Next, StoreError, load, load_model, model_of, newest, next, store};
 pub use validate::{Invalid, Value};
 
-/// The record's version.
-pub const VERSION: u8 = 1;
+/// The version of the records that are written; those of version 1 are read as well.
+pub const VERSION: u8 = 2;

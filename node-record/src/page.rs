@@ -12,12 +12,14 @@
 //!
 //! | 1280 | 400 | [`MODEL_AT`]: a tag's trained classifier of line of sight, with its own checksum, or erased |
 //!
-//! Numbers are little-endian. The rest of the page is erased, 0xFF. The header stays the same in all versions, so that
+//! Version 2 is version 1 with [`Appended`] behind the record's fields, and zeros for a turnaround that is not pinned. Numbers are
+//! little-endian. The rest of the page is erased, 0xFF. The header stays the same in all versions, so that
 //! an unknown version is known to be one.
 
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
+use serde::{Deserialize, Serialize};
 
-use crate::{Invalid, Record, VERSION};
+use crate::{Invalid, Record, Region, Role, Scheme, Solver, Turnaround, VERSION};
 
 /// Bytes that a record in its page has room for; the rest of the page is left erased.
 pub const MAX_BYTES: usize = 1280;
@@ -28,6 +30,32 @@ pub const MODEL_AT: usize = MAX_BYTES;
 pub const MODEL_BYTES: usize = 400;
 /// Bytes before the record.
 pub const HEADER_BYTES: usize = 16;
+
+/// What version 2 has behind the fields of version 1, whichever role the record is of.
+#[derive(Clone, Copy, Default, Serialize, Deserialize)]
+struct Appended {
+    region: Option<Region>,
+    solver: Solver,
+    scheme: Option<Scheme>,
+}
+
+impl Appended {
+    fn of(record: &Record) -> Self {
+        let region = record.network.region;
+        match &record.role {
+            Role::Tag(tag) => Self { region, solver: tag.solver, scheme: tag.scheme },
+            Role::Anchor { position_m: _ } | Role::Advertiser(_) => Self { region, ..Self::default() },
+        }
+    }
+
+    fn put_into(self, record: &mut Record) {
+        record.network.region = self.region;
+        match &mut record.role {
+            Role::Tag(tag) => (tag.solver, tag.scheme) = (self.solver, self.scheme),
+            Role::Anchor { position_m: _ } | Role::Advertiser(_) => (),
+        }
+    }
+}
 
 /// What a page begins with: whose it is.
 pub(crate) type Letters = [u8; 4];
@@ -42,7 +70,7 @@ const CRC: Crc<u32, Table<0>> = Crc::<u32, Table<0>>::new(&CRC_32_ISO_HDLC);
 pub enum Fault {
     /// There is none: the flash is erased.
     Missing,
-    /// It is whole, but of this version, which is not [`VERSION`].
+    /// It is whole, but of this version, which is neither 1 nor [`VERSION`].
     Version(u8),
     /// Its checksum is wrong, it is cut short, or it is something else.
     Corrupt,
@@ -55,7 +83,7 @@ impl core::fmt::Display for Fault {
         match self {
             Self::Missing => f.write_str("there is no record: the flash is erased"),
             Self::Version(version) => {
-                write!(f, "the record is of version {version}, this program reads version {VERSION}")
+                write!(f, "the record is of version {version}, this program reads versions 1 to {VERSION}")
             }
             Self::Corrupt => f.write_str("the record is damaged or cut short: its checksum is wrong"),
             Self::Invalid(invalid) => write!(f, "the record is whole, but {invalid}"),
@@ -86,7 +114,7 @@ impl Header {
 pub fn encode<'a>(record: &Record, sequence: u32, page: &'a mut [u8; MAX_BYTES]) -> &'a [u8] {
     page.fill(0xFF);
     let (_, body) = page.split_at_mut(HEADER_BYTES);
-    let length = match postcard::to_slice(record, body) {
+    let length = match postcard::to_slice(&(record, Appended::of(record)), body) {
         Ok(written) => written.len(),
         // MAX_BYTES holds the longest record there is: `the_longest_record_fits`.
         Err(_) => unreachable!(),
@@ -120,15 +148,31 @@ pub(crate) fn seal(framed: Framed, length: usize, page: &mut [u8]) -> &[u8] {
 /// There is none that is whole, of this version and valid.
 pub fn decode(page: &[u8]) -> Result<(Record, u32), Fault> {
     let (header, body) = parse(LETTERS, page)?;
-    if header.version != VERSION {
+    if !matches!(header.version, 1 | VERSION) {
         return Err(Fault::Version(header.version));
     }
-    let (record, rest) = postcard::take_from_bytes::<Record>(body).map_err(|_| Fault::Corrupt)?;
+    let (mut record, mut rest) = postcard::take_from_bytes::<Record>(body).map_err(|_| Fault::Corrupt)?;
+    if header.version == 1 {
+        // It could not say that none is pinned: then it had the default's.
+        record.network.turnaround = record.network.turnaround.filter(|pinned| *pinned != Turnaround::DWM1001);
+    } else {
+        let (appended, end) = postcard::take_from_bytes::<Appended>(rest).map_err(|_| Fault::Corrupt)?;
+        appended.put_into(&mut record);
+        rest = end;
+    }
     if !rest.is_empty() {
         return Err(Fault::Corrupt);
     }
     record.validate().map_err(Fault::Invalid)?;
     Ok((record, header.sequence))
+}
+
+/// The version that a page is of, or as much of its beginning as was read.
+///
+/// # Errors
+/// There is none that is whole.
+pub fn version(page: &[u8]) -> Result<u8, Fault> {
+    header_of(page).map(|header| header.version)
 }
 
 /// The header of a record's page.

@@ -80,6 +80,78 @@ pub struct Tag {
     pub scan: Option<Scan>,
     /// Whether each range is told to the host beside the fixes.
     pub report_ranges: bool,
+    /// What makes its positions. Of version 2: `page` writes it behind the others.
+    #[serde(skip)]
+    pub solver: Solver,
+    /// How it measures its distances in native mode; `None`: as the image does by itself. Of version 2.
+    #[serde(skip)]
+    pub scheme: Option<Scheme>,
+}
+
+/// What makes a tag's positions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Solver {
+    /// A track, which every range changes.
+    #[default]
+    Track,
+    /// Each round by itself: maximum a posteriori under direct and blocked ranges.
+    Robust,
+    /// Each round by itself: linear least squares weighted by the bounding box.
+    BWls,
+    /// The same, repeated with the weights of its own answer.
+    BWlsR,
+    /// Each round by itself: the centre of the bounding box.
+    BoundingBox,
+}
+
+impl Solver {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Track, Self::Robust, Self::BWls, Self::BWlsR, Self::BoundingBox];
+
+    /// Its name in files and on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Track => "track",
+            Self::Robust => "robust",
+            Self::BWls => "b-wls",
+            Self::BWlsR => "b-wls-r",
+            Self::BoundingBox => "bounding-box",
+        }
+    }
+
+    /// The one of this name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|solver| solver.name() == name)
+    }
+}
+
+/// How a tag measures its distances to the anchors of a round in native mode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Scheme {
+    /// A poll and N responses; the clocks' rates are known by tracking.
+    SingleSided,
+    /// A poll, N responses and a final: the clocks' rates cancel out.
+    DoubleSided,
+}
+
+impl Scheme {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::SingleSided, Self::DoubleSided];
+
+    /// Its name in files and on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::SingleSided => "single-sided",
+            Self::DoubleSided => "double-sided",
+        }
+    }
+
+    /// The one of this name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|scheme| scheme.name() == name)
+    }
 }
 
 /// How a tag scans.
@@ -124,8 +196,47 @@ pub struct Network {
     pub mode: Mode,
     /// How frames are put on the air.
     pub phy: Phy,
-    /// The quickness of the slowest board, from which the superframe's slots follow, microseconds.
-    pub turnaround: Turnaround,
+    /// The quickness of the slowest board, from which the superframe's slots follow, where it is pinned; `None`: nodes measure
+    /// their own.
+    #[serde(with = "measured_as_zeros")]
+    pub turnaround: Option<Turnaround>,
+    /// By whose rules nodes transmit; `None`: nobody said. Of version 2: `page` writes it behind the others.
+    #[serde(skip)]
+    pub region: Option<Region>,
+}
+
+/// By whose rules nodes transmit: `docs/regulation.md`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Region {
+    /// European Union: Decision (EU) 2019/785.
+    Eu,
+    /// United States: 47 CFR part 15, subpart F.
+    Us,
+    /// Japan: ARIB STD-T91.
+    Japan,
+    /// Nobody's: frames leave no shielded room or cable, or there is a licence for them.
+    Unchecked,
+}
+
+impl Region {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Eu, Self::Us, Self::Japan, Self::Unchecked];
+
+    /// Its name in files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Eu => "eu",
+            Self::Us => "us",
+            Self::Japan => "japan",
+            Self::Unchecked => "none",
+        }
+    }
+
+    /// The one of this name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|region| region.name() == name)
+    }
 }
 
 /// How nodes range.
@@ -172,6 +283,29 @@ pub struct Turnaround {
     pub listen_again_us: u16,
     /// From a decision to transmit to the first pulse.
     pub transmit_us: u16,
+}
+
+impl Turnaround {
+    /// A DWM1001's by the counts of `ranging::native::Turnaround::DWM1001`: what version 1 had where its file said nothing.
+    pub const DWM1001: Self = Self { answer_us: 250, listen_again_us: 40, transmit_us: 150 };
+}
+
+/// In the bytes, a turnaround that is not pinned is three zeros, which are none that can be.
+mod measured_as_zeros {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    use super::Turnaround;
+
+    const MEASURED: Turnaround = Turnaround { answer_us: 0, listen_again_us: 0, transmit_us: 0 };
+
+    pub(super) fn serialize<S: Serializer>(pinned: &Option<Turnaround>, to: S) -> Result<S::Ok, S::Error> {
+        pinned.unwrap_or(MEASURED).serialize(to)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Turnaround>, D::Error> {
+        let pinned = Turnaround::deserialize(from)?;
+        Ok((pinned != MEASURED).then_some(pinned))
+    }
 }
 
 /// What was calibrated on a board.

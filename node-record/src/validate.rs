@@ -6,7 +6,7 @@ use ranging::native::{MAX_ROUND, Timing, Turnaround};
 use ranging::phy::{Channel, DataRate, PhyError, PreambleLength, Prf};
 use ranging::{PhyConfig, RadioDuration};
 
-use crate::{Advertiser, Board, Identity, Mode, Network, Pins, Record, Role, Scan, Tag};
+use crate::{Advertiser, Board, Identity, Mode, Network, Pins, Record, Role, Scan, Solver, Tag};
 
 /// Farthest that anything may be from the origin, metres.
 const FARTHEST_M: f32 = 100_000.0;
@@ -45,6 +45,8 @@ pub enum Value {
     Hexadecimal(u64),
     /// A number with a fraction.
     Real(f32),
+    /// A word of a list; on a node none.
+    Word(&'static str),
     /// Nothing.
     Absent,
 }
@@ -64,6 +66,7 @@ impl fmt::Display for Value {
             Self::Integer(value) => write!(f, "{value}"),
             Self::Hexadecimal(value) => write!(f, "0x{value:04X}"),
             Self::Real(value) => write!(f, "{value}"),
+            Self::Word(word) => f.write_str(word),
             Self::Absent => f.write_str("absent"),
         }
     }
@@ -73,7 +76,7 @@ impl core::error::Error for Invalid {}
 
 /// Inlined, so that no words are left on a node.
 #[inline(always)]
-fn ensure(holds: bool, field: &'static str, value: Value, must: &'static str) -> Result<(), Invalid> {
+pub(crate) fn ensure(holds: bool, field: &'static str, value: Value, must: &'static str) -> Result<(), Invalid> {
     if holds { Ok(()) } else { Err(invalid(field, value, must)) }
 }
 
@@ -88,7 +91,7 @@ const fn words(words: &'static str) -> &'static str {
     if cfg!(target_os = "none") { "" } else { words }
 }
 
-fn integer(value: impl Into<u64>) -> Value {
+pub(crate) fn integer(value: impl Into<u64>) -> Value {
     Value::Integer(value.into())
 }
 
@@ -106,15 +109,17 @@ impl Record {
         self.network.phy()
     }
 
-    /// The network in the words of native mode.
+    /// The network in the words of native mode; a turnaround that is not pinned is a DWM1001's.
     ///
     /// # Errors
-    /// As [`phy`](Self::phy).
+    /// As [`phy`](Self::phy); and what the region forbids.
     pub fn network(&self) -> Result<ranging::native::Network, Invalid> {
+        let phy = self.network.phy()?;
+        self.validate_region()?;
         Ok(ranging::native::Network {
             pan: self.network.pan,
-            phy: self.network.phy()?,
-            turnaround: self.network.turnaround.into(),
+            phy,
+            turnaround: self.network.turnaround.map_or(Turnaround::DWM1001, Turnaround::from),
         })
     }
 
@@ -162,33 +167,22 @@ impl Record {
     }
 
     fn validate_network(&self) -> Result<(), Invalid> {
-        let Network { pan, mode, phy: _, turnaround } = self.network;
+        let Network { pan, mode, phy: _, turnaround, region: _ } = self.network;
         ensure(
             pan != 0xFFFF,
             "network.pan",
             Value::Hexadecimal(pan.into()),
             "less than 0xFFFF, which is every network's",
         )?;
-        let times = [
-            ("network.turnaround.answer_us", turnaround.answer_us),
-            ("network.turnaround.listen_again_us", turnaround.listen_again_us),
-            ("network.turnaround.transmit_us", turnaround.transmit_us),
-        ];
-        for (field, time_us) in times {
-            ensure((1..=SLOWEST_US).contains(&time_us), field, integer(time_us), "1 to 20000")?;
+        if let Some(pinned) = &turnaround {
+            pinned.validate()?;
         }
-        ensure(
-            turnaround.transmit_us <= turnaround.answer_us,
-            "network.turnaround.transmit_us",
-            integer(turnaround.transmit_us),
-            "answer_us at most, which counts it in",
-        )?;
         let network = self.network()?;
         let rounds_fit = || {
             ensure(
                 Timing::of(&network).round_slots > 0,
                 "network.turnaround.listen_again_us",
-                integer(turnaround.listen_again_us),
+                turnaround.map_or(Value::Absent, |pinned| integer(pinned.listen_again_us)),
                 "less, so that a round fits into a superframe",
             )
         };
@@ -205,7 +199,10 @@ impl Record {
 
     fn validate_role(&self) -> Result<(), Invalid> {
         match &self.role {
-            Role::Tag(tag) => tag.validate(),
+            Role::Tag(tag) => {
+                tag.validate()?;
+                self.validate_solver(tag.solver)
+            }
             Role::Anchor { position_m: None } => Ok(()),
             Role::Anchor { position_m: Some(position_m) } => {
                 place(position_m, FARTHEST_ON_AIR_M, "anchor.position_m", "finite and within 8388 m of the origin")
@@ -216,6 +213,16 @@ impl Record {
                 ensure(keyed, "beacon_key", Value::Absent, "there where beacon.rotate_s is not 0")
             }
         }
+    }
+
+    /// Methods solve ranges; a tag that only listens has none.
+    fn validate_solver(&self, solver: Solver) -> Result<(), Invalid> {
+        let fits = match (self.network.mode, solver) {
+            (Mode::Native | Mode::DecaRanging { fast: _ }, _) | (Mode::Listening { .. }, Solver::Track) => true,
+            (Mode::Listening { .. }, Solver::Robust | Solver::BWls | Solver::BWlsR | Solver::BoundingBox) => false,
+        };
+        let must = "track in mode \"listening\": the others solve ranges, and there a tag has differences";
+        ensure(fits, "tag.solver", Value::Word(words(solver.name())), must)
     }
 
     fn validate_anchors(&self) -> Result<(), Invalid> {
@@ -311,6 +318,26 @@ impl Network {
                 invalid("network.phy.rate_kbps", integer(phy.rate_kbps), "one that delimiter and preamble fit")
             }
         })
+    }
+}
+
+impl crate::Turnaround {
+    fn validate(&self) -> Result<(), Invalid> {
+        let Self { answer_us, listen_again_us, transmit_us } = *self;
+        let times = [
+            ("network.turnaround.answer_us", answer_us),
+            ("network.turnaround.listen_again_us", listen_again_us),
+            ("network.turnaround.transmit_us", transmit_us),
+        ];
+        for (field, time_us) in times {
+            ensure((1..=SLOWEST_US).contains(&time_us), field, integer(time_us), "1 to 20000")?;
+        }
+        ensure(
+            transmit_us <= answer_us,
+            "network.turnaround.transmit_us",
+            integer(transmit_us),
+            "answer_us at most, which counts it in",
+        )
     }
 }
 

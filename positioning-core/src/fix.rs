@@ -112,7 +112,8 @@ pub(crate) fn conclude_equal<T: Real, const D: usize>(
     position: Vector<T, D>,
 ) -> Result<Fix<T, D>, NoFix> {
     let all = AnchorSet(((1_u32 << samples.len().min(MAX_ANCHORS)) - 1) as u16);
-    Ok(Fix { used: all, ..conclude(samples, layout, position, core::iter::repeat(T::ONE))? })
+    // One copy of the code for all weights.
+    Ok(Fix { used: all, ..conclude_weighted(samples, layout, position, &[T::ONE; MAX_ANCHORS])? })
 }
 
 /// [`conclude`] for a method that weighed its ranges by `weights`.

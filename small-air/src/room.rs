@@ -5,7 +5,7 @@ use core::convert::Infallible;
 use embassy_futures::join::join_array;
 use embedded_hal_async::delay::DelayNs;
 use heapless::Vec;
-use node_record::{Calibration, Identity, Mode, Network, Phy, Record, Role, Tag, Turnaround};
+use node_record::{Calibration, Identity, Mode, Network, Phy, Record, Role, Solver, Tag};
 use ranging::RadioInstant;
 use ranging::exchange::{Guidance, Report};
 use ranging::native::{self, Anchor, AnchorConfig};
@@ -54,8 +54,8 @@ pub fn walk(t_us: u64) -> [i32; 3] {
     [CORNER_MM[0] + x as i32, CORNER_MM[1] + y as i32, CORNER_MM[2]]
 }
 
-/// What the tag is told.
-pub fn record() -> Record {
+/// The tag's record, by which it makes its positions by this solver.
+pub fn record(solver: Solver) -> Record {
     Record {
         identity: Identity::default(),
         role: Role::Tag(Tag {
@@ -67,12 +67,15 @@ pub fn record() -> Record {
             tell_distances: false,
             scan: None,
             report_ranges: true,
+            solver,
+            scheme: None,
         }),
         network: Network {
             pan: 0xBA12,
             mode: Mode::Native,
             phy: Phy { channel: 5, prf_mhz: 64, rate_kbps: 6810, preamble: 128, code: None },
-            turnaround: Turnaround { answer_us: 250, listen_again_us: 40, transmit_us: 150 },
+            turnaround: None,
+            region: None,
         },
         calibration: Calibration::default(),
         pins: None,
@@ -143,7 +146,9 @@ mod tests {
 
     #[test]
     fn the_record_is_one_that_a_node_follows() {
-        assert_eq!(record().validate(), Ok(()));
+        for solver in Solver::ALL {
+            assert_eq!(record(solver).validate(), Ok(()));
+        }
     }
 
     #[test]

@@ -16,6 +16,7 @@ fn fix(i: u32) -> Message {
         age_us: 8500,
         asked: 6,
         outcome: Outcome::position(place, covariance, 0b11_1011, 0.9),
+        solver: Solver::Track,
     })
 }
 

@@ -4,7 +4,7 @@
 //! kept so takes another [`SCHEMA`](crate::SCHEMA) number.
 
 use postcard::experimental::max_size::MaxSize;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// What a node tells.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize)]
@@ -92,6 +92,34 @@ pub struct Fix {
     pub asked: u8,
     /// What came of the round.
     pub outcome: Outcome,
+    /// What made the position.
+    #[serde(deserialize_with = "or_unknown")]
+    pub solver: Solver,
+}
+
+/// What makes a tag's positions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Solver {
+    /// Not known: the node is of an older build, which does not say it, or of a newer one.
+    #[default]
+    Unknown,
+    /// A track, which every range changes.
+    Track,
+    /// `robust`, each round by itself.
+    Robust,
+    /// `b-wls`, each round by itself.
+    BWls,
+    /// `b-wls-r`, each round by itself.
+    BWlsR,
+    /// `bounding-box`, each round by itself.
+    BoundingBox,
+}
+
+/// A field that was appended to the end of its message: a body that ends before it is an older build's, and a number that is not known
+/// a newer one's.
+fn or_unknown<'de, D: Deserializer<'de>>(from: D) -> Result<Solver, D::Error> {
+    Ok(Solver::deserialize(from).unwrap_or_default())
 }
 
 /// What came of a round.

@@ -6,7 +6,7 @@ use positioning_core::NoFix;
 
 use crate::{
     Board, Condition, CrashReason, Levels, LevelsFault, Malformed, Message, Reason, RecordFault, ResetCause, Role,
-    Whereabouts,
+    Solver, Whereabouts,
 };
 
 impl Message {
@@ -47,6 +47,20 @@ impl Board {
             Self::Esp32C6 => "esp32c6",
             Self::Esp32 => "esp32",
             Self::Simulated => "simulated",
+        }
+    }
+}
+
+impl Solver {
+    /// Its name, as the record spells it; none where it is not known.
+    pub fn as_str(self) -> Option<&'static str> {
+        match self {
+            Self::Unknown => None,
+            Self::Track => Some("track"),
+            Self::Robust => Some("robust"),
+            Self::BWls => Some("b-wls"),
+            Self::BWlsR => Some("b-wls-r"),
+            Self::BoundingBox => Some("bounding-box"),
         }
     }
 }

@@ -342,6 +342,7 @@ mod tests {
             age_us: 0,
             asked: 4,
             outcome: Outcome::position(position_m, covariance_m2, 0b1011, 0.5),
+            solver: crate::Solver::Track,
         }
     }
 

@@ -11,7 +11,7 @@ use telemetry::*;
 const T_FIX_US: u64 = 12_345_678;
 
 fn fix(outcome: Outcome) -> Message {
-    Message::Fix(Fix { t_us: T_FIX_US, round: 300, age_us: 8500, asked: 6, outcome })
+    Message::Fix(Fix { t_us: T_FIX_US, round: 300, age_us: 8500, asked: 6, outcome, solver: Solver::BWls })
 }
 
 fn diagnostics() -> Diagnostics {
@@ -102,9 +102,13 @@ fn golden() -> Vec<(&'static str, Message, &'static str)> {
         (
             "fix",
             fix(position),
-            "0C 01 01 CE C2 F1 05 AC 02 B4 42 06 11 C8 F5 03 E8 F8 04 B0 EA 01 D8 04 F4 03 B0 09 20 06 C0 3B E6 9A 18 00",
+            "0C 01 01 CE C2 F1 05 AC 02 B4 42 06 11 C8 F5 03 E8 F8 04 B0 EA 01 D8 04 F4 03 B0 09 20 07 C0 3B E6 03 5A 39 00",
         ),
-        ("no fix", fix(Outcome::Reason(Reason::RangesDisjoint)), "10 01 01 CE C2 F1 05 AC 02 B4 42 06 01 05 93 E6 00"),
+        (
+            "no fix",
+            fix(Outcome::Reason(Reason::RangesDisjoint)),
+            "11 01 01 CE C2 F1 05 AC 02 B4 42 06 01 05 03 8B 3E 00",
+        ),
         (
             "range",
             range(54_321, Some([0, -125_000, 24_000])),
@@ -231,20 +235,34 @@ fn fields_that_a_newer_build_appends_are_ignored() {
 }
 
 #[test]
-fn a_fix_takes_at_most_48_bytes() {
+fn a_fix_of_a_build_without_solvers_or_of_one_with_more_is_read() {
+    // The fix without its last byte, as it was before there were solvers, and the same with 77 for a solver, by the same Python.
+    let frames = [
+        "0C 01 01 CE C2 F1 05 AC 02 B4 42 06 11 C8 F5 03 E8 F8 04 B0 EA 01 D8 04 F4 03 B0 09 20 06 C0 3B E6 9A 18 00",
+        "0C 01 01 CE C2 F1 05 AC 02 B4 42 06 11 C8 F5 03 E8 F8 04 B0 EA 01 D8 04 F4 03 B0 09 20 07 C0 3B E6 4D 50 90 00",
+        "10 01 01 CE C2 F1 05 AC 02 B4 42 06 01 05 93 E6 00",
+    ];
+    for hex in frames {
+        let Ok(Message::Fix(fix)) = decode(&bytes(hex)) else { panic!("{hex} is a fix") };
+        assert_eq!((fix.round, fix.solver), (300, Solver::Unknown), "{hex}");
+    }
+}
+
+#[test]
+fn a_fix_takes_at_most_49_bytes() {
     let longest = |t_us, round, age_us, position, deviation| {
         let correlation = [127, -127, 1];
         let outcome = Outcome::Position { position, deviation, correlation, used: u16::MAX, quality: 255 };
-        let fix = Message::Fix(Fix { t_us, round, age_us, asked: 255, outcome });
+        let fix = Message::Fix(Fix { t_us, round, age_us, asked: 255, outcome, solver: Solver::BoundingBox });
         encode(&fix, &mut [0; MAX_FRAME]).len()
     };
     // 31 days of uptime, 1 s old, a kilometre from the origin, deviations of 10 m.
     let month_us = 31 * 24 * 3600 * 1_000_000;
-    assert_eq!(longest(month_us, u16::MAX, 1_000_000, [-10_000_000; 3], [100_000; 3]), 48);
+    assert_eq!(longest(month_us, u16::MAX, 1_000_000, [-10_000_000; 3], [100_000; 3]), 49);
     // No frame is longer: 1 schema, 1 message, varints of at most 10, 3 and 5 bytes, 1 asked, 1 outcome, 6 varints of 5, 3 correlations,
-    // a varint of 3, 1 quality, 2 checksum, 2 of COBS.
+    // a varint of 3, 1 quality, 1 solver, 2 checksum, 2 of COBS.
     let worst = longest(u64::MAX, u16::MAX, u32::MAX, [i32::MIN; 3], [u32::MAX; 3]);
-    assert_eq!(worst, 1 + 1 + 10 + 3 + 5 + 1 + 1 + 30 + 3 + 3 + 1 + 2 + 2);
+    assert_eq!(worst, 1 + 1 + 10 + 3 + 5 + 1 + 1 + 30 + 3 + 3 + 1 + 1 + 2 + 2);
     assert!(worst <= MAX_FRAME);
 }
 

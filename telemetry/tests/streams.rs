@@ -224,14 +224,24 @@ fn any_message() -> impl Strategy<Value = Message> {
         Board::Esp32,
         Board::Simulated,
     ]);
+    let solvers = proptest::sample::select(&[
+        Solver::Unknown,
+        Solver::Track,
+        Solver::Robust,
+        Solver::BWls,
+        Solver::BWlsR,
+        Solver::BoundingBox,
+    ]);
     let t_us = || any::<u64>().prop_flat_map(|greatest| 0..=greatest);
     prop_oneof![
         (t_us(), any::<(u64, u16, [u8; 8])>(), roles, boards).prop_map(|(t_us, (eui, address, build), role, board)| {
             Message::Hello(Hello { t_us, eui, address, role, board, build })
         }),
-        (t_us(), any::<(u16, u32, u8)>(), outcome()).prop_map(|(t_us, (round, age_us, asked), outcome)| {
-            Message::Fix(Fix { t_us, round, age_us, asked, outcome })
-        }),
+        (t_us(), any::<(u16, u32, u8)>(), outcome(), solvers).prop_map(
+            |(t_us, (round, age_us, asked), outcome, solver)| {
+                Message::Fix(Fix { t_us, round, age_us, asked, outcome, solver })
+            }
+        ),
         (t_us(), any::<(u16, u16, i32, u32, Option<[i32; 3]>)>(), any::<([i16; 3], [u16; 7])>()).prop_map(
             |(t_us, (round, peer, distance, deviation, place), measured)| {
                 let diagnostics = diagnostics(measured);

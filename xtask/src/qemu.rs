@@ -15,13 +15,17 @@ const PATIENCE: Duration = Duration::from_secs(300);
 
 /// What the image prints until it ends; an error where it fails, or does not end.
 pub fn run(chip: Chip, image: &Path) -> Result<String> {
-    run_in(chip, image, Path::new("."))
+    run_command(chip, image, chip.qemu())
 }
 
-/// The same for an image that opens files in this directory.
-pub fn run_in(chip: Chip, image: &Path, directory: &Path) -> Result<String> {
+/// The same for an image that opens files in this directory, and is started with this argument.
+pub fn run_in(chip: Chip, image: &Path, directory: &Path, argument: &str) -> Result<String> {
     let mut command = chip.qemu();
-    command.current_dir(directory);
+    command.current_dir(directory).arg("-append").arg(argument);
+    run_command(chip, image, command)
+}
+
+fn run_command(chip: Chip, image: &Path, mut command: Command) -> Result<String> {
     command.arg("-kernel").arg(image).stdin(Stdio::null()).stdout(Stdio::piped());
     let mut machine = command.spawn().with_context(|| format!("cannot run {}: {}", name(&command), install(chip)))?;
     let mut printed = machine.stdout.take().context("no output")?;

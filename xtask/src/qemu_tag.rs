@@ -1,5 +1,5 @@
 //! `cargo xtask qemu tag`: the tag's images for boards without hardware run in QEMU, on both cores, and find the same positions
-//! as the same app on a desktop.
+//! as the same app on a desktop: by a track, and by B-WLS each round by itself; to the last bit, which a digest in the log tells.
 //!
 //! What the images put into RTT's channels arrives in files; `baliza monitor` reads log and telemetry from them as from a probe.
 
@@ -8,11 +8,14 @@ use std::process::Command;
 use std::{env, fs};
 
 use anyhow::{Context, Result, ensure};
+use node_record::Solver;
 use telemetry::{Decoder, Message};
 
 use crate::chip::Chip;
-use crate::{firmware, qemu, root, succeed, target_directory};
+use crate::{firmware, qemu, root, target_directory};
 
+/// What the tag makes its positions by, one run after the other.
+const SOLVERS: [Solver; 2] = [Solver::Track, Solver::BWls];
 /// Positions of a core and of the desktop are the same within this, metres.
 const SAME_M: f64 = 0.001;
 /// Fewer positions than this, and the tag did not work: it ranges twenty times a second for five seconds.
@@ -20,7 +23,7 @@ const LEAST_FIXES: usize = 90;
 
 /// Runs both images and compares.
 pub fn run() -> Result<()> {
-    let reference = desktop()?;
+    let references = SOLVERS.iter().map(|solver| desktop(*solver)).collect::<Result<Vec<_>>>()?;
     for chip in Chip::ALL {
         let name = match chip {
             Chip::CortexM4F => "tag-simulated-arm",
@@ -29,17 +32,43 @@ pub fn run() -> Result<()> {
         let elf = firmware::elf(name)?;
         let directory = directory().join(name);
         fs::create_dir_all(&directory).with_context(|| format!("cannot make {}", directory.display()))?;
-        qemu::run_in(chip, &elf, &directory)?;
-        println!("\n{}: log and positions", chip.title());
-        let (log, told) = (directory.join("tag-simulated.defmt"), directory.join("tag-simulated.telemetry"));
-        let lines = show(&elf, &told, &log)?;
-        let told = messages(&told)?;
-        let positions = positions(&told);
-        ensure!(lines == positions, "the log has {lines} positions, telemetry {positions}");
-        let agreement = compare(&told, &reference).with_context(|| chip.title())?;
-        println!("{}: {agreement}", chip.title());
+        for (solver, reference) in SOLVERS.into_iter().zip(&references) {
+            qemu::run_in(chip, &elf, &directory, solver.name())?;
+            println!("\n{}, {}: log and positions", chip.title(), solver.name());
+            let agreement = judge(&elf, &directory, solver, reference);
+            println!("{}, {}: {}", chip.title(), solver.name(), agreement.with_context(|| chip.title())?);
+        }
     }
     Ok(())
+}
+
+/// Compares what an image has left in its directory with the desktop's; what to say where they agree.
+fn judge(elf: &Path, directory: &Path, solver: Solver, reference: &Life) -> Result<String> {
+    let (log, told) = (directory.join("tag-simulated.defmt"), directory.join("tag-simulated.telemetry"));
+    let log = show(elf, &told, &log)?;
+    let messages = messages(&told)?;
+    let (lines, positions) = (log.iter().filter(|line| is_position_by(line, solver)).count(), positions(&messages));
+    ensure!(lines == positions, "the log has {lines} positions by {}, telemetry {positions}", solver.name());
+    let agreement = compare(&messages, &reference.messages)?;
+    let digest = log.iter().find_map(|line| digest_in(line)).context("the log has no digest")?;
+    ensure!(digest == reference.digest, "digest {digest}, on the desktop {}: not the same bits", reference.digest);
+    Ok(format!("{agreement}; digest {digest} of all their bits, the desktop's"))
+}
+
+/// Whether a line of the log is a position that this solver made.
+fn is_position_by(line: &str, solver: Solver) -> bool {
+    line.contains("fix x=") && line.split(", ").any(|part| part.split_whitespace().next() == Some(solver.name()))
+}
+
+/// The digest that a line tells.
+fn digest_in(line: &str) -> Option<&str> {
+    line.split_once("digest ")?.1.split_whitespace().next()
+}
+
+/// A tag's life on the desktop.
+struct Life {
+    messages: Vec<Message>,
+    digest: String,
 }
 
 /// Where the channels' files are left.
@@ -48,14 +77,17 @@ fn directory() -> PathBuf {
 }
 
 /// What the app tells on a desktop.
-fn desktop() -> Result<Vec<Message>> {
+fn desktop(solver: Solver) -> Result<Life> {
     let file = directory().join("desktop.telemetry");
     fs::create_dir_all(directory()).with_context(|| format!("cannot make {}", directory().display()))?;
-    println!("running the tag on the desktop");
+    println!("running the tag on the desktop, by {}", solver.name());
     let mut command = cargo();
     command.args(["run", "--quiet", "--package", "firmware-tag", "--example", "simulated", "--"]);
-    succeed(command.arg(&file))?;
-    messages(&file)
+    let output = command.arg(&file).arg(solver.name()).output().context("cannot run cargo")?;
+    ensure!(output.status.success(), "the tag: {}", String::from_utf8_lossy(&output.stderr));
+    let said = String::from_utf8(output.stdout).context("the tag prints no text")?;
+    let digest = digest_in(&said).context("the tag prints no digest")?.to_owned();
+    Ok(Life { messages: messages(&file)?, digest })
 }
 
 fn cargo() -> Command {
@@ -64,17 +96,17 @@ fn cargo() -> Command {
     command
 }
 
-/// Prints what a person at the probe would read, without the single ranges; how many positions the log had.
-fn show(elf: &Path, telemetry: &Path, log: &Path) -> Result<usize> {
+/// Prints what a person at the probe would read, without the single ranges, and gives back its lines.
+fn show(elf: &Path, telemetry: &Path, log: &Path) -> Result<Vec<String>> {
     let mut command = cargo();
     command.args(["run", "--quiet", "--package", "host-tools", "--bin", "baliza", "--", "monitor"]);
     command.arg("--elf").arg(elf).arg("--file").arg(telemetry).arg("--defmt-file").arg(log);
     let output = command.output().context("cannot run cargo")?;
     ensure!(output.status.success(), "baliza monitor: {}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).context("baliza monitor prints no text")?;
-    let logged: Vec<&str> = text.lines().filter(|line| line.contains("INFO")).collect();
+    let logged: Vec<String> = text.lines().filter(|line| line.contains("INFO")).map(str::to_owned).collect();
     logged.iter().for_each(|line| println!("{line}"));
-    Ok(logged.iter().filter(|line| line.contains("fix x=")).count())
+    Ok(logged)
 }
 
 /// All messages of a file; an error where something else is in it.
@@ -136,7 +168,7 @@ mod tests {
             used: 0b1111,
             quality: 255,
         };
-        Message::Fix(Fix { t_us: 0, round: 0, age_us: 0, asked: 4, outcome })
+        Message::Fix(Fix { t_us: 0, round: 0, age_us: 0, asked: 4, outcome, solver: telemetry::Solver::Track })
     }
 
     #[test]
@@ -152,6 +184,14 @@ mod tests {
         );
         ours[3] = fix(11);
         assert!(compare(&ours, &reference).is_err());
+    }
+
+    #[test]
+    fn a_line_of_the_log_names_its_solver() {
+        let line = "1.500000 INFO fix x=3.21 y=-0.05 z=1.50 ±0.06 m, 6 anchors, 12 ms, b-wls";
+        assert!(is_position_by(line, Solver::BWls) && !is_position_by(line, Solver::BWlsR));
+        assert!(!is_position_by(line, Solver::Track));
+        assert_eq!(digest_in("5.500000 INFO digest 00ff, and more"), Some("00ff,"));
     }
 
     #[test]

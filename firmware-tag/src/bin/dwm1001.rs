@@ -59,7 +59,7 @@ async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
     let locator =
         Locator::of(&shared.tag, shared.record, anchors).with_model(shared.model).with_surveyed(shared.surveyed);
     #[cfg(not(feature = "ble"))]
-    let locator = Locator::new(shared.tag.height_m, anchors).with_model(shared.model);
+    let locator = Locator::new(shared.tag.height_m, anchors).by(shared.tag.solver).with_model(shared.model);
     let pace = Pace::of(&shared.tag);
     firmware_tag::engine(shared.handover, embassy_time::Delay, locator, pace, &shared.told()).await;
 }

@@ -84,7 +84,7 @@ async fn engine(
     sink: TagShown,
 ) {
     let (anchors, model) = known;
-    let locator = Locator::new(tag.height_m, anchors).with_model(model);
+    let locator = Locator::new(tag.height_m, anchors).by(tag.solver).with_model(model);
     let pace = Pace::of(&tag);
     firmware_tag::engine(handover, Delay, locator, pace, &sink).await;
 }

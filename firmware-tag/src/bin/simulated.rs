@@ -1,4 +1,4 @@
-//! The tag on a board without hardware: some seconds in the small air's room, told through RTT.
+//! The tag on a board without hardware: some seconds in the small air's room, told through RTT. Its solver is the program's argument.
 #![no_std]
 #![no_main]
 // The entry macros make a public function without documentation.
@@ -10,18 +10,22 @@ use boards::simulated::{Board, exit};
 use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use firmware_common::{Reporter, Settings, settings};
-use firmware_tag::{Handover, Locator, places, run_as_told};
-use node_record::{Fault, Record, Role};
+use firmware_tag::{Digest, Handover, Locator, places, run_as_told};
+use node_record::{Fault, Record, Role, Solver};
+use semihosting::experimental::env::args;
 use small_air::{room, uptime_us};
 use telemetry::{Condition, Reset, ResetCause};
 
 static REPORTER: Reporter<CriticalSectionRawMutex, 4096> = Reporter::new(uptime_us);
+/// The path of the image, and a word.
+const COMMAND_LINE_BYTES: usize = 1024;
+
 static HANDOVER: Handover<CriticalSectionRawMutex> = Handover::new();
 
 #[cfg_attr(target_arch = "arm", cortex_m_rt::entry)]
 #[cfg_attr(target_arch = "riscv32", riscv_rt::entry)]
 fn main() -> ! {
-    let Some(mut board) = Board::take(&room::record()) else { exit(false) };
+    let Some(mut board) = solver().and_then(|solver| Board::take(&room::record(solver))) else { exit(false) };
     REPORTER.journal.reset(Reset { t_us: uptime_us(), cause: ResetCause::PowerOn, crash: None });
     let lived = match &board.record.clone() {
         Ok(record) => live(&mut board, record),
@@ -43,6 +47,7 @@ fn live(board: &mut Board, record: &Record) -> Result<(), Condition> {
     let world = room::world(&settings.network);
     let radio = room::tag(&world).ok_or(Condition::RadioFailed(1))?;
     let told = (&HANDOVER, &REPORTER);
+    let mut digest = Digest::new();
     let app = run_as_told(
         radio,
         world.delay(),
@@ -50,10 +55,20 @@ fn live(board: &mut Board, record: &Record) -> Result<(), Condition> {
         Locator::of(&tag, record, &anchors),
         told,
         telemetry::Board::Simulated,
+        |epoch| digest.take(epoch),
     );
-    let everything = pin!(join(app, room::anchors(&world, settings.network)));
-    world.run(room::LIFE_US, everything, || {
-        board.take_out(&REPORTER.journal);
-    });
+    {
+        let everything = pin!(join(app, room::anchors(&world, settings.network)));
+        world.run(room::LIFE_US, everything, || {
+            board.take_out(&REPORTER.journal);
+        });
+    }
+    defmt::info!("digest {=u64:016x}", digest.value());
     Ok(())
+}
+
+/// What the host asks for, the last word of the command line; a track where it asks for nothing, and none where that is no solver.
+fn solver() -> Option<Solver> {
+    let arguments = args::<COMMAND_LINE_BYTES>().ok()?;
+    (&arguments).skip(1).last().map_or(Some(Solver::Track), |name| Solver::from_name(name.ok()?))
 }

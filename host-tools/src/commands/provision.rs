@@ -10,7 +10,7 @@ use host_tools::nlos::Chosen;
 use host_tools::probe::ProbeArguments;
 use host_tools::provision::image::{Contents, Held, Image};
 use host_tools::provision::show::{self, Keys};
-use host_tools::provision::{EXAMPLE, Node, Site, transfer};
+use host_tools::provision::{EXAMPLE, Node, Site, transfer, warnings};
 use host_tools::{Wrong, output};
 use node_record::{Board, MODELS_BYTES, Record};
 
@@ -113,7 +113,9 @@ fn make(arguments: &Arguments, file: &Path) -> Result<()> {
     let node = site.node(arguments.node.as_deref())?;
     let record = node.record_for(arguments.board)?;
     if arguments.write {
-        return write(arguments, node, board_of(arguments, node)?, &contents(node, record));
+        write(arguments, node, board_of(arguments, node)?, &contents(node, record))?;
+        warn([node]);
+        return Ok(());
     }
     let Some(out) = &arguments.out else {
         return Err(Wrong::flag("--config", "say where the record goes: --out FILE, or --write").into());
@@ -122,7 +124,12 @@ fn make(arguments: &Arguments, file: &Path) -> Result<()> {
     let board = board_of(arguments, node)?;
     let contents = contents(node, record);
     super::write(out, &encoded(arguments.format, board, &contents)?)?;
+    warn([node]);
     report(arguments, &[made(node, board, &contents, out)])
+}
+
+fn warn<'n>(nodes: impl IntoIterator<Item = &'n Node>) {
+    warnings(nodes).iter().for_each(|line| super::tell(&format!("warning: {line}\n")));
 }
 
 fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
@@ -149,6 +156,7 @@ fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
     for (_, file, bytes) in &files {
         super::write(file, bytes)?;
     }
+    warn(&site.nodes);
     let done: Vec<_> = files.into_iter().map(|(made, ..)| made).collect();
     report(arguments, &done)
 }

@@ -6,12 +6,15 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use firmware_common::lines::{RoomLine, StateLine};
 use host_tools::nlos::Chosen;
 use host_tools::presence::read_outlines;
 use host_tools::simulate::{Capture, Logbook, load_levels, picture, position_header, position_row, survey_csv};
 use host_tools::{Wrong, output};
+use node_record::Solver;
 use positioning_core::Method;
+use positioning_core::engine::NodeMethod;
 use sim::scenario::{BluetoothSummary, Cover, Epoch, Level, Mode, Record, Scenario, Simulation, Summary, What};
 
 use super::PictureFile;
@@ -53,6 +56,9 @@ pub struct Arguments {
     /// Solve each round by itself, by any method of `baliza solve` [default: the scenario's, or as the tag does: by a track]
     #[arg(long, value_name = "METHOD")]
     method: Option<Method>,
+    /// What the tags' records say that they make their positions by [default: the scenario's method, or track]
+    #[arg(long, value_name = "SOLVER", value_parser = solvers(), conflicts_with = "method")]
+    solver: Option<Solver>,
     /// Let all ranges count alike, whatever their powers tell of the line of sight
     #[arg(long)]
     ignore_powers: bool,
@@ -104,6 +110,7 @@ pub struct Arguments {
 const EXAMPLES: &str = "\
 Examples:
   baliza simulate
+  baliza simulate --solver b-wls --json
   baliza simulate --tags 15 --anchors 16 --loss 0.1 --plot room.png
   baliza simulate --scenario office.toml --out run --pcap run.pcap
   baliza simulate --scenario office.toml --model nlos.model --classifier skewness
@@ -137,6 +144,11 @@ enum ModeName {
     /// They only hear anchors ask each other: by differences of arrival, any number of tags in one room
     #[value(alias = "tdoa")]
     Listening,
+}
+
+fn solvers() -> impl TypedValueParser<Value = Solver> {
+    PossibleValuesParser::new(Solver::ALL.map(Solver::name))
+        .try_map(|name| Solver::from_name(&name).ok_or("there is no such solver"))
 }
 
 /// As many as addresses allow, which begin at 1 and 4097.
@@ -201,7 +213,14 @@ impl Arguments {
             None => scenario.level,
         };
         scenario.tag.rate_hz = self.rate.or(scenario.tag.rate_hz);
-        scenario.tag.method = self.method.or(scenario.tag.method);
+        scenario.tag.method = match self.solver {
+            Some(solver) => firmware_tag::method(solver).map(NodeMethod::method),
+            None => self.method.or(scenario.tag.method),
+        };
+        let only_listen = scenario.networks.iter().any(|network| matches!(network.mode, Mode::Listening { .. }));
+        if self.solver.is_some_and(|solver| solver != Solver::Track) && only_listen {
+            return Err(Wrong::flag("--solver", "tags that only listen have no ranges to solve: only track"));
+        }
         scenario.tag.weigh_nlos &= !self.ignore_powers;
         if let Some(file) = &self.model {
             let chosen = Chosen::read(file, self.classifier.as_deref())?;

@@ -53,6 +53,7 @@ enum Object {
         used_ranges: Option<Vec<u16>>,
         quality: Option<f64>,
         reason: Option<&'static str>,
+        solver: Option<&'static str>,
     },
     Range {
         t_s: f64,
@@ -218,6 +219,7 @@ impl Object {
             used_ranges,
             quality: fix.quality().map(|quality| rounded(quality, 1e3)),
             reason: fix.reason().map(|reason| reason.as_str()),
+            solver: fix.solver.as_str(),
         }
     }
 

@@ -97,11 +97,11 @@ impl Timeline {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use telemetry::{Fix, Outcome, Reason, Reset, ResetCause};
+    use telemetry::{Fix, Outcome, Reason, Reset, ResetCause, Solver};
 
     fn fix(t_us: u64, round: u16) -> Message {
         let outcome = Outcome::Reason(Reason::TooFewAnchors);
-        Message::Fix(Fix { t_us, round, age_us: 0, asked: 4, outcome })
+        Message::Fix(Fix { t_us, round, age_us: 0, asked: 4, outcome, solver: Solver::Track })
     }
 
     fn reset(t_us: u64) -> Message {

@@ -192,7 +192,7 @@ mod tests {
     use defmt_parser::Level;
     use telemetry::{
         BeaconId, Condition, Counters, Crash, CrashReason, Diagnostics, Difference, Fix, Message, Outcome, Range,
-        Reason, RecordFault, Reset, ResetCause, Sighting, State,
+        Reason, RecordFault, Reset, ResetCause, Sighting, Solver, State,
     };
 
     use super::super::image::Place;
@@ -222,10 +222,10 @@ mod tests {
         // √(0.03² + 0.04²) = 0.05 m.
         assert_eq!(
             shown(fix(12_345_678, 3.21)),
-            "    12.345678 fix   x=3.21 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms\n"
+            "    12.345678 fix   x=3.21 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms, b-wls\n"
         );
         let outcome = Outcome::Reason(Reason::TooFewAnchors);
-        let none = Message::Fix(Fix { t_us: 1, round: 1, age_us: 0, asked: 4, outcome });
+        let none = Message::Fix(Fix { t_us: 1, round: 1, age_us: 0, asked: 4, outcome, solver: Solver::Track });
         assert_eq!(shown(none), "     0.000001 fix   none: too-few-anchors, 4 asked\n");
         let diagnostics = Diagnostics {
             rx_power: -7950,
@@ -328,12 +328,12 @@ mod tests {
         let mut lines = Lines::new(false, false);
         let mut shows = |said: &Said| lines.line(said).is_some();
         let (first, second) = (Said::Message(fix(1000, 3.21)), Said::Message(fix(101_000, 3.21)));
-        assert!(shows(&log(1100, "fix x=3.21 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms")));
+        assert!(shows(&log(1100, "fix x=3.21 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms, b-wls")));
         assert!(!shows(&first));
         // Each hides one, and only at its own time.
         assert!(shows(&second));
-        assert!(!shows(&log(101_050, "fix x=3.21 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms")));
-        assert!(shows(&log(151_050, "fix x=3.21 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms")));
+        assert!(!shows(&log(101_050, "fix x=3.21 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms, b-wls")));
+        assert!(shows(&log(151_050, "fix x=3.21 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms, b-wls")));
         assert!(shows(&second));
         let state = |t_us| Said::Message(Message::State(State { t_us, is: Condition::Paired(0xA1) }));
         assert!(shows(&log(5, "paired with 00a2")) && shows(&state(5)));

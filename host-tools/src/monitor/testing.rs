@@ -95,5 +95,6 @@ pub fn fix(t_us: u64, x_m: f64) -> telemetry::Message {
             used: 0b11_0111_1000,
             quality: 200,
         },
+        solver: telemetry::Solver::BWls,
     })
 }

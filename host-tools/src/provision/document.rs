@@ -155,6 +155,18 @@ impl<'d> Field<'d> {
         }
     }
 
+    /// One of these, by its name.
+    pub(super) fn choice<T: Copy>(&self, all: &[T], name: impl Fn(T) -> &'static str) -> Result<T, Wrong> {
+        let names: Vec<&str> = all.iter().map(|one| name(*one)).collect();
+        let must = format!("one of \"{}\"", names.join("\", \""));
+        let text = self.text(&must)?;
+        let same = all.iter().copied().find(|one| name(*one) == text);
+        same.ok_or_else(|| match nearest(text, &names) {
+            Some(near) => self.refuse(&format!("{must}; {near} is near it")),
+            None => self.refuse(&must),
+        })
+    }
+
     /// A file; its path counts from the folder of the document.
     pub(super) fn path(&self, must: &str) -> Result<PathBuf, Wrong> {
         let text = self.text(must)?;

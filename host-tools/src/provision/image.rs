@@ -6,7 +6,7 @@
 
 use ihex::Record as Hex;
 use node_record::{
-    Board, Fault, HEADER_BYTES, MAX_BYTES, MODEL_AT, MODELS_BYTES, Record, decode, encode, model_of, newest,
+    Board, Fault, HEADER_BYTES, MAX_BYTES, MODEL_AT, MODELS_BYTES, Record, decode, encode, model_of, newest, version,
 };
 use positioning_core::nlos::{Classifier, Model, NodeModel};
 
@@ -109,6 +109,8 @@ pub struct Image {
 pub struct Held {
     /// The record that a node with these pages would follow.
     pub record: Record,
+    /// The version that it is written in.
+    pub version: u8,
     /// Its sequence number.
     pub sequence: u32,
     /// What stands beside it, where that is not erased: a classifier, if it is whole.
@@ -140,7 +142,9 @@ impl Held {
 pub fn held(pages: [&[u8]; 2], levels: &[u8]) -> Result<Held, Fault> {
     let model = |which: usize| pages.get(which).and_then(|page| model_of(page)).map(<[u8]>::to_vec);
     let levels = levels.iter().any(|byte| *byte != 0xFF).then(|| levels.to_vec());
-    newest(pages).map(|(which, record, sequence)| Held { record, sequence, model: model(which), levels })
+    let (which, record, sequence) = newest(pages)?;
+    let version = version(pages[which])?;
+    Ok(Held { record, version, sequence, model: model(which), levels })
 }
 
 impl Image {
@@ -258,7 +262,7 @@ mod tests {
             assert_eq!(decode(&bytes[size..]), Ok((record(), 1)));
             assert_eq!(
                 Image::new(&bytes).unwrap().check(),
-                Ok(Held { record: record(), sequence: 1, model: None, levels: None })
+                Ok(Held { record: record(), version: 2, sequence: 1, model: None, levels: None })
             );
         }
     }

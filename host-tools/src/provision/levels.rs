@@ -55,6 +55,11 @@ impl Files {
         };
         for field in [&map, &rooms].into_iter().flatten() {
             needs(field, "scan_interval_ms", "the tag does not listen to beacons")?;
+            if let Some(solver) =
+                section.optional("solver").filter(|solver| solver.text("a solver").ok() != Some("track"))
+            {
+                return Err(solver.wrong(format!("solver with {}: beacons are heeded by a track alone", field.key)));
+            }
             needs(field, "height_m", "beacons are heeded in the plane, at the height at which a tag is carried")?;
         }
         Ok(Self {

@@ -10,11 +10,13 @@ pub mod levels;
 mod lists;
 mod network;
 mod node;
+mod region;
 pub mod show;
 mod site;
 pub mod transfer;
 
 pub use node::Node;
+pub use region::warnings;
 pub use site::Site;
 
 /// A file to begin with: four anchors, a tag and a beacon, with comments.

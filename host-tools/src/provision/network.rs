@@ -2,14 +2,15 @@
 
 use std::collections::HashMap;
 
-use node_record::{Mode, Network, Phy, Turnaround};
+use node_record::{Mode, Network, Phy, Region, Turnaround};
 
 use super::document::{Section, nearest};
 use crate::Wrong;
 
 /// The keys of `[network]`.
-const KEYS: [&str; 12] = [
+const KEYS: [&str; 13] = [
     "pan",
+    "region",
     "mode",
     "rounds_hz",
     "channel",
@@ -22,6 +23,9 @@ const KEYS: [&str; 12] = [
     "transmit_us",
     "beacon_key",
 ];
+
+/// Those of them that pin the turnaround.
+const TURNAROUND_KEYS: [&str; 3] = ["answer_us", "listen_again_us", "transmit_us"];
 
 /// How nodes range, as the file says it.
 const MODES: [&str; 4] = ["native", "decaranging", "decaranging-fast", "listening"];
@@ -79,11 +83,18 @@ impl Shared {
                 None => None,
             },
         };
-        // A DWM1001's, which `ranging::native::Turnaround` measured.
-        let turnaround = Turnaround {
-            answer_us: number("answer_us", "network.turnaround.answer_us", 250, u16::MAX)?,
-            listen_again_us: number("listen_again_us", "network.turnaround.listen_again_us", 40, u16::MAX)?,
-            transmit_us: number("transmit_us", "network.turnaround.transmit_us", 150, u16::MAX)?,
+        let turnaround = match TURNAROUND_KEYS.map(|key| section.optional(key)) {
+            [None, None, None] => None,
+            [Some(_), Some(_), Some(_)] => Some(Turnaround {
+                answer_us: number("answer_us", "network.turnaround.answer_us", 0, u16::MAX)?,
+                listen_again_us: number("listen_again_us", "network.turnaround.listen_again_us", 0, u16::MAX)?,
+                transmit_us: number("transmit_us", "network.turnaround.transmit_us", 0, u16::MAX)?,
+            }),
+            [Some(given), ..] | [None, Some(given), _] | [None, None, Some(given)] => {
+                let [answer, listen_again, transmit] = TURNAROUND_KEYS;
+                let what = format!("{} alone: {answer}, {listen_again} and {transmit} are pinned together", given.key);
+                return Err(given.wrong(what));
+            }
         };
         section.required("pan")?;
         let pan = number("pan", "network.pan", 0, u16::MAX)?;
@@ -91,7 +102,8 @@ impl Shared {
         if let Some(given) = section.optional("rounds_hz") {
             lines.insert("network.rounds_hz".to_owned(), given.line);
         }
-        let network = Network { pan, mode, phy, turnaround };
+        let region = section.optional("region").map(|given| given.choice(&Region::ALL, Region::name)).transpose()?;
+        let network = Network { pan, mode, phy, turnaround, region };
         let beacon_key = beacon_key(section)?;
         Ok(Self { network, beacon_key, lines })
     }

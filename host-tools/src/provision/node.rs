@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use node_record::{Advertiser, Board, Calibration, Identity, Invalid, Pins, Record, Role, Scan, Tag};
+use node_record::{Advertiser, Board, Calibration, Identity, Invalid, Pins, Record, Role, Scan, Scheme, Solver, Tag};
 use positioning_core::nlos::{Classifier, NodeModel};
 
 use super::document::{Field, Section, nearest};
@@ -14,8 +14,10 @@ use crate::nlos::Chosen;
 const COMMON_KEYS: [&str; 9] =
     ["name", "board", "role", "eui", "address", "antenna_delay_ticks", "crystal_trim", "uwb_tx_power", "pins"];
 const ANCHOR_KEYS: [&str; 1] = ["position_m"];
-const TAG_KEYS: [&str; 13] = [
+const TAG_KEYS: [&str; 15] = [
     "height_m",
+    "solver",
+    "scheme",
     "rate_hz",
     "still_rate_hz",
     "sleep",
@@ -197,6 +199,16 @@ impl<'d> Reader<'_, 'd> {
         self.field(key, name).map(|field| field.integer(must)).transpose()
     }
 
+    fn choice<T: Copy>(
+        &mut self,
+        key: &'static str,
+        name: &str,
+        all: &[T],
+        name_of: impl Fn(T) -> &'static str,
+    ) -> Result<Option<T>, Wrong> {
+        self.field(key, name).map(|field| field.choice(all, name_of)).transpose()
+    }
+
     fn boolean(&mut self, key: &'static str, default: bool) -> Result<bool, Wrong> {
         self.section.optional(key).map_or(Ok(default), |field| field.boolean())
     }
@@ -257,6 +269,8 @@ impl<'d> Reader<'_, 'd> {
             tell_distances: self.boolean("tell_distances", false)?,
             scan,
             report_ranges: self.boolean("report_ranges", true)?,
+            solver: self.choice("solver", "tag.solver", &Solver::ALL, Solver::name)?.unwrap_or_default(),
+            scheme: self.choice("scheme", "tag.scheme", &Scheme::ALL, Scheme::name)?,
         })
     }
 

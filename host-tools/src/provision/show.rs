@@ -2,7 +2,7 @@
 
 use std::fmt::{Display, Write};
 
-use node_record::{Advertiser, Anchor, Beacon, Board, Mode, Record, Role, Tag, VERSION};
+use node_record::{Advertiser, Anchor, Beacon, Board, Mode, Record, Role, Tag};
 
 use super::image::Held;
 use super::levels::KEYS;
@@ -22,7 +22,7 @@ pub enum Keys {
 pub fn toml(held: &Held, board: Option<Board>, keys: Keys) -> String {
     let record = &held.record;
     let mut text =
-        Text(format!("# The record of a node: version {VERSION}, sequence {}\n\n[network]\n", held.sequence));
+        Text(format!("# The record of a node: version {}, sequence {}\n\n[network]\n", held.version, held.sequence));
     text.network(record, keys);
     text.node(record, board);
     if let Some(classifier) = held.classifier() {
@@ -85,7 +85,7 @@ pub fn summary(held: &Held) -> String {
         (false, true) => ", with rooms",
         (false, false) => "",
     };
-    format!("{what}{classifier}{levels}; version {VERSION}, sequence {}", held.sequence)
+    format!("{what}{classifier}{levels}; version {}, sequence {}", held.version, held.sequence)
 }
 
 /// TOML that grows.
@@ -114,6 +114,9 @@ impl Text {
     fn network(&mut self, record: &Record, keys: Keys) {
         let network = &record.network;
         self.line("pan", format_args!("0x{:04X}", network.pan));
+        if let Some(region) = network.region {
+            self.text("region", region.name());
+        }
         self.text("mode", network::name(network.mode));
         match network.mode {
             Mode::Listening { rounds_chz } => self.line("rounds_hz", hertz(rounds_chz)),
@@ -124,9 +127,11 @@ impl Text {
         self.line("rate_kbps", network.phy.rate_kbps);
         self.line("preamble_symbols", network.phy.preamble);
         self.line_if("preamble_code", network.phy.code);
-        self.line("answer_us", network.turnaround.answer_us);
-        self.line("listen_again_us", network.turnaround.listen_again_us);
-        self.line("transmit_us", network.turnaround.transmit_us);
+        if let Some(pinned) = network.turnaround {
+            self.line("answer_us", pinned.answer_us);
+            self.line("listen_again_us", pinned.listen_again_us);
+            self.line("transmit_us", pinned.transmit_us);
+        }
         match (record.beacon_key, keys) {
             (Some(key), Keys::Shown) => self.text("beacon_key", hex(&key)),
             (Some(_), Keys::Hidden) => self.text("beacon_key", HIDDEN),
@@ -167,6 +172,10 @@ impl Text {
     fn tag(&mut self, tag: &Tag) {
         // A float keeps its point, so that it stays one.
         self.line_if("height_m", tag.height_m.map(|height| format!("{height:?}")));
+        self.text("solver", tag.solver.name());
+        if let Some(scheme) = tag.scheme {
+            self.text("scheme", scheme.name());
+        }
         self.line_if("rate_hz", tag.rate_chz.map(hertz));
         self.line_if("still_rate_hz", tag.still_rate_chz.map(hertz));
         self.line("sleep", tag.sleep);

@@ -293,7 +293,7 @@ mod tests {
             let written = write(&mut memory, Board::Dwm1001, &of(record)).unwrap();
             assert_eq!(written, (vec![[0x7F000, 0x7E000][sequence as usize % 2]], sequence));
             let held = read(&mut memory, Board::Dwm1001).unwrap();
-            assert_eq!(held, Ok(Held { record: record.clone(), sequence, model: None, levels: None }));
+            assert_eq!(held, Ok(Held { record: record.clone(), version: 2, sequence, model: None, levels: None }));
         }
         assert_eq!((memory.writes, memory.restarts), (vec![0x7E000, 0x7F000, 0x7E000], 3));
     }

@@ -55,7 +55,7 @@ fn a_map_and_rooms_go_beside_the_record_of_a_tag() {
         let json = folder.run(&format!("provision --show {file} --json")).ok().json();
         assert_eq!(json["room_model"], "2 rooms: hall, attic; beacons 1-7, 1-8");
         let run = folder.run(&format!("provision --check {file}")).ok();
-        assert!(run.stdout.contains(", with a map and rooms; version 1"), "{}", run.stdout);
+        assert!(run.stdout.contains(", with a map and rooms; version 2"), "{}", run.stdout);
     }
     // The map as it is, behind 16 bytes of the header, `some`, and two beacons with their length.
     let (file, map) = (folder.read("t.bin"), folder.read("flat.map"));

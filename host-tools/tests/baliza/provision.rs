@@ -33,6 +33,7 @@ answer_us = 600
 listen_again_us = 90
 transmit_us = 300
 beacon_key = "000102030405060708090a0b0c0d0e0f"
+region = "us"
 
 [[node]]
 name = "anchor"
@@ -60,6 +61,8 @@ tell_distances = true
 report_ranges = false
 scan_interval_ms = 100
 scan_window_ms = 30
+solver = "b-wls-r"
+scheme = "double-sided"
 
 [[node]]
 name = "beacon"
@@ -107,19 +110,40 @@ fn refused(run: &Run, begins: &str) {
 #[test]
 fn a_record_has_the_bytes_that_another_program_wrote() {
     let folder = provisioned(ANCHOR);
-    // See node-record's tests: a Python program wrote the body, and the header by its length 0x35, sequence 1, and
+    // See node-record's tests: a Python program wrote the body, and the header by its length 0x36, sequence 1, and
     // zlib's CRC-32.
     let body = "01 ef 9b af cd f8 ac d1 91 01  01 81 02   \
                 01 01 00 00 80 3f 00 00 20 40 00 00 00 bf \
-                ca bd 03 00 05 40 9a 35 80 01 00  fa 01 28 96 01 \
-                01 b4 80 01 00 00  00 00 00 00";
-    let page = from_hex(&format!("42 4c 5a 52 01 00 35 00 01 00 00 00 ad 7b bb 6b {body}"));
+                ca bd 03 00 05 40 9a 35 80 01 00  00 00 00 \
+                01 b4 80 01 00 00  00 00 00 00  00 00 00";
+    let page = from_hex(&format!("42 4c 5a 52 02 00 36 00 01 00 00 00 f7 60 a4 3e {body}"));
     let file = folder.read("records/a.bin");
     assert_eq!(file.len(), 4096, "two pages of 2048 bytes");
     for half in file.chunks(2048) {
         assert_eq!(&half[..page.len()], page);
         assert!(half[page.len()..].iter().all(|byte| *byte == 0xFF));
     }
+}
+
+#[test]
+fn a_record_of_version_1_is_read_and_provisioned_anew() {
+    // As the same program wrote it for version 1, whose default is 250, 40, 150 us.
+    let body = "01 ef 9b af cd f8 ac d1 91 01  01 81 02   \
+                01 01 00 00 80 3f 00 00 20 40 00 00 00 bf \
+                ca bd 03 00 05 40 9a 35 80 01 00  fa 01 28 96 01 \
+                01 b4 80 01 00 00  00 00 00 00";
+    let mut page = from_hex(&format!("42 4c 5a 52 01 00 35 00 01 00 00 00 ad 7b bb 6b {body}"));
+    page.resize(2048, 0xFF);
+    let folder = Folder::with(&[]);
+    folder.write("old.bin", &page.repeat(2));
+    let check = folder.run("provision --check old.bin").ok();
+    assert!(check.stdout.ends_with("at (1, 2.5, -0.5) m; version 1, sequence 1\n"), "{}", check.stdout);
+    let shown = folder.run("provision --show old.bin --board evk1000").ok();
+    assert!(!shown.stdout.contains("answer_us"), "{}", shown.stdout);
+    folder.write("site.toml", shown.stdout.as_bytes());
+    folder.run("provision --config site.toml --out new.bin").ok();
+    let check = folder.run("provision --check new.bin").ok();
+    assert!(check.stdout.ends_with("at (1, 2.5, -0.5) m; version 2, sequence 1\n"), "{}", check.stdout);
 }
 
 #[test]
@@ -137,7 +161,7 @@ fn the_example_provisions_without_a_word() {
     assert_eq!(fs::read_dir(folder.path("records")).expect("a folder").count(), nodes.len());
     let anchor = folder.run("provision --check records/anchor-2.bin").ok();
     let expected =
-        "records/anchor-2.bin: good: anchor 0x0102 of network 0xBA11 at (6, 0, 2.4) m; version 1, sequence 1\n";
+        "records/anchor-2.bin: good: anchor 0x0102 of network 0xBA11 at (6, 0, 2.4) m; version 2, sequence 1\n";
     assert_eq!(anchor.stdout, expected);
 }
 
@@ -178,14 +202,14 @@ fn everything_that_is_said_is_in_the_record() {
     let tag = folder.run("provision --show records/tag.bin --show-keys --json --board dwm1001").ok().json();
     let expected = serde_json::json!({
         "network": {
-            "pan": 0xBA11, "mode": "decaranging-fast", "channel": 2, "prf_mhz": 16, "rate_kbps": 850,
+            "pan": 0xBA11, "region": "us", "mode": "decaranging-fast", "channel": 2, "prf_mhz": 16, "rate_kbps": 850,
             "preamble_symbols": 256, "preamble_code": 4, "answer_us": 600, "listen_again_us": 90, "transmit_us": 300,
             "beacon_key": "000102030405060708090a0b0c0d0e0f",
         },
         "node": [{
             "name": "tag-0201", "board": "dwm1001", "role": "tag", "address": 0x0201, "height_m": 1.2, "rate_hz": 9.99,
             "still_rate_hz": 0.13, "sleep": true, "anchors_per_round": 3, "tell_distances": true, "report_ranges": false,
-            "scan_interval_ms": 100, "scan_window_ms": 30,
+            "scan_interval_ms": 100, "scan_window_ms": 30, "solver": "b-wls-r", "scheme": "double-sided",
         }],
         // Listed first, then the nodes that tags cannot learn of otherwise.
         "anchor": [
@@ -211,6 +235,25 @@ fn everything_that_is_said_is_in_the_record() {
 }
 
 #[test]
+fn the_region_is_asked_for_once_and_only_of_nodes_that_transmit() {
+    let said = |text: &str, arguments: &str| {
+        let folder = Folder::with(&[("site.toml", text)]);
+        folder.run(&format!("provision --config site.toml {arguments}")).ok().stderr
+    };
+    let all = said(&EVERYTHING.replace("region = \"us\"", ""), "--all --out records");
+    assert_eq!(all.matches("warning: region is missing in [network], ").count(), 1, "{all}");
+    let beacon = said(&EVERYTHING.replace("region = \"us\"", ""), "--node beacon --out b.bin");
+    assert!(!beacon.contains("warning"), "{beacon}");
+    let tag = said(EVERYTHING, "--node tag --out t.bin");
+    assert!(!tag.contains("warning"), "{tag}");
+    let anchor = said(EVERYTHING, "--node anchor --out a.bin");
+    assert!(anchor.contains("warning: uwb_tx_power of anchor: measure "), "{anchor}");
+    let wide = ANCHOR.replace("pan = 0xDECA", "pan = 0xDECA\nregion = \"eu\"\nchannel = 7");
+    let wide = said(&wide, "--out a.bin");
+    assert!(wide.contains("warning: channel 7 begins at 5.95 GHz"), "{wide}");
+}
+
+#[test]
 fn native_anchors_tell_their_places_themselves() {
     let text = EVERYTHING.replace("decaranging-fast", "native");
     let tag = provisioned(&text).run("provision --show records/tag.bin --json").ok().json();
@@ -220,7 +263,7 @@ fn native_anchors_tell_their_places_themselves() {
 #[test]
 fn a_network_to_listen_to_has_rounds() {
     for (said, rounds_hz) in [("listening\"", 10.0), ("listening\"\nrounds_hz = 6.25", 6.25)] {
-        let text = EVERYTHING.replace("decaranging-fast\"", said);
+        let text = EVERYTHING.replace("decaranging-fast\"", said).replace("b-wls-r", "track");
         let tag = provisioned(&text).run("provision --show records/tag.bin --json").ok().json();
         assert_eq!(tag["network"]["mode"], "listening");
         assert_eq!(tag["network"]["rounds_hz"], rounds_hz);
@@ -235,7 +278,7 @@ fn keys_are_hidden_and_a_hidden_key_is_none() {
     assert!(!shown.stdout.contains("000102"), "{}", shown.stdout);
     folder.write("shown.toml", shown.stdout.as_bytes());
     let run = folder.run("provision --config shown.toml --board esp32c6 --out again.bin");
-    refused(&run, "shown.toml:14: beacon_key is hidden: ");
+    refused(&run, "shown.toml:15: beacon_key is hidden: ");
     let open = folder.run("provision --show records/beacon.bin --show-keys").ok();
     assert!(open.stdout.contains("beacon_key = \"000102030405060708090a0b0c0d0e0f\""), "{}", open.stdout);
 }
@@ -247,7 +290,7 @@ fn what_is_wrong_is_said_with_its_line() {
         ("pan = 0xDECA", "pan = 0xFFFF", "site.toml:3: pan is 0xFFFF: it must be less than"),
         ("pan = 0xDECA", "", "site.toml:2: pan is missing"),
         ("pan = 0xDECA", "pan = 1\nchanel = 5", "site.toml:4: unknown key chanel; channel is near it"),
-        ("pan = 0xDECA", "pan = 1\nzzz = 5", "site.toml:4: unknown key zzz; there are pan, mode, "),
+        ("pan = 0xDECA", "pan = 1\nzzz = 5", "site.toml:4: unknown key zzz; there are pan, region, mode, "),
         ("pan = 0xDECA", "pan = 1\nmode = \"nativ\"", "site.toml:4: mode is \"nativ\": it must be \"native\", "),
         ("pan = 0xDECA", "pan = 1\nrate_kbps = 110", "site.toml:2: preamble_symbols is 128: it must be 1024 or more"),
         ("pan = 0xDECA", "pan = 1\nrounds_hz = 5", "site.toml:4: rounds_hz is for mode = \"listening\""),
@@ -257,7 +300,31 @@ fn what_is_wrong_is_said_with_its_line() {
             "site.toml:5: rounds_hz is 0: it must be 0.13 to 1000",
         ),
         ("pan = 0xDECA", "pan = 1\nprf_mhz = 32", "site.toml:4: prf_mhz is 32: it must be 16 or 64"),
-        ("pan = 0xDECA", "pan = 1\ntransmit_us = 300", "site.toml:4: transmit_us is 300: it must be answer_us at most"),
+        (
+            "pan = 0xDECA",
+            "pan = 1\nanswer_us = 250\nlisten_again_us = 40\ntransmit_us = 300",
+            "site.toml:6: transmit_us is 300: it must be answer_us at most",
+        ),
+        (
+            "pan = 0xDECA",
+            "pan = 1\ntransmit_us = 300",
+            "site.toml:4: transmit_us alone: answer_us, listen_again_us and transmit_us are pinned together",
+        ),
+        (
+            "pan = 0xDECA",
+            "pan = 1\nregion = \"europe\"",
+            "site.toml:4: region is \"europe\": it must be one of \"eu\", \"us\", \"japan\", \"none\"",
+        ),
+        (
+            "pan = 0xDECA",
+            "pan = 1\nregion = \"eu\"\nchannel = 2",
+            "site.toml:5: channel is 2: it must be 5 or 7 in region \"eu\": on 1 to 4, ",
+        ),
+        (
+            "pan = 0xDECA",
+            "pan = 1\nregion = \"japan\"",
+            "site.toml:2: channel is 5: it must be one that region \"japan\" permits: ",
+        ),
         ("pan = 0xDECA", "pan = 1\npan = 2", "site.toml:4: duplicate key"),
         ("pan = 0xDECA", "pan = ", "site.toml:3: "),
         ("[network]", "[netwrok]", "site.toml:2: unknown key netwrok; network is near it"),
@@ -289,30 +356,42 @@ fn what_is_wrong_is_said_with_its_line() {
 #[test]
 fn tags_and_beacons_are_refused_with_their_lines() {
     let cases = [
-        ("rate_hz = 9.99", "rate_hz = 0.1", ":33: rate_hz is 0.1: it must be 0.13 to 1000"),
-        ("rate_hz = 9.99", "rate_hz = \"often\"", ":33: rate_hz is \"often\": it must be a number"),
-        ("still_rate_hz = 0.13", "still_rate_hz = 20", ":34: still_rate_hz is 20: it must be rate_hz at most"),
-        ("anchors_per_round = 3", "anchors_per_round = 9", ":36: anchors_per_round is 9: it must be 1 to 8"),
-        ("sleep = true", "sleep = 1", ":35: sleep is 1: it must be true or false"),
-        ("scan_window_ms = 30", "scan_window_ms = 101", ":40: scan_window_ms is 101: it must be 3 to the interval"),
-        ("scan_interval_ms = 100\n", "", ":27: scan_window_ms without scan_interval_ms"),
-        ("channels = [37, 39]", "channels = [36]", ":52: channels has 36: it must be a list of 37, 38, 39"),
-        ("channels = [37, 39]", "channels = []", ":52: channels is 0: it must be one of 37, 38, 39 at least"),
-        ("tx_power_dbm = -12", "tx_power_dbm = 30", ":51: tx_power_dbm is 30: it must be -40 to 20"),
-        ("beacon_key = ", "# ", ":42: beacon_key is absent: it must be there where"),
-        ("0x0102", "0xFFFE", ":56: address is 0xFFFE: it must be less than 0xFFFE"),
-        ("2.3", "0", ":60: path_loss_exponent is 0: it must be 0.5 to 10"),
-        ("address = 0x0201", "address = 0x0101", ":27: the address 0x0101 is the same as anchor's in line 15"),
-        ("name = \"tag\"", "name = \"anchor\"", ":27: the name anchor is the same as anchor's in line 15"),
-        ("name = \"tag\"\n", "", ":27: name is missing"),
-        ("board = \"dwm1001\"", "board = \"evk1000\"", ":39: scan_interval_ms is 100: it must be absent: this board"),
+        ("rate_hz = 9.99", "rate_hz = 0.1", ":34: rate_hz is 0.1: it must be 0.13 to 1000"),
+        ("rate_hz = 9.99", "rate_hz = \"often\"", ":34: rate_hz is \"often\": it must be a number"),
+        ("still_rate_hz = 0.13", "still_rate_hz = 20", ":35: still_rate_hz is 20: it must be rate_hz at most"),
+        ("anchors_per_round = 3", "anchors_per_round = 9", ":37: anchors_per_round is 9: it must be 1 to 8"),
+        (
+            "solver = \"b-wls-r\"",
+            "solver = \"b-wlsr\"",
+            ":42: solver is \"b-wlsr\": it must be one of \"track\", \"robust\", ",
+        ),
+        (
+            "solver = \"b-wls-r\"",
+            "solver = \"nls\"",
+            ":42: solver is \"nls\": it must be one of \"track\", \"robust\", ",
+        ),
+        ("scheme = \"double-sided\"", "scheme = 2", ":43: scheme is 2: it must be one of \"single-sided\", "),
+        ("\"decaranging-fast\"", "\"listening\"", ":42: solver is b-wls-r: it must be track in mode \"listening\""),
+        ("sleep = true", "sleep = 1", ":36: sleep is 1: it must be true or false"),
+        ("scan_window_ms = 30", "scan_window_ms = 101", ":41: scan_window_ms is 101: it must be 3 to the interval"),
+        ("scan_interval_ms = 100\n", "", ":28: scan_window_ms without scan_interval_ms"),
+        ("channels = [37, 39]", "channels = [36]", ":55: channels has 36: it must be a list of 37, 38, 39"),
+        ("channels = [37, 39]", "channels = []", ":55: channels is 0: it must be one of 37, 38, 39 at least"),
+        ("tx_power_dbm = -12", "tx_power_dbm = 30", ":54: tx_power_dbm is 30: it must be -40 to 20"),
+        ("beacon_key = ", "# ", ":45: beacon_key is absent: it must be there where"),
+        ("0x0102", "0xFFFE", ":59: address is 0xFFFE: it must be less than 0xFFFE"),
+        ("2.3", "0", ":63: path_loss_exponent is 0: it must be 0.5 to 10"),
+        ("address = 0x0201", "address = 0x0101", ":28: the address 0x0101 is the same as anchor's in line 16"),
+        ("name = \"tag\"", "name = \"anchor\"", ":28: the name anchor is the same as anchor's in line 16"),
+        ("name = \"tag\"\n", "", ":28: name is missing"),
+        ("board = \"dwm1001\"", "board = \"evk1000\"", ":40: scan_interval_ms is 100: it must be absent: this board"),
         (
             "board = \"esp32c3\"",
             "board = \"dwm1001\"",
-            ":24: sck is 6: it must be absent: this board's DW1000 is wired",
+            ":25: sck is 6: it must be absent: this board's DW1000 is wired",
         ),
-        ("cs = 10", "cs = 18", ":24: cs is 18: it must be a free pin of the chip's"),
-        ("cs = 10", "cs = 7", ":24: cs is 7: it must be a pin that no other signal has"),
+        ("cs = 10", "cs = 18", ":25: cs is 18: it must be a free pin of the chip's"),
+        ("cs = 10", "cs = 7", ":25: cs is 7: it must be a pin that no other signal has"),
     ];
     for (right, wrong, said) in cases {
         let folder = Folder::with(&[("site.toml", &EVERYTHING.replacen(right, wrong, 1))]);
@@ -367,7 +446,7 @@ fn the_board_that_is_asked_for_counts_more_than_the_file_s() {
     assert_eq!((&made[0]["board"], &made[0]["address"]), (&serde_json::json!("esp32"), &serde_json::json!(0x9000)));
     // And is what the record is judged by: the EVK1000 has no Bluetooth.
     let run = folder.run("provision --config site.toml --node tag --board evk1000 --out other.bin");
-    refused(&run, "site.toml:39: scan_interval_ms is 100: ");
+    refused(&run, "site.toml:40: scan_interval_ms is 100: ");
     assert_eq!(folder.names(), ["site.toml", "tag.bin"]);
 }
 
@@ -413,7 +492,7 @@ fn files_that_are_not_good_are_told_apart() {
         page[4] = 0;
         seal(page);
     }
-    check(&old, "the record is of version 0, this program reads version 1");
+    check(&old, "the record is of version 0, this program reads versions 1 to 2");
     check(&good[..3000], "the file is cut short: 3000 bytes are no whole pages");
     check(&good[..50], "the record is damaged or cut short: its checksum is wrong");
     check(&[], "there is no record: the flash is erased");
@@ -544,7 +623,7 @@ fn a_classifier_goes_beside_the_record_of_a_tag() {
         let run = folder.run(&format!("provision --show {file} --json")).ok();
         assert_eq!(run.json()["nlos_model"], "skewness (skewness_near)");
         let run = folder.run(&format!("provision --check {file}")).ok();
-        assert!(run.stdout.contains(", with skewness (skewness_near); version 1"), "{}", run.stdout);
+        assert!(run.stdout.contains(", with skewness (skewness_near); version 2"), "{}", run.stdout);
     }
     // The record itself is the same as without, and stands beside the 30 bytes of the classifier.
     let (plain, with) = (folder.read("plain.bin"), folder.read("t.bin"));

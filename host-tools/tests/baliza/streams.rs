@@ -12,7 +12,7 @@ use serde_json::Value;
 use sim::scenario::{Scenario, Simulation, What};
 use telemetry::{
     BeaconId, Board, Condition, Counters, Diagnostics, Difference, Fix, Hello, Likely, MAX_FRAME, Message, Outcome,
-    Range, Reset, ResetCause, Role, Room, Sighting, State, Whereabouts, encode,
+    Range, Reset, ResetCause, Role, Room, Sighting, Solver, State, Whereabouts, encode,
 };
 
 use crate::support::Folder;
@@ -45,7 +45,7 @@ fn walk() -> Vec<Message> {
             Ok(of) => Outcome::position(of.position_m, of.covariance_m2, of.used, of.quality),
             Err(reason) => Outcome::Reason(reason.into()),
         };
-        told.push(Message::Fix(Fix { t_us, round, age_us: 8500, asked: epoch.asked, outcome }));
+        told.push(Message::Fix(Fix { t_us, round, age_us: 8500, asked: epoch.asked, outcome, solver: Solver::Track }));
         let beacon = BeaconId { network: 0xB940_7F30, major: 7, minor: 513 };
         told.push(Message::Sighting(Sighting { t_us: t_us + 20_000, beacon, rssi: -67, measured_power: -59 }));
     }
@@ -116,7 +116,9 @@ fn every_message_is_a_line_of_json_with_units_in_its_keys() {
                     "used_ranges",
                     "quality",
                     "reason",
+                    "solver",
                 ];
+                assert_eq!(line["solver"], "track");
                 assert_eq!(keys, expected);
                 // A position and no reason, or a reason and no position.
                 assert_ne!(line["x_m"].is_null(), line["reason"].is_null(), "{line}");

@@ -2,7 +2,7 @@
 
 use node_record::{
     Advertiser, Anchor, Beacon, Calibration, Fault, HEADER_BYTES, Identity, MAX_BYTES, Mode, Network, Phy, Pins,
-    Record, Role, Scan, Tag, Turnaround, VERSION, decode, encode,
+    Record, Region, Role, Scan, Scheme, Solver, Tag, Turnaround, VERSION, decode, encode, version,
 };
 use proptest::collection::vec;
 use proptest::option::of;
@@ -23,20 +23,59 @@ fn from_hex(text: &str) -> Vec<u8> {
 
 #[test]
 fn an_anchor_s_page_has_these_bytes() {
-    let header = "42 4c 5a 52 01 00 35 00 07 00 00 00 f5 96 45 38";
+    let header = "42 4c 5a 52 02 00 38 00 07 00 00 00 58 fb a2 94";
     let body = "01 ef 9b af cd f8 ac d1 91 01  01 81 02   \
                 01 01 00 00 80 3f 00 00 20 40 00 00 00 bf \
                 ca bd 03 00 05 40 9a 35 80 01 00  fa 01 28 96 01 \
-                01 b4 80 01 00 00  00 00 00 00";
+                01 b4 80 01 00 00  00 00 00 00  00 00 00";
     assert_eq!(page(&anchor(), 7), from_hex(&format!("{header} {body}")));
 }
 
 #[test]
 fn a_tag_s_page_has_these_bytes() {
-    let bytes = "42 4c 5a 52 01 00 2d 00 01 00 00 00 3e 99 80 f4 \
+    let bytes = "42 4c 5a 52 02 00 30 00 01 00 00 00 12 64 46 e3 \
                  00 01 81 04  00 01 9a 99 99 3f 01 e8 07 01 64 01 04 00 01 64 32 01 \
-                 ca bd 03 00 05 40 9a 35 80 01 00 fa 01 28 96 01  00 00 00 00 00 00 00";
+                 ca bd 03 00 05 40 9a 35 80 01 00 00 00 00  00 00 00 00 00 00 00  01 00 02 01 01";
     assert_eq!(page(&tag(), 1), from_hex(bytes));
+}
+
+/// A tag's page as version 1 had it, with these bytes for the turnaround.
+fn tag_of_version_1(checksum: &str, turnaround: &str) -> Vec<u8> {
+    from_hex(&format!(
+        "42 4c 5a 52 01 00 2d 00 01 00 00 00 {checksum} \
+         00 01 81 04  00 01 9a 99 99 3f 01 e8 07 01 64 01 04 00 01 64 32 01 \
+         ca bd 03 00 05 40 9a 35 80 01 00 {turnaround}  00 00 00 00 00 00 00"
+    ))
+}
+
+/// What version 1 can say of `tag`.
+fn tag_without_what_version_2_added(turnaround: Option<Turnaround>) -> Record {
+    let mut record = tag();
+    record.network = Network { turnaround, region: None, ..record.network };
+    if let Role::Tag(tag) = &mut record.role {
+        (tag.solver, tag.scheme) = (Solver::Track, None);
+    }
+    record
+}
+
+#[test]
+fn a_page_of_version_1_is_read() {
+    let slow = tag_of_version_1("fc bb 59 fd", "d8 04 78 ac 02");
+    let pinned = Turnaround { answer_us: 600, listen_again_us: 120, transmit_us: 300 };
+    assert_eq!(decode(&slow), Ok((tag_without_what_version_2_added(Some(pinned)), 1)));
+}
+
+#[test]
+fn the_default_turnaround_of_version_1_pins_nothing() {
+    let plain = tag_of_version_1("3e 99 80 f4", "fa 01 28 96 01");
+    assert_eq!(decode(&plain), Ok((tag_without_what_version_2_added(None), 1)));
+    assert_eq!((version(&plain), version(&page(&tag(), 1))), (Ok(1), Ok(2)));
+}
+
+#[test]
+fn version_2_keeps_a_pinned_turnaround_that_is_the_default_of_version_1() {
+    let record = tag_without_what_version_2_added(Some(Turnaround::DWM1001));
+    assert_eq!(decode(&page(&record, 1)), Ok((record, 1)));
 }
 
 #[test]
@@ -45,18 +84,18 @@ fn a_network_to_listen_to_has_these_bytes() {
     listening.network.mode = Mode::Listening { rounds_chz: 1000 };
     // 1000 is E8 07.
     let body = "00 01 81 04  00 01 9a 99 99 3f 01 e8 07 01 64 01 04 00 01 64 32 01 \
-                ca bd 03 02 e8 07 05 40 9a 35 80 01 00 fa 01 28 96 01  00 00 00 00 00 00 00";
+                ca bd 03 02 e8 07 05 40 9a 35 80 01 00 00 00 00  00 00 00 00 00 00 00  01 00 02 01 01";
     assert_eq!(page(&listening, 1)[HEADER_BYTES..], from_hex(body));
 }
 
 #[test]
 fn a_beacon_s_page_has_these_bytes() {
-    let bytes = "42 4c 5a 52 01 00 71 00 ff ff ff ff 3e a0 0c 71 \
+    let bytes = "42 4c 5a 52 02 00 74 00 ff ff ff ff c1 bd 80 47 \
                  00 00  02 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f 01 ac 02 c5 64 fc 07 84 07 \
                  ca bd 03 01 00 02 10 6e 80 08 01 04 fa 01 28 96 01  00 01 0f 01 c8 d0 a0 70  01 06 07 02 0a 03 04 \
                  01 82 02 00 00 00 00 00 00 00 00 00 00 40 40 \
                  01 01 02 00 00 80 3f 00 00 80 3f 00 00 00 40 01 00 00 72 c2 00 \
-                 01 ab ab ab ab ab ab ab ab ab ab ab ab ab ab ab ab";
+                 01 ab ab ab ab ab ab ab ab ab ab ab ab ab ab ab ab  00 00 00";
     assert_eq!(page(&beacon(), u32::MAX), from_hex(bytes));
 }
 
@@ -75,8 +114,8 @@ fn the_longest_record_fits() {
     let record = longest();
     assert_eq!(record.validate(), Ok(()));
     // Identity 11 + 4; role 1 + 16 + 3 + 3 + 1 + 2 + 1 + 1 + 3; network 3 + 4 + 1 + 1 + 2 + 2 + 2 + 9; calibration 4 +
-    // 2 + 6; pins 7; 24 anchors of 3 + 12, 24 beacons of 3 + 3 + 12 + 5 + 5, a byte for each list's length; the key 17.
-    let longest = 15 + 31 + 24 + 12 + 7 + (1 + 24 * 15) + (1 + 24 * 28) + 17;
+    // 2 + 6; pins 7; 24 anchors of 3 + 12, 24 beacons of 3 + 3 + 12 + 5 + 5, a byte for each list's length; the key 17; a region 2, solver and scheme 1 each.
+    let longest = 15 + 31 + 24 + 12 + 7 + (1 + 24 * 15) + (1 + 24 * 28) + 17 + 4;
     assert_eq!(page(&record, 1).len(), HEADER_BYTES + longest);
     assert_eq!(decode(&page(&record, 1)), Ok((record, 1)));
 }
@@ -168,7 +207,7 @@ prop_compose! {
     fn a_tag()(
         height_m in of(-10_f32..100.0), rate in of(100..=100_000_u32), still in of(0.0..1_f64), sleep: bool,
         anchors_per_round in 1..=8_u8, tell_distances: bool, scan in of((3..=10_240_u16, 0.0..1_f64)),
-        report_ranges: bool,
+        report_ranges: bool, scheme in of(prop::sample::select(&Scheme::ALL)),
     ) -> Role {
         let slower = |share: f64| (f64::from(rate.unwrap_or(100)) * share).max(13.0) as u32;
         let window = |(interval_ms, share): (u16, f64)| {
@@ -176,7 +215,7 @@ prop_compose! {
         };
         Role::Tag(Tag {
             height_m, rate_chz: rate, still_rate_chz: still.map(slower), sleep, anchors_per_round, tell_distances,
-            scan: scan.map(window), report_ranges,
+            scan: scan.map(window), report_ranges, solver: Solver::Track, scheme,
         })
     }
 }
@@ -205,13 +244,17 @@ prop_compose! {
         pan in 0..0xFFFF_u16, mode in a_mode(), channel in prop::sample::select(vec![1_u8, 2, 3, 4, 5, 7]),
         prf_mhz in prop::sample::select(vec![16_u8, 64]), rate_kbps in prop::sample::select(vec![110_u16, 850, 6810]),
         preamble in prop::sample::select(vec![1024_u16, 1536, 2048, 4096]),
-        answer_us in 1000..=20_000_u16, listen_again_us in 1..=1000_u16, transmit_us in 1..=1000_u16,
+        turnaround in of((1000..=20_000_u16, 1..=1000_u16, 1..=1000_u16)),
+        region in of(prop::sample::select(vec![Region::Us, Region::Unchecked])),
     ) -> Network {
+        let turnaround = turnaround
+            .map(|(answer_us, listen_again_us, transmit_us)| Turnaround { answer_us, listen_again_us, transmit_us });
         Network {
             pan,
             mode,
             phy: Phy { channel, prf_mhz, rate_kbps, preamble, code: None },
-            turnaround: Turnaround { answer_us, listen_again_us, transmit_us },
+            turnaround,
+            region,
         }
     }
 }

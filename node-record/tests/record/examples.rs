@@ -2,14 +2,15 @@
 
 use node_record::{
     Advertiser, Anchor, Beacon, Calibration, Identity, MAX_ANCHORS, MAX_BEACONS, Mode, Network, Phy, Pins, Record,
-    Role, Scan, Tag, Turnaround,
+    Region, Role, Scan, Scheme, Solver, Tag, Turnaround,
 };
 
 pub const NETWORK: Network = Network {
     pan: 0xDECA,
     mode: Mode::Native,
     phy: Phy { channel: 5, prf_mhz: 64, rate_kbps: 6810, preamble: 128, code: None },
-    turnaround: Turnaround { answer_us: 250, listen_again_us: 40, transmit_us: 150 },
+    turnaround: Some(Turnaround { answer_us: 250, listen_again_us: 40, transmit_us: 150 }),
+    region: None,
 };
 
 /// An anchor at (1, 2.5, −0.5) m.
@@ -26,7 +27,7 @@ pub fn anchor() -> Record {
     }
 }
 
-/// A tag that knows no place.
+/// A tag that knows no place, with everything that version 2 added.
 pub fn tag() -> Record {
     let tag = Tag {
         height_m: Some(1.2),
@@ -37,10 +38,13 @@ pub fn tag() -> Record {
         tell_distances: false,
         scan: Some(Scan { interval_ms: 100, window_ms: 50 }),
         report_ranges: true,
+        solver: Solver::BWls,
+        scheme: Some(Scheme::DoubleSided),
     };
     Record {
         identity: Identity { eui: None, address: Some(0x0201) },
         role: Role::Tag(tag),
+        network: Network { turnaround: None, region: Some(Region::Eu), ..NETWORK },
         calibration: Calibration::default(),
         ..anchor()
     }
@@ -94,7 +98,8 @@ pub fn longest() -> Record {
     record.network.pan = 0xFFFE;
     record.network.mode = Mode::Listening { rounds_chz: 100_000 };
     record.network.phy = Phy { rate_kbps: 6810, preamble: 4096, code: Some(4), ..record.network.phy };
-    record.network.turnaround = Turnaround { answer_us: 20_000, listen_again_us: 20_000, transmit_us: 20_000 };
+    record.network.turnaround = Some(Turnaround { answer_us: 20_000, listen_again_us: 20_000, transmit_us: 20_000 });
+    record.network.region = Some(Region::Unchecked);
     record.calibration =
         Calibration { antenna_delay: Some(0xFFFF), crystal_trim: Some(31), tx_power: Some(0xFFFF_FFFF) };
     record.anchors.clear();

@@ -1,6 +1,9 @@
 //! What a record must be.
 
-use node_record::{Anchor, Beacon, Board, Identity, Invalid, Mode, Phy, Pins, Record, Role, Scan, Tag, Turnaround};
+use node_record::{
+    Anchor, Beacon, Board, Identity, Invalid, Mode, Phy, Pins, Record, Region, Role, Scan, Scheme, Solver, Tag,
+    Turnaround,
+};
 use ranging::PhyConfig;
 use ranging::phy::{Channel, DataRate, PreambleLength, Prf};
 
@@ -17,6 +20,10 @@ fn role_of(record: &mut Record) -> &mut Tag {
         Role::Tag(tag) => tag,
         Role::Anchor { .. } | Role::Advertiser(_) => panic!("it is a tag"),
     }
+}
+
+fn pinned(record: &mut Record) -> &mut Turnaround {
+    record.network.turnaround.as_mut().expect("it is pinned")
 }
 
 #[test]
@@ -45,10 +52,10 @@ fn refusals_name_the_field_and_its_value() {
         (of_phy(Phy { preamble: 100, ..fast }), "network.phy.preamble is 100: "),
         (of_phy(Phy { rate_kbps: 110, ..fast }), "network.phy.preamble is 128: it must be 1024 or more at 110 kbit/s"),
         (of_phy(Phy { code: Some(3), ..fast }), "network.phy.code is 3: "),
-        (refusal(anchor(), |r| r.network.turnaround.answer_us = 0), "network.turnaround.answer_us is 0: "),
-        (refusal(anchor(), |r| r.network.turnaround.listen_again_us = 0), "network.turnaround.listen_again_us is 0: "),
-        (refusal(anchor(), |r| r.network.turnaround.transmit_us = 251), "network.turnaround.transmit_us is 251: "),
-        (refusal(anchor(), |r| r.network.turnaround.answer_us = 20_001), "network.turnaround.answer_us is 20001: "),
+        (refusal(anchor(), |r| pinned(r).answer_us = 0), "network.turnaround.answer_us is 0: "),
+        (refusal(anchor(), |r| pinned(r).listen_again_us = 0), "network.turnaround.listen_again_us is 0: "),
+        (refusal(anchor(), |r| pinned(r).transmit_us = 251), "network.turnaround.transmit_us is 251: "),
+        (refusal(anchor(), |r| pinned(r).answer_us = 20_001), "network.turnaround.answer_us is 20001: "),
         (refusal(anchor(), |r| r.calibration.crystal_trim = Some(32)), "calibration.crystal_trim is 32: "),
         (refusal(tag(), |r| role_of(r).height_m = Some(f32::NAN)), "tag.height_m is NaN: "),
         (refusal(tag(), |r| role_of(r).rate_chz = Some(12)), "tag.rate_hz is 0.12: "),
@@ -142,10 +149,10 @@ fn boards_without_bluetooth_neither_scan_nor_advertise() {
 fn a_round_must_fit_into_a_superframe() {
     // Eight answers, each followed by 13 ms of silence: 104 ms and more; a superframe of quick beacons takes 100 ms.
     let slow = Turnaround { answer_us: 250, listen_again_us: 13_000, transmit_us: 150 };
-    let said = refusal(anchor(), |record| record.network.turnaround = slow);
+    let said = refusal(anchor(), |record| record.network.turnaround = Some(slow));
     assert!(said.starts_with("network.turnaround.listen_again_us is 13000: "), "{said}");
     let mut alone = anchor();
-    alone.network.turnaround = slow;
+    alone.network.turnaround = Some(slow);
     alone.network.mode = Mode::DecaRanging { fast: true };
     assert_eq!(alone.validate(), Ok(()), "DecaRanging has no superframe");
     alone.network.mode = Mode::Listening { rounds_chz: 1000 };
@@ -160,6 +167,53 @@ fn rounds_to_listen_to_are_within_a_clock_s_range() {
     let mut slow = anchor();
     slow.network.mode = Mode::Listening { rounds_chz: 13 };
     assert_eq!(slow.validate(), Ok(()));
+}
+
+#[test]
+fn a_region_refuses_what_it_forbids_and_only_of_nodes_that_transmit() {
+    let on = |record: Record, region, channel| {
+        let mut record = record;
+        record.network.region = region;
+        record.network.phy = Phy { channel, code: None, ..record.network.phy };
+        record.validate().map_err(|Invalid { field, .. }| field)
+    };
+    let refused = Err("network.phy.channel");
+    // Commission Implementing Decision (EU) 2019/785: 6.0 to 8.5 GHz without a limit of duty; channels 5 and 7 are in there.
+    for channel in [1, 2, 3, 4, 5, 7] {
+        let eu = if channel < 5 { refused } else { Ok(()) };
+        assert_eq!(on(anchor(), Some(Region::Eu), channel), eu, "{channel}");
+        // 7.25 GHz and up, or DAA: none of them.
+        assert_eq!(on(anchor(), Some(Region::Japan), channel), refused, "{channel}");
+        for anywhere in [None, Some(Region::Us), Some(Region::Unchecked)] {
+            assert_eq!(on(anchor(), anywhere, channel), Ok(()), "{channel}");
+        }
+        assert_eq!(on(beacon(), Some(Region::Japan), channel), Ok(()), "its radio is Bluetooth's");
+    }
+    let mut listener = tag();
+    role_of(&mut listener).solver = Solver::Track;
+    listener.network.mode = Mode::Listening { rounds_chz: 1000 };
+    assert_eq!(on(listener.clone(), Some(Region::Eu), 2), Ok(()), "it only listens");
+    listener.role = anchor().role;
+    assert_eq!(on(listener, Some(Region::Eu), 2), refused);
+    let said = refusal(anchor(), |record| (record.network.region, record.network.phy.channel) = (Some(Region::Eu), 2));
+    assert!(said.starts_with("network.phy.channel is 2: it must be 5 or 7 in region \"eu\": "), "{said}");
+}
+
+#[test]
+fn a_tag_that_only_listens_follows_a_track() {
+    let said = refusal(tag(), |record| record.network.mode = Mode::Listening { rounds_chz: 1000 });
+    assert!(said.starts_with("tag.solver is b-wls: it must be track in mode \"listening\": "), "{said}");
+}
+
+#[test]
+fn names_are_those_of_one_solver_scheme_and_region() {
+    let solvers = ["track", "robust", "b-wls", "b-wls-r", "bounding-box"];
+    assert_eq!(solvers.map(|name| Solver::from_name(name).map(Solver::name)), solvers.map(Some));
+    let schemes = ["single-sided", "double-sided"];
+    assert_eq!(schemes.map(|name| Scheme::from_name(name).map(Scheme::name)), schemes.map(Some));
+    let regions = ["eu", "us", "japan", "none"];
+    assert_eq!(regions.map(|name| Region::from_name(name).map(Region::name)), regions.map(Some));
+    assert_eq!((Solver::from_name("nls"), Scheme::from_name(""), Region::from_name("EU")), (None, None, None));
 }
 
 #[test]

@@ -15,7 +15,7 @@ mod take;
 
 pub use measurement::{BeaconPosition, Measurement, Range, Tdoa};
 pub use output::{Missing, Output, Start, TrackFix, Verdict};
-pub use settings::{Dimensions, Mode, Settings, Solvers};
+pub use settings::{Dimensions, Mode, NodeMethod, Settings, Solvers};
 
 use crate::Real;
 use crate::track::{Filter, Supervisor};

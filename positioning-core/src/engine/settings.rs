@@ -1,5 +1,6 @@
 //! How the engine is to work.
 
+use crate::linear::b_wls_in_parts;
 use crate::track::{Blocked, Motion, Noise};
 use crate::{Area, Method, Real, Side, Solver};
 
@@ -38,11 +39,43 @@ pub struct Solvers<T> {
     pub space: Solver<T, 3>,
 }
 
+/// The methods that a tag's image holds, for whoever chooses one when the tag runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum NodeMethod {
+    /// [`Method::Robust`].
+    Robust,
+    /// [`Method::BWls`].
+    BWls,
+    /// [`Method::BWlsR`].
+    BWlsR,
+    /// [`Method::BoundingBox`].
+    BoundingBox,
+}
+
+impl NodeMethod {
+    /// Among all methods.
+    pub const fn method(self) -> Method {
+        match self {
+            Self::Robust => Method::Robust,
+            Self::BWls => Method::BWls,
+            Self::BWlsR => Method::BWlsR,
+            Self::BoundingBox => Method::BoundingBox,
+        }
+    }
+}
+
 impl Solvers<f32> {
-    /// By `robust`, compiled in this crate, as [`Engine::step_on_node`](super::Engine::step_on_node) is.
+    /// By one of the methods that an image holds, compiled in this crate, as
+    /// [`Engine::step_on_node`](super::Engine::step_on_node) is.
     #[inline(never)]
-    pub fn on_node() -> Self {
-        Self::robust()
+    pub fn on_node(method: NodeMethod) -> Self {
+        match method {
+            NodeMethod::Robust => Self::robust(),
+            NodeMethod::BWls => Self { plane: b_wls_in_parts, space: b_wls_in_parts },
+            NodeMethod::BWlsR => Self { plane: crate::b_wls_r, space: crate::b_wls_r },
+            NodeMethod::BoundingBox => Self { plane: crate::bounding_box, space: crate::bounding_box },
+        }
     }
 }
 

@@ -9,7 +9,7 @@ use advertising::{EddystoneUid, IBeacon};
 use embassy_futures::join::join;
 use firmware_beacon::{Listener, Settings};
 use firmware_tag::scan::Plan;
-use node_record::{Advertiser, Calibration, Identity, Mode, Network, Phy, Record, Role, Turnaround};
+use node_record::{Advertiser, Calibration, Identity, Mode, Network, Phy, Record, Role};
 use rand::RngCore;
 
 use super::FaultKind;
@@ -91,7 +91,8 @@ fn record(advertiser: Advertiser) -> Record {
             pan: 0xBA12,
             mode: Mode::Native,
             phy: Phy { channel: 5, prf_mhz: 64, rate_kbps: 6810, preamble: 128, code: None },
-            turnaround: Turnaround { answer_us: 250, listen_again_us: 40, transmit_us: 150 },
+            turnaround: None,
+            region: None,
         },
         calibration: Calibration::default(),
         pins: None,

@@ -98,7 +98,7 @@ impl Board {
 pub struct TagSettings {
     /// The height tags are known to be carried at, metres: positions in the plane. Without it, in space.
     pub height_m: Option<f32>,
-    /// How each round is solved by itself; without it, as the tag does: a track in the plane, each round by `robust` in space.
+    /// How each round is solved by itself; without it, a track is followed.
     pub method: Option<Method>,
     /// Whether a range counts less where its powers, or the classifier, tell of a path that may be blocked.
     pub weigh_nlos: bool,
@@ -113,11 +113,7 @@ pub struct TagSettings {
 impl TagSettings {
     /// What makes the positions: `track`, or the method's name.
     pub fn method_name(&self) -> &'static str {
-        match (self.method, self.height_m) {
-            (Some(method), _) => method.as_str(),
-            (None, Some(_)) => "track",
-            (None, None) => Method::Robust.as_str(),
-        }
+        self.method.map_or("track", Method::as_str)
     }
 }
 

@@ -10,7 +10,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_tag::scan::{self, Plan};
 use firmware_tag::{AnchorPlace, Handover, KnownBeacons, Locator, Pace, Surveyed};
 use positioning_core::Blocked;
-use positioning_core::engine::{Settings, Solvers};
+use positioning_core::engine::Solvers;
 use positioning_core::nlos::Model;
 use rand::Rng;
 use ranging::exchange::Machine;
@@ -194,12 +194,11 @@ fn eui(address: u16) -> u64 {
 /// How a scenario's tags make positions.
 fn locator<'a>(tag: &TagSettings, anchors: &'a [AnchorPlace], model: Option<&'a Model<'a>>) -> Locator<'a> {
     let mut locator = Locator::new(tag.height_m, anchors).with_model(model);
-    let settings = &mut locator.settings;
     if let Some(method) = tag.method {
-        *settings = Settings { noise: settings.noise, ..Settings::solve(settings.dimensions, Solvers::of(method)) };
+        locator = locator.solving(Solvers::of(method));
     }
     if !tag.weigh_nlos {
-        settings.blocked = Blocked::Alike;
+        locator.settings.blocked = Blocked::Alike;
     }
     locator
 }

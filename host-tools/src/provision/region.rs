@@ -1,0 +1,42 @@
+//! What is to be said of nodes under the rules of their region, where a record is not refused outright. `docs/regulation.md` has the
+//! rules with their sources.
+
+use node_record::Region;
+
+use super::Node;
+
+/// Lines for whoever provisions these nodes, each once.
+pub fn warnings<'n>(nodes: impl IntoIterator<Item = &'n Node>) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for line in nodes.into_iter().flat_map(of) {
+        if !lines.contains(&line) {
+            lines.push(line);
+        }
+    }
+    lines
+}
+
+fn of(node: &Node) -> Vec<String> {
+    let network = &node.record.network;
+    let mut lines = Vec::new();
+    if !node.record.transmits() {
+        return lines;
+    }
+    match network.region {
+        None => lines.push(
+            "region is missing in [network], so that nobody has looked whether this is lawful: \"eu\", \"us\", \"japan\" \
+             or \"none\" (docs/regulation.md)"
+                .to_owned(),
+        ),
+        Some(Region::Unchecked) => (),
+        Some(Region::Eu | Region::Us | Region::Japan) => {
+            if node.record.calibration.tx_power.is_some() {
+                lines.push(format!("uwb_tx_power of {}: measure that it stays below -41.3 dBm/MHz", node.name));
+            }
+            if network.region == Some(Region::Eu) && network.phy.channel == 7 {
+                lines.push("channel 7 begins at 5.95 GHz, and what the EU allows at 6.0: measure, or take channel 5".to_owned());
+            }
+        }
+    }
+    lines
+}
