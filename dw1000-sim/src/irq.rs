@@ -1,6 +1,7 @@
 //! The IRQ line from a chip to its processor.
 
 use crate::kernel::Continuation;
+use crate::processor::Processor;
 use crate::time::TrueTime;
 use crate::world::World;
 use embedded_hal::digital::ErrorType;
@@ -16,20 +17,21 @@ pub(crate) struct IrqLine {
     level: Cell<bool>,
     rises: Cell<u64>,
     falls: Cell<u64>,
-    last_edge: Cell<TrueTime>,
-    latency_ps: Cell<u64>,
+    processor: Processor,
     waiting: RefCell<Option<Continuation>>,
+    /// When the task that waited goes on after the edge that woke it.
+    answered_at: Cell<Option<TrueTime>>,
 }
 
 impl IrqLine {
-    pub(crate) fn new(latency_ns: u32) -> Self {
+    pub(crate) fn new(processor: Processor) -> Self {
         Self {
             level: Cell::new(false),
             rises: Cell::new(0),
             falls: Cell::new(0),
-            last_edge: Cell::new(TrueTime::ZERO),
-            latency_ps: Cell::new(u64::from(latency_ns) * 1000),
+            processor,
             waiting: RefCell::new(None),
+            answered_at: Cell::new(None),
         }
     }
 
@@ -39,15 +41,11 @@ impl IrqLine {
         }
         let edges = if level { &self.rises } else { &self.falls };
         edges.set(edges.get() + 1);
-        self.last_edge.set(world.now());
         if let Some(continuation) = self.waiting.take() {
-            world.kernel().schedule_continuation(self.answered_at(), continuation);
+            let at = self.processor.wake(world.now());
+            self.answered_at.set(Some(at));
+            world.kernel().schedule_continuation(at, continuation);
         }
-    }
-
-    /// When the processor gets to work on the last edge.
-    fn answered_at(&self) -> TrueTime {
-        self.last_edge.get().plus_ps(self.latency_ps.get())
     }
 }
 
@@ -67,24 +65,40 @@ impl IrqPin {
         self.line.level.get()
     }
 
-    /// Waits until `due` holds and the processor has had time to notice the last edge.
+    /// Waits until `due` holds and the processor, woken by that, has come to the task.
     async fn until(&self, due: impl Fn(&IrqLine) -> bool) {
+        let line = &self.line;
+        line.answered_at.set(None);
+        line.processor.charge(line.processor.board().wait_instructions);
+        let _armed = Armed(line);
         poll_fn(|cx| {
-            let line = &self.line;
+            let kernel = self.world.kernel();
             if !due(line) {
-                let continuation = self.world.kernel().executor.continuation(cx.waker());
-                *line.waiting.borrow_mut() = Some(continuation);
+                line.processor.settle(self.world.now());
+                *line.waiting.borrow_mut() = Some(kernel.executor.continuation(cx.waker()));
                 return Poll::Pending;
             }
-            if self.world.now() < line.answered_at() {
-                // Another part of the same task was woken meanwhile; the edge's own wake-up is on its way, but may be for
+            // No edge has woken the task where the line was as it should be before the wait began; the interrupt comes at once.
+            let at = line.answered_at.get().unwrap_or_else(|| line.processor.wake(self.world.now()));
+            line.answered_at.set(Some(at));
+            if self.world.now() < at {
+                // Another part of the same task may have been woken meanwhile; the edge's own wake-up is on its way, but may be for
                 // an earlier poll.
-                self.world.kernel().schedule_wake(line.answered_at(), cx.waker());
+                kernel.schedule_wake(at, cx.waker());
                 return Poll::Pending;
             }
             Poll::Ready(())
         })
         .await;
+    }
+}
+
+/// A wait that is given up wakes nobody.
+struct Armed<'a>(&'a IrqLine);
+
+impl Drop for Armed<'_> {
+    fn drop(&mut self) {
+        self.0.waiting.take();
     }
 }
 

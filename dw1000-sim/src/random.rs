@@ -30,6 +30,8 @@ pub enum Purpose {
     Scanner = 8,
     /// Levels of a beacon by place.
     Shadowing = 9,
+    /// When a Bluetooth controller interrupts its processor.
+    Interrupts = 10,
 }
 
 /// The stream of `purpose` number `index` in the simulation seeded with `seed`.

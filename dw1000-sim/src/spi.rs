@@ -1,26 +1,26 @@
 //! The SPI bus between a processor and its chip, as `embedded-hal-async` has it.
 //!
-//! A transaction takes the board's overhead and eight clocks a byte of virtual time. Data is read, and writes take effect, at
+//! A transaction begins when the [`Processor`] has done what it was charged with, and takes what the board needs to set it and each
+//! of its operations up, and eight clocks a byte, of virtual time. Data is read, and writes take effect, at
 //! its end; SYS_TIME alone is that of the first data byte. A transaction that the chip cannot follow (too fast before the PLL
 //! has locked, above 20 MHz at any time) reads garbage and writes nothing; a chip that is off or asleep reads as zeros.
 
 use crate::chip::{Address, Chip, Contact, Header};
+use crate::processor::Processor;
 use crate::time::TrueTime;
 use crate::world::World;
 use embedded_hal::spi::{ErrorType, Operation};
 use embedded_hal_async::spi::SpiDevice;
 use std::cell::{Cell, RefCell};
 use std::convert::Infallible;
-use std::future::poll_fn;
 use std::rc::Rc;
-use std::task::Poll;
 
 /// What a processor holds of the bus.
 pub struct SimSpi {
     world: World,
     chip: Rc<RefCell<Chip>>,
     clock: SpiClock,
-    overhead_ps: u64,
+    processor: Processor,
 }
 
 /// Sets the bus clock; applications keep a clone and speed up once the PLL has locked.
@@ -40,9 +40,9 @@ impl SpiClock {
 }
 
 impl SimSpi {
-    pub(crate) fn new(world: World, chip: Rc<RefCell<Chip>>, hz: u32, overhead_ns: u32) -> Self {
-        let clock = SpiClock(Rc::new(Cell::new(hz.max(1))));
-        Self { world, chip, clock, overhead_ps: u64::from(overhead_ns) * 1000 }
+    pub(crate) fn new(world: World, chip: Rc<RefCell<Chip>>, processor: Processor) -> Self {
+        let clock = SpiClock(Rc::new(Cell::new(processor.board().spi_hz.max(1))));
+        Self { world, chip, clock, processor }
     }
 
     /// The bus clock.
@@ -52,24 +52,7 @@ impl SimSpi {
 
     /// Picoseconds that `bytes` bytes take on the bus.
     fn bus_ps(&self, bytes: usize) -> u64 {
-        bytes as u64 * 8_000_000_000_000 / u64::from(self.clock.hz())
-    }
-
-    /// Waits until `until`; within the poll if nothing else can happen.
-    async fn pass(&self, until: TrueTime) {
-        let mut armed = None;
-        poll_fn(|cx| {
-            let kernel = self.world.kernel();
-            if kernel.now() >= until || (armed.is_none() && kernel.advance_if_quiet(until)) {
-                return Poll::Ready(());
-            }
-            match armed {
-                Some(key) => kernel.retarget(key, cx.waker()),
-                None => armed = Some(kernel.schedule_wake(until, cx.waker())),
-            }
-            Poll::Pending
-        })
-        .await;
+        self.processor.board().bytes_ps(bytes, self.clock.hz())
     }
 
     fn apply(&self, operations: &mut [Operation<'_, u8>], bytes: usize, selected_ps: u64) {
@@ -169,18 +152,24 @@ impl ErrorType for SimSpi {
 
 impl SpiDevice for SimSpi {
     async fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
-        let (mut bytes, mut delay_ps) = (0, 0);
+        let (mut bytes, mut delay_ps, mut starts) = (0, 0, 0);
         for operation in operations.iter() {
-            match operation {
-                Operation::Read(into) => bytes += into.len(),
-                Operation::Write(sent) => bytes += sent.len(),
-                Operation::Transfer(into, sent) => bytes += into.len().max(sent.len()),
-                Operation::TransferInPlace(both) => bytes += both.len(),
-                Operation::DelayNs(ns) => delay_ps += u64::from(*ns) * 1000,
-            }
+            let length = match operation {
+                Operation::Read(into) => into.len(),
+                Operation::Write(sent) => sent.len(),
+                Operation::Transfer(into, sent) => into.len().max(sent.len()),
+                Operation::TransferInPlace(both) => both.len(),
+                Operation::DelayNs(ns) => {
+                    delay_ps += u64::from(*ns) * 1000;
+                    0
+                }
+            };
+            bytes += length;
+            starts += usize::from(length > 0);
         }
         let selected_ps = self.bus_ps(bytes) + delay_ps;
-        self.pass(self.world.now().plus_ps(self.overhead_ps + selected_ps)).await;
+        let setup_ps = self.processor.board().setup_ps(starts);
+        self.world.pass(self.processor.occupy(self.world.now(), setup_ps + selected_ps)).await;
         self.apply(operations, bytes, selected_ps);
         Ok(())
     }

@@ -24,11 +24,12 @@ use crate::chip::{Chip, ChipConfig, ChipStatistics};
 use crate::irq::{IrqLine, IrqPin};
 use crate::kernel::{Event, Kernel, Sleep, TaskId};
 use crate::pins::{ResetPin, SimDelay};
+use crate::processor::Processor;
 use crate::random::{Purpose, Stream, stream};
 use crate::spi::SimSpi;
 use crate::time::TrueTime;
 use std::cell::{Cell, RefCell, RefMut};
-use std::future::Future;
+use std::future::{Future, poll_fn};
 use std::pin::Pin;
 use std::rc::{Rc, Weak};
 use std::task::{Context, Poll, Waker};
@@ -78,7 +79,7 @@ pub struct Node {
     world: Weak<Shared>,
     chip: Rc<RefCell<Chip>>,
     irq: Rc<IrqLine>,
-    board: BoardProfile,
+    processor: Processor,
     firmware: Rc<RefCell<Option<Firmware>>>,
     tasks: Rc<RefCell<Vec<TaskId>>>,
     powered: Rc<Cell<bool>>,
@@ -95,6 +96,8 @@ pub struct Peripherals {
     pub reset: ResetPin,
     /// Waits.
     pub delay: SimDelay,
+    /// What the application charges for its code.
+    pub processor: Processor,
     /// The node, for tasks of its own.
     pub node: Node,
 }
@@ -125,7 +128,8 @@ impl World {
     /// Adds a node with its supply on: the chip starts now.
     pub fn add_node(&self, config: NodeConfig) -> Node {
         let number = self.0.nodes.borrow().len() as u32;
-        let irq = Rc::new(IrqLine::new(config.board.interrupt_latency_ns));
+        let processor = Processor::new(config.board);
+        let irq = Rc::new(IrqLine::new(processor.clone()));
         let port = self.air().add_port(config.path);
         let chip = Rc::new(RefCell::new(Chip::new(number, port, self.0.seed, config.chip, irq.clone())));
         self.0.clients.borrow_mut().push(chip.clone());
@@ -133,7 +137,7 @@ impl World {
             world: Rc::downgrade(&self.0),
             chip,
             irq,
-            board: config.board,
+            processor,
             firmware: Rc::default(),
             tasks: Rc::default(),
             powered: Rc::new(Cell::new(true)),
@@ -161,9 +165,14 @@ impl World {
         self.0.seed
     }
 
-    /// A processor's delay.
+    /// A delay that costs no processor anything.
     pub fn delay(&self) -> SimDelay {
-        SimDelay { world: self.clone() }
+        SimDelay { world: self.clone(), processor: None }
+    }
+
+    /// A processor's delay.
+    pub fn delay_of(&self, processor: &Processor) -> SimDelay {
+        SimDelay { world: self.clone(), processor: Some(processor.clone()) }
     }
 
     /// Runs a future beside the nodes.
@@ -184,6 +193,23 @@ impl World {
     /// Waits until an instant of true time.
     pub fn sleep_until(&self, time: TrueTime) -> Sleep {
         Sleep::new(self.clone(), time)
+    }
+
+    /// Waits until `until`; within the poll if nothing else can happen.
+    pub async fn pass(&self, until: TrueTime) {
+        let mut armed = None;
+        poll_fn(|cx| {
+            let kernel = self.kernel();
+            if kernel.now() >= until || (armed.is_none() && kernel.advance_if_quiet(until)) {
+                return Poll::Ready(());
+            }
+            match armed {
+                Some(key) => kernel.retarget(key, cx.waker()),
+                None => armed = Some(kernel.schedule_wake(until, cx.waker())),
+            }
+            Poll::Pending
+        })
+        .await;
     }
 
     /// Lets everything happen up to and at `time`.
@@ -286,12 +312,13 @@ impl Node {
     /// If the world is gone.
     pub fn peripherals(&self) -> Peripherals {
         let world = self.world().expect("a node outlived its world");
-        let board = &self.board;
+        let processor = self.processor.clone();
         Peripherals {
-            spi: SimSpi::new(world.clone(), self.chip.clone(), board.spi_hz, board.transaction_overhead_ns),
+            spi: SimSpi::new(world.clone(), self.chip.clone(), processor.clone()),
             irq: IrqPin::new(world.clone(), self.irq.clone()),
             reset: ResetPin { world: world.clone(), chip: self.chip.clone() },
-            delay: SimDelay { world },
+            delay: world.delay_of(&processor),
+            processor,
             node: self.clone(),
         }
     }
@@ -348,6 +375,11 @@ impl Node {
         self.port
     }
 
+    /// Its processor.
+    pub fn processor(&self) -> &Processor {
+        &self.processor
+    }
+
     /// What the firmware did to its chip.
     pub fn chip_statistics(&self) -> ChipStatistics {
         self.chip.borrow().statistics()
@@ -370,6 +402,7 @@ impl Node {
         let tasks = std::mem::take(&mut *self.tasks.borrow_mut());
         if let Some(world) = self.world() {
             tasks.into_iter().for_each(|t| world.abort(t));
+            self.processor.reset(world.now());
         }
     }
 }

@@ -1,8 +1,8 @@
 //! A radio straight on the air: [`ranging::Radio`] without a chip, a bus or an interrupt in between.
 //!
 //! It hears, is deaf, is late and loses frames as the chip does, on the same air and with the same kind of clock, and takes the time
-//! that a board takes for the driver's transactions ([`Handling`]). A thousand nodes run in the time that a dozen take on simulated
-//! chips.
+//! that a board takes for the driver's transactions and interrupts, by the node's [`Processor`] and the table of [`Costs`]. A thousand
+//! nodes run in the time that a dozen take on simulated chips.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -11,7 +11,6 @@ use std::future::poll_fn;
 use std::pin::pin;
 use std::rc::Rc;
 use std::task::{Poll, Waker};
-use std::time::Duration;
 
 use crc::{CRC_16_KERMIT, Crc};
 use rand::Rng;
@@ -22,19 +21,18 @@ use ranging::node::Restart;
 use ranging::phy::{DataRate, Prf as PhyPrf, Sfd as PhySfd};
 use ranging::radio::MAX_FRAME;
 use ranging::{
-    Diagnostics, PhyConfig, Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, RxFrame, Sample, Start,
-    TransmitError,
+    Diagnostics, Pace, PhyConfig, Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, RxFrame, Sample,
+    Start, TransmitError,
 };
 
-use crate::TrueTime;
-use crate::World;
 use crate::air::{
     AirClient, Heard, Path, Payload, Phy, PortId, Prf, Rate, Reception, Response, RxSettings, Sfd, SfdKind, TxStart,
     estimated_dbm,
 };
-use crate::board::Handling;
 use crate::clock::{Clock, ClockConfig, Count, TICKS_PER_PS};
+use crate::costs::Costs;
 use crate::random::{Purpose, stream};
+use crate::{Processor, TrueTime, World};
 
 const CHECK: Crc<u16> = Crc::<u16>::new(&CRC_16_KERMIT);
 /// From a command to the first preamble symbol, ticks (10 µs): a delayed start nearer than this is late.
@@ -47,14 +45,23 @@ const BOOSTS: [(f64, f64); 3] = [(125.0, 9.0), (250.0, 6.0), (500.0, 3.0)];
 const CARRIER_DEVIATION_PPM: f64 = 0.05;
 /// Receptions that wait for the node at most, as in the chip's two buffers.
 const BUFFERS: usize = 2;
-/// The driver's transactions and bytes on the bus, beside the frame's (`ranging::dw1000`): what a frame is sent with, before it
-/// can leave and when it has left, at once or at an instant; what one is received with, and with the receiver staying on.
+/// The driver's transactions and bytes on the bus, beside the frame's (`ranging::dw1000`, "What goes over the bus"): of sending at once
+/// and at an instant, what must be there before the frame can leave, and what follows when it has left; at an instant, also what is
+/// looked up while it leaves.
 const LOAD_NOW: (u64, usize) = (2, 3);
 const LOAD_AT: (u64, usize) = (3, 9);
+const ARMED: (u64, usize) = (2, 9);
 const SENT_NOW: (u64, usize) = (3, 10);
 const SENT_AT: (u64, usize) = (2, 4);
-const RECEIVED: (u64, usize) = (8, 44);
-const RECEIVED_AND_ON: (u64, usize) = (9, 47);
+/// Of receiving: the receiver on, with another wait in the chip's timer; of a frame, what comes before the receiver can be on again, that,
+/// and the rest; the end of a window.
+const LISTEN: (u64, usize) = (2, 6);
+const FRAME_SEEN: (u64, usize) = (2, 13);
+const LISTEN_AGAIN: (u64, usize) = (1, 3);
+const FRAME_READ: (u64, usize) = (6, 31);
+const WINDOW_OVER: (u64, usize) = (4, 17);
+/// A receiver that listens is switched off.
+const STOP: (u64, usize) = (2, 7);
 /// The chip's clock, read.
 const CLOCK: (u64, usize) = (1, 6);
 /// What the end of a window takes at least, ticks (1 µs): a node that asks again for what is left must not stop time.
@@ -67,12 +74,16 @@ pub struct Antenna {
     world: World,
     port: PortId,
     phy: Phy,
-    board: Handling,
+    processor: Processor,
+    costs: &'static Costs,
     state: Rc<RefCell<State>>,
 }
 
 /// A radio on the air. Dropped, it hears nothing.
-pub struct Direct(Antenna);
+pub struct Direct {
+    antenna: Antenna,
+    pace: Pace,
+}
 
 /// What the air talks to.
 struct State {
@@ -81,9 +92,8 @@ struct State {
     /// Network and address, of those who want to hear nothing else.
     filter: Option<(u16, u16)>,
     clock: Clock,
-    /// On, or to be on again as soon as the frame that comes is there.
+    /// The receiver is on.
     listening: bool,
-    keep_listening: bool,
     heard: VecDeque<Option<Received>>,
     /// What was accumulated of the last frame, while the receiver is off after it.
     accumulated: Option<Response>,
@@ -99,10 +109,10 @@ struct Received {
 }
 
 impl Antenna {
-    /// An antenna that moves along `path`, at a board as quick as `board`; its clock starts anywhere. Of the driver's configuration
+    /// An antenna that moves along `path`, at a board with this processor; its clock starts anywhere. Of the driver's configuration
     /// it takes the PHY and, unless the filter is off, network and address: then data frames to this node and to everyone are
     /// heard.
-    pub fn new(world: &World, path: Path, clock: ClockConfig, config: &Config, board: Handling) -> Self {
+    pub fn new(world: &World, path: Path, clock: ClockConfig, config: &Config, processor: Processor) -> Self {
         let phy = &config.phy;
         let air_phy = air_phy(phy);
         let filter = (config.filter != FrameFilter::OFF).then_some((config.pan, config.short_address));
@@ -115,14 +125,14 @@ impl Antenna {
                 filter,
                 clock: Clock::new(clock, Count::from_ticks(first), oscillator),
                 listening: false,
-                keep_listening: false,
                 heard: VecDeque::new(),
                 accumulated: None,
                 waiting: None,
             }))
         };
         let (port, state) = world.add_client(path, state);
-        Self { world: world.clone(), port, phy: air_phy, board, state }
+        let costs = Costs::of(processor.board().core);
+        Self { world: world.clone(), port, phy: air_phy, processor, costs, state }
     }
 
     /// Its number on the air.
@@ -132,12 +142,11 @@ impl Antenna {
 
     /// The radio at this antenna; there is one at a time.
     pub fn radio(&self) -> Direct {
-        Direct(self.clone())
+        Direct { antenna: self.clone(), pace: Pace::default() }
     }
 
-    fn listen(&self, keep_listening: bool) {
+    fn listen(&self) {
         let mut state = self.state.borrow_mut();
-        state.keep_listening = keep_listening;
         if !state.listening && state.heard.len() < BUFFERS {
             state.switch_on(&self.world);
         }
@@ -148,13 +157,24 @@ impl Antenna {
         if std::mem::take(&mut state.listening) {
             self.world.air().deafen(self.port);
         }
-        state.keep_listening = false;
         state.heard.clear();
     }
 
-    /// The board is busy.
-    async fn pass(&self, time: Duration) {
-        self.world.sleep_until(self.world.now() + time).await;
+    /// The processor has so many transactions, of so many bytes together; each of one operation.
+    async fn bus(&self, (transactions, bytes): (u64, usize)) {
+        let board = self.processor.board();
+        self.processor.charge(self.costs.driver.transaction * transactions as u32);
+        let bus_ps = transactions * board.setup_ps(1) + board.bytes_ps(bytes, board.spi_fast_hz);
+        self.world.pass(self.processor.occupy(self.world.now(), bus_ps)).await;
+    }
+
+    /// The processor is woken.
+    async fn wake(&self) {
+        self.world.pass(self.processor.wake(self.world.now())).await;
+    }
+
+    fn instant_now(&self) -> RadioInstant {
+        RadioInstant::from_ticks(self.ticks_now() as u64)
     }
 
     fn ticks_now(&self) -> i64 {
@@ -252,12 +272,19 @@ impl AirClient for State {
         };
         self.listening = false;
         self.heard.push_back(received);
-        if self.keep_listening && self.heard.len() < BUFFERS {
-            self.switch_on(world);
-        }
         if let Some(waker) = self.waiting.take() {
             waker.wake();
         }
+    }
+}
+
+impl Direct {
+    /// Switches off a receiver that is on, as the driver does before anything else.
+    async fn stop(&self) {
+        if self.antenna.state.borrow().listening {
+            self.antenna.bus(STOP).await;
+        }
+        self.antenna.switch_off();
     }
 }
 
@@ -265,8 +292,8 @@ impl Radio for Direct {
     type Error = Infallible;
 
     async fn now(&mut self) -> Result<RadioInstant, Infallible> {
-        self.0.pass(self.0.board.bus(CLOCK.0, CLOCK.1)).await;
-        Ok(RadioInstant::from_ticks(self.0.ticks_now() as u64))
+        self.antenna.bus(CLOCK).await;
+        Ok(self.antenna.instant_now())
     }
 
     fn departure(&self, at: RadioInstant) -> RadioInstant {
@@ -279,47 +306,58 @@ impl Radio for Direct {
         start: Start,
         listen: bool,
     ) -> Result<RadioInstant, TransmitError<Infallible>> {
+        self.pace = Pace::default();
         if frame.len() > MAX_FRAME {
             return Err(TransmitError::TooLong);
         }
-        self.0.switch_off();
+        self.stop().await;
+        let antenna = &self.antenna;
         let (load, sent_by) = match start {
             Start::Now => (LOAD_NOW, SENT_NOW),
             Start::At(_) => (LOAD_AT, SENT_AT),
         };
-        self.0.pass(self.0.board.bus(load.0, load.1 + frame.len())).await;
-        let shr = self.0.phy.shr_ticks() as i64;
-        let soonest = self.0.ticks_now() + LEAD_TICKS + shr;
+        antenna.bus((load.0, load.1 + frame.len())).await;
+        let shr = antenna.phy.shr_ticks() as i64;
+        let soonest = antenna.ticks_now() + LEAD_TICKS + shr;
         let marker = match start {
             Start::Now => (soonest as u64).next_multiple_of(ranging::time::DELAYED_STEP_TICKS) as i64,
-            Start::At(at) => self.0.unwrap(at.snapped()),
+            Start::At(at) => {
+                self.pace.armed = Some(antenna.instant_now());
+                antenna.unwrap(at.snapped())
+            }
         };
         if marker < soonest {
             return Err(TransmitError::Late);
         }
-        let begin = self.0.time_of(marker - shr);
-        self.0.world.sleep_until(begin).await;
-        let sender_ppm = self.0.state.borrow_mut().clock.ppm_at(begin);
-        let marked = self.0.time_of(marker);
+        let begin = antenna.time_of(marker - shr);
+        if let Start::At(_) = start {
+            // While the frame leaves, if there is no time before.
+            antenna.processor.charge(antenna.costs.driver.transaction * ARMED.0 as u32);
+        }
+        antenna.processor.settle(antenna.world.now());
+        antenna.world.sleep_until(begin).await;
+        let sender_ppm = antenna.state.borrow_mut().clock.ppm_at(begin);
+        let marked = antenna.time_of(marker);
         let sent = TxStart {
-            phy: self.0.phy,
+            phy: antenna.phy,
             ranging: true,
             start: begin,
             marker: marked,
-            power_dbm: radiated_dbm(&self.0.phy, frame.len() + 2),
+            power_dbm: radiated_dbm(&antenna.phy, frame.len() + 2),
             sender_ppm,
         };
-        let on_air = self.0.world.begin_frame(self.0.port, sent);
-        self.0.world.sleep_until(marked).await;
+        let on_air = antenna.world.begin_frame(antenna.port, sent);
+        antenna.world.sleep_until(marked).await;
         let mut bytes = frame.to_vec();
         bytes.extend_from_slice(&CHECK.checksum(frame).to_le_bytes());
-        let end = self.0.time_of(marker + (self.0.phy.phr_ticks() + self.0.phy.payload_ticks(bytes.len())) as i64);
-        self.0.world.air().fill(on_air, Rc::from(bytes), end);
-        self.0.world.sleep_until(end).await;
+        let end = antenna.time_of(marker + (antenna.phy.phr_ticks() + antenna.phy.payload_ticks(bytes.len())) as i64);
+        antenna.world.air().fill(on_air, Rc::from(bytes), end);
+        antenna.world.sleep_until(end).await;
         if listen {
-            self.0.listen(false);
+            antenna.listen();
         }
-        self.0.pass(self.0.board.upon_interrupt(sent_by.0, sent_by.1)).await;
+        antenna.wake().await;
+        antenna.bus(sent_by).await;
         Ok(RadioInstant::from_ticks(marker as u64))
     }
 
@@ -330,29 +368,44 @@ impl Radio for Direct {
         window: RadioDuration,
         keep_listening: bool,
     ) -> Result<RxFrame<'b>, ReceiveError<Infallible>> {
+        self.pace = Pace::default();
+        let was_on = {
+            let state = self.antenna.state.borrow();
+            state.listening || !state.heard.is_empty()
+        };
         let begin = match start {
-            Start::Now => self.0.ticks_now(),
+            Start::Now => {
+                if !was_on {
+                    self.antenna.bus(LISTEN).await;
+                }
+                self.antenna.ticks_now()
+            }
             Start::At(at) => {
-                self.0.switch_off();
-                let begin = self.0.unwrap(at);
-                if begin < self.0.ticks_now() {
+                self.stop().await;
+                let begin = self.antenna.unwrap(at);
+                self.antenna.bus(LISTEN).await;
+                if begin < self.antenna.ticks_now() {
                     return Err(ReceiveError::Late);
                 }
-                self.0.world.sleep_until(self.0.time_of(begin)).await;
+                self.antenna.world.sleep_until(self.antenna.time_of(begin)).await;
                 begin
             }
         };
-        self.0.listen(keep_listening);
-        let until = self.0.time_of(begin + window.ticks().max(0) + WINDOW_END_TICKS);
-        match self.0.next(until).await {
+        let antenna = &self.antenna;
+        antenna.listen();
+        let until = antenna.time_of(begin + window.ticks().max(0) + WINDOW_END_TICKS);
+        let heard = antenna.next(until).await;
+        antenna.wake().await;
+        match heard {
             Some(Some(Received { bytes, rx_time, diagnostics, response })) => {
-                self.0.state.borrow_mut().accumulated = (!keep_listening).then_some(response);
-                let (transactions, more) = if keep_listening { RECEIVED_AND_ON } else { RECEIVED };
-                self.0.pass(self.0.board.upon_interrupt(transactions, more + bytes.len())).await;
-                // The receiver may have stopped for want of a place to put frames.
+                antenna.bus(FRAME_SEEN).await;
+                antenna.state.borrow_mut().accumulated = (!keep_listening).then_some(response);
                 if keep_listening {
-                    self.0.listen(true);
+                    antenna.bus(LISTEN_AGAIN).await;
+                    antenna.listen();
+                    self.pace.listening = Some(antenna.instant_now());
                 }
+                antenna.bus((FRAME_READ.0, FRAME_READ.1 + bytes.len())).await;
                 let bytes = match buffer.get_mut(..bytes.len()) {
                     Some(place) => {
                         place.copy_from_slice(&bytes);
@@ -362,17 +415,26 @@ impl Radio for Direct {
                 };
                 Ok(RxFrame { bytes, rx_time, diagnostics })
             }
-            Some(None) => Err(ReceiveError::Corrupt),
+            Some(None) => {
+                antenna.bus(WINDOW_OVER).await;
+                antenna.switch_off();
+                Err(ReceiveError::Corrupt)
+            }
             None => {
-                self.0.switch_off();
+                antenna.bus(WINDOW_OVER).await;
+                antenna.switch_off();
                 Err(ReceiveError::Timeout)
             }
         }
     }
 
     async fn idle(&mut self) -> Result<(), Infallible> {
-        self.0.switch_off();
+        self.stop().await;
         Ok(())
+    }
+
+    fn pace(&self) -> Pace {
+        self.pace
     }
 
     async fn impulse_response(
@@ -380,7 +442,7 @@ impl Radio for Direct {
         window: ResponseWindow,
         mut take: impl FnMut(Sample),
     ) -> Result<Option<u16>, Infallible> {
-        let state = self.0.state.borrow();
+        let state = self.antenna.state.borrow();
         let Some(response) = &state.accumulated else { return Ok(None) };
         let all = response.length as u16;
         let count = window.count.min(all);
@@ -395,14 +457,14 @@ impl Radio for Direct {
 
 impl Restart for Direct {
     async fn restart(&mut self) -> Result<(), Infallible> {
-        self.0.switch_off();
+        self.antenna.switch_off();
         Ok(())
     }
 }
 
 impl Drop for Direct {
     fn drop(&mut self) {
-        self.0.switch_off();
+        self.antenna.switch_off();
     }
 }
 

@@ -15,11 +15,12 @@ use toml::Spanned;
 use self::bluetooth::{BeaconTable, BluetoothTable, check_list};
 use self::network::NetworkTable;
 use self::values::{
-    anchors_per_round, clock_offset, method, not_negative, optional_finite, optional_rate, place, places, positive,
-    probability,
+    anchors_per_round, board, clock_offset, method, not_negative, optional_board, optional_finite, optional_positive,
+    optional_rate, place, places, positive, probability,
 };
-use super::{Anchor, Board, Fault, FaultKind, Level, Network, Scenario, Tag, TagSettings, Walk};
+use super::{Anchor, Fault, FaultKind, Level, Network, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
+use crate::board::BoardProfile;
 
 /// The addresses of nodes without one of their own: anchors from the first, tags from the second, beacons from the third, by their
 /// place in the file.
@@ -98,7 +99,10 @@ struct File {
     rate_hz: Option<f64>,
     #[serde(deserialize_with = "anchors_per_round")]
     anchors_per_round: u8,
-    board: BoardTable,
+    #[serde(deserialize_with = "board")]
+    board: BoardProfile,
+    #[serde(deserialize_with = "positive")]
+    cpu_slowdown: f64,
     network: Vec<Spanned<NetworkTable>>,
     wall: Vec<WallTable>,
     bluetooth: BluetoothTable,
@@ -122,7 +126,8 @@ impl Default for File {
             weigh_nlos: tag.weigh_nlos,
             rate_hz: tag.rate_hz,
             anchors_per_round: tag.anchors_per_round,
-            board: BoardTable::default(),
+            board: BoardProfile::DWM1001,
+            cpu_slowdown: 1.0,
             network: Vec::new(),
             wall: Vec::new(),
             bluetooth: BluetoothTable::default(),
@@ -139,26 +144,6 @@ impl Default for File {
 enum LevelName {
     Spi,
     Air,
-}
-
-#[derive(Clone, Copy, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct BoardTable {
-    profile: BoardName,
-    spi_hz: Option<u32>,
-    spi_fast_hz: Option<u32>,
-    transaction_overhead_ns: Option<u32>,
-    interrupt_latency_ns: Option<u32>,
-    instructions_per_s: Option<f64>,
-}
-
-#[derive(Clone, Copy, Default, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-enum BoardName {
-    #[default]
-    Dwm1001,
-    Evb1000,
-    Instant,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -191,6 +176,10 @@ struct AnchorTable {
     network: usize,
     #[serde(deserialize_with = "place")]
     at: [f64; 3],
+    #[serde(default, deserialize_with = "optional_board")]
+    board: Option<BoardProfile>,
+    #[serde(default, deserialize_with = "optional_positive")]
+    cpu_slowdown: Option<f64>,
 }
 
 #[derive(Deserialize)]
@@ -205,6 +194,10 @@ struct TagTable {
     speed_m_s: f64,
     #[serde(default)]
     closed: bool,
+    #[serde(default, deserialize_with = "optional_board")]
+    board: Option<BoardProfile>,
+    #[serde(default, deserialize_with = "optional_positive")]
+    cpu_slowdown: Option<f64>,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -225,6 +218,12 @@ enum FaultName {
 }
 
 impl File {
+    /// The board of a node that names one, or a slowdown of its own: both stand in for the file's.
+    fn own_board(&self, board: Option<BoardProfile>, cpu_slowdown: Option<f64>) -> Option<BoardProfile> {
+        let differs = board.is_some() || cpu_slowdown.is_some();
+        differs.then(|| board.unwrap_or(self.board).slowed(cpu_slowdown.unwrap_or(self.cpu_slowdown)))
+    }
+
     fn scenario(self) -> Result<Scenario, Wrong> {
         let nobody = self.anchor.is_empty() && self.beacon.is_empty();
         if nobody || self.tag.is_empty() {
@@ -242,19 +241,19 @@ impl File {
         let mut nodes = Nodes { networks: networks.len(), addresses: HashSet::new() };
         let mut anchors = Vec::new();
         for (address, table) in (FIRST_ANCHOR..).zip(&self.anchor) {
-            let AnchorTable { address: own, network, at } = *table.get_ref();
+            let AnchorTable { address: own, network, at, board, cpu_slowdown } = *table.get_ref();
             let address = own.unwrap_or(address);
             nodes.admit(address, network).map_err(|m| wrong(table, m))?;
-            anchors.push(Anchor { address, network, at });
+            anchors.push(Anchor { address, network, at, board: self.own_board(board, cpu_slowdown) });
         }
         let mut tags = Vec::new();
         for (address, table) in (FIRST_TAG..).zip(&self.tag) {
-            let TagTable { address: own, network, ref path, speed_m_s, closed } = *table.get_ref();
+            let TagTable { address: own, network, ref path, speed_m_s, closed, board, cpu_slowdown } = *table.get_ref();
             let address = own.unwrap_or(address);
             nodes.admit(address, network).map_err(|m| wrong(table, m))?;
             let walk = Walk::new(path.clone(), speed_m_s, closed);
             let walk = walk.ok_or_else(|| wrong(table, "a path needs at least one point".to_owned()))?;
-            tags.push(Tag { address, network, walk });
+            tags.push(Tag { address, network, walk, board: self.own_board(board, cpu_slowdown) });
         }
         let bluetooth = self.bluetooth.settings();
         let mut beacons = Vec::new();
@@ -293,7 +292,7 @@ impl File {
                 LevelName::Air => Level::Air,
             },
             clock_ppm: self.clock_ppm,
-            board: self.board.board(),
+            board: self.board.slowed(self.cpu_slowdown),
             tag: TagSettings {
                 model: None,
                 height_m: self.height_m,
@@ -335,23 +334,6 @@ impl Nodes {
             return Err(format!("two nodes have the address {address}"));
         }
         Ok(())
-    }
-}
-
-impl BoardTable {
-    fn board(self) -> Board {
-        let mut board = match self.profile {
-            BoardName::Dwm1001 => Board::DWM1001,
-            BoardName::Evb1000 => Board::EVB1000,
-            BoardName::Instant => Board::INSTANT,
-        };
-        let profile = &mut board.profile;
-        profile.spi_hz = self.spi_hz.unwrap_or(profile.spi_hz);
-        profile.transaction_overhead_ns = self.transaction_overhead_ns.unwrap_or(profile.transaction_overhead_ns);
-        profile.interrupt_latency_ns = self.interrupt_latency_ns.unwrap_or(profile.interrupt_latency_ns);
-        board.spi_fast_hz = self.spi_fast_hz.unwrap_or(board.spi_fast_hz);
-        board.instructions_per_s = self.instructions_per_s.unwrap_or(board.instructions_per_s);
-        board
     }
 }
 
@@ -399,7 +381,8 @@ mod tests {
         assert_eq!(scenario.bluetooth, BluetoothSettings::default());
         assert_eq!(scenario.walls[0].material, Material::BRICK);
         assert_eq!(scenario.networks, [Network::default()]);
-        assert_eq!(scenario.board, Board::DWM1001);
+        assert_eq!(scenario.board, BoardProfile::DWM1001);
+        assert_eq!(scenario.anchors[2].board, Some(BoardProfile::ESP32C3.slowed(4.0)));
         assert_eq!(scenario.tag, TagSettings { height_m: Some(1.2), rate_hz: Some(10.0), ..TagSettings::default() });
         assert_eq!(scenario.anchors.iter().map(|a| a.address).collect::<Vec<_>>(), [1, 2, 3]);
         assert_eq!(scenario.faults, [Fault { at_s: 10.0, node: 2, what: FaultKind::Off }]);
@@ -422,6 +405,8 @@ mod tests {
             ("seconds = -1\n", 1, "-1 is not a positive number"),
             ("\nloss = 1.5\n", 2, "1.5 is not a probability"),
             ("method = \"guess\"\n", 1, "unknown method"),
+            ("board = \"dwm1000\"\n", 1, "dwm1001, evk1000, esp32c3, esp32c6, instant"),
+            ("cpu_slowdown = 0\n", 1, "0 is not a positive number"),
             ("[[anchor]]\nat = [0, 0]\n", 2, "invalid length 2"),
             ("[[anchor]]\nat = [0, 0, nan]\n", 2, "NaN is not a coordinate"),
             ("[[anchor]]\nat = [0, 9000, 0]\n", 2, "9000 is not a coordinate"),
@@ -461,6 +446,17 @@ mod tests {
             assert_eq!(found.line, line, "{more:?}: {found}");
             assert!(found.message.contains(message), "{more:?}: {found}");
         }
+    }
+
+    #[test]
+    fn boards_and_their_slowdowns_are_read() {
+        let text = "board = \"evk1000\"\ncpu_slowdown = 2\n[[anchor]]\nat = [0, 0, 2]\n\
+            [[anchor]]\nat = [1, 0, 2]\nboard = \"esp32c6\"\n[[tag]]\npath = [[1, 2, 1]]\ncpu_slowdown = 0.5\n";
+        let scenario = Scenario::parse(text).unwrap();
+        assert_eq!(scenario.board, BoardProfile::EVB1000.slowed(2.0));
+        assert_eq!(scenario.anchors[0].board, None);
+        assert_eq!(scenario.anchors[1].board, Some(BoardProfile::ESP32C6.slowed(2.0)));
+        assert_eq!(scenario.tags[0].board, Some(BoardProfile::EVB1000.slowed(0.5)));
     }
 
     #[test]

@@ -5,8 +5,9 @@ use std::f64::consts::TAU;
 use ranging::PhyConfig;
 use ranging::phy::{Channel, DataRate, PreambleLength, Prf};
 
-use super::{Anchor, BluetoothSettings, Board, Level, Mode, Network, Scenario, Tag, TagSettings, Walk};
+use super::{Anchor, BluetoothSettings, Level, Mode, Network, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
+use crate::board::BoardProfile;
 
 /// A room, metres.
 const ROOM: [f64; 2] = [12.0, 8.0];
@@ -51,7 +52,7 @@ impl Scenario {
             loss: 0.0,
             level: Level::Spi,
             clock_ppm: 20.0,
-            board: Board::DWM1001,
+            board: BoardProfile::DWM1001,
             tag: TagSettings { height_m: Some(TAG_HEIGHT_M), ..TagSettings::default() },
             networks: Vec::new(),
             walls: Vec::new(),
@@ -69,11 +70,11 @@ impl Scenario {
             let share = |all: usize| all * (room + 1) / rooms - all * room / rooms;
             for place in perimeter(corner, share(anchors)) {
                 let address = scenario.anchors.len() as u16 + 1;
-                scenario.anchors.push(Anchor { address, network: room, at: place });
+                scenario.anchors.push(Anchor { address, network: room, at: place, board: None });
             }
             for number in 0..share(tags) {
                 let address = scenario.tags.len() as u16 + 0x1001;
-                scenario.tags.push(Tag { address, network: room, walk: walk(corner, number) });
+                scenario.tags.push(Tag { address, network: room, walk: walk(corner, number), board: None });
             }
         }
         scenario

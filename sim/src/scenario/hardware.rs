@@ -11,12 +11,15 @@ use embedded_hal_async::spi::SpiDevice;
 use ranging::dw1000::{ClockedSpi, Config, Dw1000, ResetLine, SpiClock};
 use ranging::node::Restart;
 
-use super::{Board, FaultKind, Level};
+use super::{FaultKind, Level};
 use crate::IrqPin;
 use crate::air::{Path, PortId};
-use crate::board::Handling;
+use crate::board::BoardProfile;
+use crate::costs::{Charged, Costs};
 use crate::direct::{Antenna, Direct};
-use crate::{ChipConfig, ClockConfig, Node, NodeConfig, ResetPin, SimDelay, SimSpi, TaskId, World};
+use crate::{
+    ChipConfig, ClockConfig, Node, NodeConfig, Processor, ResetPin, SimDelay, SimSpi, TaskId, TrueTime, World,
+};
 
 /// A node's firmware on whatever radio it is given: an app from `firmware-tag` or `firmware-anchor`.
 pub(super) trait Firmware: 'static {
@@ -25,6 +28,7 @@ pub(super) trait Firmware: 'static {
         self: Rc<Self>,
         radio: R,
         delay: SimDelay,
+        processor: Processor,
     ) -> impl Future<Output = Infallible> + 'static;
 }
 
@@ -38,18 +42,29 @@ pub(super) enum Hardware {
 
 impl Hardware {
     /// Puts a node into the world and starts its firmware.
-    pub(super) fn start(world: &World, level: Level, board: &Board, node: NodePlan, firmware: impl Firmware) -> Self {
+    pub(super) fn start(
+        world: &World,
+        level: Level,
+        board: BoardProfile,
+        node: NodePlan,
+        firmware: impl Firmware,
+    ) -> Self {
         let firmware = Rc::new(firmware);
+        let costs = Costs::of(board.core);
+        // To the board's own handlers comes the executor's way to the task.
+        let board = BoardProfile { wake_instructions: board.wake_instructions + costs.wake, ..board };
         match level {
             Level::Spi => {
                 let chip = ChipConfig { clock: node.clock, ..ChipConfig::default() };
-                let started = world.add_node(NodeConfig { path: node.path, chip, board: board.profile });
-                let (config, fast_hz) = (node.config, board.spi_fast_hz);
+                let started = world.add_node(NodeConfig { path: node.path, chip, board });
+                let config = node.config;
                 started.boot(move |peripherals| {
-                    let bus = BoardSpi::new(peripherals.spi, fast_hz);
+                    let processor = peripherals.processor;
+                    let bus = BoardSpi::new(peripherals.spi, processor.clone());
                     let reset = Reset(peripherals.reset);
                     let radio = Dw1000::new(bus, peripherals.irq, reset, peripherals.delay.clone(), config);
-                    let running = firmware.clone().run::<BoardRadio>(radio, peripherals.delay);
+                    let radio = Charged::new(radio, &processor);
+                    let running = firmware.clone().run::<Charged<BoardRadio>>(radio, peripherals.delay, processor);
                     async {
                         running.await;
                     }
@@ -57,18 +72,32 @@ impl Hardware {
                 Self::Board(started)
             }
             Level::Air => {
-                let handling = Handling::new(&board.profile, board.spi_fast_hz);
-                let antenna = Antenna::new(world, node.path, node.clock, &node.config, handling);
-                let task_world = world.clone();
+                let processor = Processor::new(board);
+                let antenna = Antenna::new(world, node.path, node.clock, &node.config, processor.clone());
+                let (task_world, task_processor) = (world.clone(), processor.clone());
                 let spawn = move |antenna: &Antenna| {
-                    let running = firmware.clone().run::<Direct>(antenna.radio(), task_world.delay());
+                    let radio = Charged::new(antenna.radio(), &task_processor);
+                    let delay = task_world.delay_of(&task_processor);
+                    let running = firmware.clone().run::<Charged<Direct>>(radio, delay, task_processor.clone());
                     task_world.spawn(async {
                         running.await;
                     })
                 };
                 let task = RefCell::new(Some(spawn(&antenna)));
-                Self::Bare(Bare { world: world.clone(), antenna, spawn: Box::new(spawn), task })
+                Self::Bare(Bare { world: world.clone(), antenna, processor, spawn: Box::new(spawn), task })
             }
+        }
+    }
+
+    /// What the node has taken from its supply since the simulation began, microcoulombs: the board's part, to which that of the
+    /// chip would be added here. `None` without a chip.
+    pub(super) fn charge_uc(&self, now: TrueTime) -> Option<f64> {
+        match self {
+            Self::Board(node) => {
+                let processor = node.processor();
+                Some(processor.times(now).charge_uc(processor.board()))
+            }
+            Self::Bare(_) => None,
         }
     }
 
@@ -109,6 +138,7 @@ pub(super) struct NodePlan {
 pub(super) struct Bare {
     world: World,
     antenna: Antenna,
+    processor: Processor,
     spawn: Box<dyn Fn(&Antenna) -> TaskId>,
     task: RefCell<Option<TaskId>>,
 }
@@ -117,6 +147,7 @@ impl Bare {
     fn stop(&self) {
         if let Some(task) = self.task.take() {
             self.world.abort(task);
+            self.processor.reset(self.world.now());
         }
     }
 
@@ -127,17 +158,17 @@ impl Bare {
     }
 }
 
-/// The bus of a board that has two clocks for it.
+/// The bus of a board that has two clocks for it, and the driver's instructions for each transaction.
 struct BoardSpi {
     bus: SimSpi,
-    slow_hz: u32,
-    fast_hz: u32,
+    processor: Processor,
+    instructions: u32,
 }
 
 impl BoardSpi {
-    fn new(bus: SimSpi, fast_hz: u32) -> Self {
-        let slow_hz = bus.clock().hz();
-        Self { bus, slow_hz, fast_hz }
+    fn new(bus: SimSpi, processor: Processor) -> Self {
+        let instructions = Costs::of(processor.board().core).driver.transaction;
+        Self { bus, processor, instructions }
     }
 }
 
@@ -147,6 +178,7 @@ impl ErrorType for BoardSpi {
 
 impl SpiDevice for BoardSpi {
     async fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
+        self.processor.charge(self.instructions);
         self.bus.transaction(operations).await
     }
 }
@@ -154,8 +186,8 @@ impl SpiDevice for BoardSpi {
 impl ClockedSpi for BoardSpi {
     fn set_clock(&mut self, clock: SpiClock) -> Result<(), Infallible> {
         self.bus.clock().set_hz(match clock {
-            SpiClock::Slow => self.slow_hz,
-            SpiClock::Fast => self.fast_hz,
+            SpiClock::Slow => self.processor.board().spi_hz,
+            SpiClock::Fast => self.processor.board().spi_fast_hz,
         });
         Ok(())
     }

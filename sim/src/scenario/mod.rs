@@ -41,8 +41,8 @@ pub struct Scenario {
     pub level: Level,
     /// Every crystal is off by something between −this and +this, millionths.
     pub clock_ppm: f64,
-    /// The nodes' board.
-    pub board: Board,
+    /// The board of nodes that have none of their own.
+    pub board: BoardProfile,
     /// What tags do with their ranges.
     pub tag: TagSettings,
     /// The networks.
@@ -69,28 +69,6 @@ pub enum Level {
     Spi,
     /// A radio straight on the air: for many nodes.
     Air,
-}
-
-/// A board: its bus and interrupts, and its processor.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Board {
-    /// Bus and interrupts.
-    pub profile: BoardProfile,
-    /// SPI clock once the chip's PLL has locked, Hz.
-    pub spi_fast_hz: u32,
-    /// Instructions a second of the processor, one a clock: what a position costs in time. Infinite: nothing.
-    pub instructions_per_s: f64,
-}
-
-impl Board {
-    /// nRF52832, 64 MHz.
-    pub const DWM1001: Self = Self { profile: BoardProfile::DWM1001, spi_fast_hz: 8_000_000, instructions_per_s: 64e6 };
-    /// STM32F105, 72 MHz.
-    pub const EVB1000: Self =
-        Self { profile: BoardProfile::EVB1000, spi_fast_hz: 18_000_000, instructions_per_s: 72e6 };
-    /// Takes no time of its own.
-    pub const INSTANT: Self =
-        Self { profile: BoardProfile::INSTANT, spi_fast_hz: 20_000_000, instructions_per_s: f64::INFINITY };
 }
 
 /// What tags do with their ranges.
@@ -169,6 +147,8 @@ pub struct Anchor {
     pub network: usize,
     /// Where it stands, metres.
     pub at: [f64; 3],
+    /// Its board, if it is not that of all.
+    pub board: Option<BoardProfile>,
 }
 
 /// A tag.
@@ -180,6 +160,8 @@ pub struct Tag {
     pub network: usize,
     /// Its way.
     pub walk: Walk,
+    /// Its board, if it is not that of all.
+    pub board: Option<BoardProfile>,
 }
 
 /// Something that goes wrong.

@@ -147,6 +147,10 @@ pub struct Summary {
     pub collisions: u64,
     /// Time frames were on the air, summed over all channels, against the time passed.
     pub airtime_share: f64,
+    /// Mean current of a tag from its supply, milliamperes; none where radios are straight on the air.
+    pub tag_mean_current_ma: Option<f64>,
+    /// What all tags took from their supplies, a position, microcoulombs.
+    pub charge_per_fix_uc: Option<f64>,
     /// What there is to tell of beacons, where there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bluetooth: Option<BluetoothSummary>,
@@ -231,7 +235,19 @@ impl Summary {
             frames_lost: air.lost_by_chance + air.lost_to_noise + air.lost_to_collision,
             collisions: air.frames_collided,
             airtime_share: air.airtime_s * per_second,
+            tag_mean_current_ma: None,
+            charge_per_fix_uc: None,
             bluetooth: None,
+        }
+    }
+
+    /// With what all tags together took, microcoulombs.
+    pub(super) fn with_charge(self, charge_uc: Option<f64>) -> Self {
+        let tag_seconds = self.tags as f64 * self.seconds;
+        Self {
+            tag_mean_current_ma: charge_uc.filter(|_| tag_seconds > 0.0).map(|charge| charge / tag_seconds / 1e3),
+            charge_per_fix_uc: charge_uc.filter(|_| self.fixes > 0).map(|charge| charge / self.fixes as f64),
+            ..self
         }
     }
 }
@@ -265,6 +281,15 @@ mod tests {
         assert!((summary.p90_m.unwrap() - 3.4).abs() < 1e-12);
         assert_eq!((summary.fixes, summary.fixes_per_s, summary.airtime_share), (4, 2.0, 0.25));
         assert_eq!((summary.frames_sent, summary.frames_lost, summary.collisions), (7, 6, 2));
+    }
+
+    #[test]
+    fn charge_is_shared_among_tags_and_positions() {
+        let summary = Summary::new([2, 4], 5.0, vec![0.1; 4], AirStatistics::default());
+        // 20 mC by two tags in five seconds: 2 mA each; four positions: 5 mC each.
+        let charged = summary.clone().with_charge(Some(20_000.0));
+        assert_eq!((charged.tag_mean_current_ma, charged.charge_per_fix_uc), (Some(2.0), Some(5_000.0)));
+        assert_eq!(summary.clone().with_charge(None), summary);
     }
 
     #[test]

@@ -4,8 +4,9 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 use std::convert::Infallible;
 use std::rc::Rc;
+use std::time::Duration;
 
-use embassy_futures::join::join3;
+use embassy_futures::join::{join, join3};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_tag::scan::{self, Plan};
 use firmware_tag::{AnchorPlace, Handover, KnownBeacons, Locator, Pace, Surveyed};
@@ -25,7 +26,9 @@ use super::sink::{AnchorSink, Log, Notebook, TagSink};
 use super::{Anchor, Level, Mode, Network, Scenario, Tag, TagSettings};
 use crate::air::{Path, PortId, Sniffed};
 use crate::bluetooth::Bluetooth;
-use crate::{AirConfig, ClockConfig, SimDelay, TrueTime, World};
+use crate::costs::Charged;
+use crate::random::{Purpose, stream};
+use crate::{AirConfig, ClockConfig, Interrupts, Processor, SimDelay, TrueTime, World};
 
 /// Rounds a second of a DecaRanging tag that nobody told.
 const DECARANGING_HZ: f64 = 20.0;
@@ -36,6 +39,7 @@ pub struct Simulation {
     scenario: Rc<Scenario>,
     log: Rc<RefCell<Log>>,
     addresses: HashMap<PortId, u16>,
+    nodes: Rc<HashMap<u16, Hardware>>,
     bluetooth: Option<Bluetooth>,
 }
 
@@ -61,7 +65,8 @@ impl Simulation {
         for anchor in &scenario.anchors {
             let plan = plan(&world, &scenario, anchor.address, Path::Fixed(anchor.at), anchor.network, Role::Anchor);
             let firmware = AnchorFirmware { anchor: anchor.clone(), notebook: notebook(anchor.address) };
-            let hardware = Hardware::start(&world, scenario.level, &scenario.board, plan, firmware);
+            let board = anchor.board.unwrap_or(scenario.board);
+            let hardware = Hardware::start(&world, scenario.level, board, plan, firmware);
             nodes.insert(anchor.address, hardware);
         }
         for tag in &scenario.tags {
@@ -80,7 +85,8 @@ impl Simulation {
             });
             let plan = plan(&world, &scenario, tag.address, path, tag.network, Role::Tag);
             let firmware = TagFirmware { tag: tag.clone(), notebook: notebook(tag.address), ears };
-            nodes.insert(tag.address, Hardware::start(&world, scenario.level, &scenario.board, plan, firmware));
+            let board = tag.board.unwrap_or(scenario.board);
+            nodes.insert(tag.address, Hardware::start(&world, scenario.level, board, plan, firmware));
         }
         let addresses = nodes.iter().map(|(&address, node)| (node.port(), address)).collect();
         let (nodes, beacons) = (Rc::new(nodes), Rc::new(beacons));
@@ -97,8 +103,7 @@ impl Simulation {
                 }
             });
         }
-        // Faults own the nodes; without any, the nodes' tasks live in the world all the same.
-        Self { world, scenario, log, addresses, bluetooth }
+        Self { world, scenario, log, addresses, nodes, bluetooth }
     }
 
     /// The scenario.
@@ -135,6 +140,8 @@ impl Simulation {
         let of_beacons =
             |air: &Bluetooth| BluetoothSummary::new(self.scenario.beacons.len(), &log.errors_m, air.statistics());
         let summary = Summary::new(nodes, self.now_s(), errors_m, self.world.statistics());
+        let tags = self.scenario.tags.iter().filter_map(|tag| self.nodes.get(&tag.address));
+        let summary = summary.with_charge(tags.map(|tag| tag.charge_uc(self.world.now())).sum());
         Summary { bluetooth: self.bluetooth.as_ref().map(of_beacons), ..summary }
     }
 }
@@ -214,6 +221,7 @@ impl Firmware for AnchorFirmware {
         self: Rc<Self>,
         radio: R,
         delay: SimDelay,
+        processor: Processor,
     ) -> impl Future<Output = Infallible> + 'static {
         let scenario = &self.notebook.scenario;
         let network = network_of(scenario, self.anchor.network);
@@ -233,7 +241,7 @@ impl Firmware for AnchorFirmware {
                         position_m: Some(at.map(|metres| metres as f32)),
                         rounds,
                     });
-                    firmware_anchor::run(radio, delay, machine, sink).await
+                    firmware_anchor::run(radio, delay, Charged::new(machine, &processor), sink).await
                 }
                 // The anchor answers in the tag's variant.
                 Mode::DecaRanging(_) => {
@@ -245,7 +253,7 @@ impl Firmware for AnchorFirmware {
                         antenna_delay,
                         init_delay: decaranging::INIT_DELAY,
                     });
-                    firmware_anchor::run(radio, delay, machine, sink).await
+                    firmware_anchor::run(radio, delay, Charged::new(machine, &processor), sink).await
                 }
             }
         }
@@ -270,7 +278,38 @@ struct Ears {
     levels: Option<Rc<[u8]>>,
 }
 
-/// A tag's life: its two tasks, and where there are beacons the scan beside them, as on a board.
+/// Interrupts of a Bluetooth controller while it scans: an assumption. Of each advertisement that comes, the access address, the end
+/// and what follows are served, and a timer now and then; with fifty a second, two hundred interrupts of 40 µs.
+const SCANNING: Interrupts = Interrupts { per_second: 200.0, each: Duration::from_micros(40) };
+
+/// A scanner whose interrupts go before all else while it is on.
+struct Interfering<S> {
+    scanner: S,
+    world: World,
+    processor: Processor,
+    address: u16,
+}
+
+impl<S> Interfering<S> {
+    fn interfere(&self, interrupts: Option<Interrupts>) {
+        let random = stream(self.world.seed(), Purpose::Interrupts, self.address.into());
+        self.processor.interfere(self.world.now(), interrupts, random);
+    }
+}
+
+impl<S: scan::Scanner> scan::Scanner for Interfering<S> {
+    async fn start(&mut self) {
+        self.interfere(Some(SCANNING));
+        self.scanner.start().await;
+    }
+
+    async fn stop(&mut self) {
+        self.interfere(None);
+        self.scanner.stop().await;
+    }
+}
+
+/// A tag's life: ranging, the engine in the background, and where there are beacons the scan beside them, as on a board.
 async fn live<R: Restart + 'static>(
     radio: R,
     delay: SimDelay,
@@ -279,20 +318,26 @@ async fn live<R: Restart + 'static>(
     sink: TagSink,
     ears: Option<Ears>,
 ) -> Infallible {
-    let Some(Ears { air, address, path, plan, known, levels }) = ears else {
-        return firmware_tag::run(radio, delay, machine, locator, pace, sink).await;
-    };
+    let processor = sink.processor.clone();
+    let machine = Charged::new(machine, &processor);
+    let background = delay.for_background();
     let (handover, sink) = (Rc::new(Handover::<NoopRawMutex>::new()), Rc::new(sink));
+    let Some(Ears { air, address, path, plan, known, levels }) = ears else {
+        let ranging = firmware_tag::ranging(radio, delay, machine, &handover, &*sink);
+        return join(ranging, firmware_tag::engine(&handover, background, locator, pace, &*sink)).await.0;
+    };
+    let world = sink.notebook.world.clone();
     let scanner = {
         let (handover, sink) = (handover.clone(), sink.clone());
         air.scanner(address, path, move |data, rssi_dbm| scan::hear(&handover, &*sink, data, rssi_dbm))
     };
+    let scanner = Interfering { scanner, world, processor, address };
     let models = levels.as_deref().map_or(Err(node_record::Fault::Missing), node_record::decode_models);
     let surveyed = Surveyed::of(models, &known, |condition| sink.unused(condition));
     let locator = locator.with_beacons(KnownBeacons::new(&known, None)).with_surveyed(&surveyed);
-    let ranging = firmware_tag::ranging(radio, delay.clone(), machine, &handover, &*sink);
-    let engine = firmware_tag::engine(&handover, delay.clone(), locator, pace, &*sink);
-    join3(ranging, engine, scan::run(&handover, plan, scanner, delay, &*sink)).await.0
+    let ranging = firmware_tag::ranging(radio, delay, machine, &handover, &*sink);
+    let engine = firmware_tag::engine(&handover, background.clone(), locator, pace, &*sink);
+    join3(ranging, engine, scan::run(&handover, plan, scanner, background, &*sink)).await.0
 }
 
 impl Firmware for TagFirmware {
@@ -300,12 +345,13 @@ impl Firmware for TagFirmware {
         self: Rc<Self>,
         radio: R,
         delay: SimDelay,
+        processor: Processor,
     ) -> impl Future<Output = Infallible> + 'static {
         let scenario = self.notebook.scenario.clone();
         let network = network_of(&scenario, self.tag.network);
         let settings = scenario.tag;
         let (address, ears) = (self.tag.address, self.ears.clone());
-        let sink = TagSink { notebook: self.notebook.clone(), walk: self.tag.walk.clone() };
+        let sink = TagSink { notebook: self.notebook.clone(), walk: self.tag.walk.clone(), processor };
         async move {
             let model = settings.model.and_then(|bytes| Model::decode(bytes).ok()).map(|(model, _)| model);
             let model = model.as_ref();

@@ -3,7 +3,6 @@
 use std::cell::RefCell;
 use std::fmt::Debug;
 use std::rc::Rc;
-use std::time::Duration;
 
 use firmware_tag::{Measured, RoomTold};
 use ranging::RadioInstant;
@@ -13,7 +12,8 @@ use telemetry::{Condition, Sighting};
 
 use super::record::{DifferenceRecord, Epoch, RangeRecord, Record, Source, What};
 use super::{FaultKind, Scenario, Walk, distance};
-use crate::World;
+use crate::costs::Costs;
+use crate::{Processor, World};
 
 /// All that was recorded.
 #[derive(Default)]
@@ -68,6 +68,7 @@ impl Listener for AnchorSink {
 pub(super) struct TagSink {
     pub(super) notebook: Notebook,
     pub(super) walk: Walk,
+    pub(super) processor: Processor,
 }
 
 impl TagSink {
@@ -79,7 +80,8 @@ impl TagSink {
 
 impl firmware_tag::Sink for TagSink {
     fn now_us(&self) -> u64 {
-        (self.notebook.world.now().as_secs_f64() * 1e6) as u64
+        let now = self.processor.settle(self.notebook.world.now());
+        (now.as_secs_f64() * 1e6) as u64
     }
 
     async fn publish(&self, epoch: firmware_tag::Epoch<'_>) {
@@ -118,14 +120,16 @@ impl firmware_tag::Sink for TagSink {
             Measured::Ranges(_) | Measured::Differences(_) => Source::Anchors,
             Measured::Levels(_) => Source::Beacons,
         };
-        let instructions = match (scenario.tag.method, scenario.tag.height_m) {
-            (None, Some(_)) => tracking_instructions(measured),
+        // The position has been made in no time; what it takes is waited for before anybody hears of it.
+        let costs = &Costs::of(self.processor.board().core).tag;
+        let space = scenario.tag.height_m.is_none();
+        let round = match (scenario.tag.method, space) {
+            (None, false) => costs.round(true, false, measured),
             // The height comes from solved rounds.
-            (None, None) => tracking_instructions(measured) + solving_instructions(true, measured),
-            (Some(_), _) => solving_instructions(scenario.tag.height_m.is_none(), measured),
+            (None, true) => costs.round(true, true, measured) + costs.round(false, true, measured),
+            (Some(_), space) => costs.round(false, space, measured),
         };
-        let seconds = instructions / scenario.board.instructions_per_s;
-        world.sleep_until(world.now() + Duration::from_secs_f64(seconds)).await;
+        self.processor.background(world, round + costs.publish).await;
         let number = log.borrow().epochs;
         let record = Epoch {
             number,
@@ -150,6 +154,7 @@ impl firmware_tag::Sink for TagSink {
     }
 
     fn sighting(&self, sighting: Sighting) {
+        self.processor.charge_background(Costs::of(self.processor.board().core).tag.advert);
         self.notebook.write(What::Sighting(sighting));
     }
 
@@ -166,19 +171,4 @@ impl firmware_tag::Sink for TagSink {
     fn radio_failed(&self, _: &impl Debug, failures: u32) {
         self.notebook.write(What::RadioFailed(failures));
     }
-}
-
-/// Instructions of a position from so many ranges, on a Cortex-M4F: a straight line through the counts of `robust`, the
-/// most expensive method, in docs/performance.md (11 399 and 14 926 for 4 and 8 anchors in the plane, 17 863 and 28 774
-/// in space).
-fn solving_instructions(space: bool, ranges: usize) -> f64 {
-    let (for_four, for_each) = if space { (17_863.0, 2_728.0) } else { (11_399.0, 882.0) };
-    (for_four + for_each * (ranges as f64 - 4.0)).max(0.0)
-}
-
-/// Instructions of a track's round of so many ranges or differences, on a Cortex-M4F: straight lines through the engine's counts in
-/// docs/performance.md (a range 2 691 and 3 432 with 4 and 8 anchors known, a round's end 569 and 646).
-fn tracking_instructions(measured: usize) -> f64 {
-    let count = measured as f64;
-    count * (1_950.0 + 185.25 * count) + 492.0 + 19.25 * count
 }

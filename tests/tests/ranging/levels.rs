@@ -1,6 +1,7 @@
 //! The same scenario on chips and straight on the air, on boards slower and quicker than the network is told of: the same rounds.
 
-use sim::scenario::{Board, Level, Record, Scenario, Simulation};
+use sim::BoardProfile;
+use sim::scenario::{Level, Record, Scenario, Simulation};
 
 /// What a second of rounds brings, once everybody has joined.
 #[derive(Debug)]
@@ -39,7 +40,7 @@ fn alike(a: &Rounds, b: &Rounds) -> bool {
 #[test]
 fn chips_and_air_make_the_same_rounds_on_every_board() {
     // The network's turnaround is a DWM1001's; the other two have read a frame long before.
-    for board in [Board::DWM1001, Board::EVB1000, Board::INSTANT] {
+    for board in [BoardProfile::DWM1001, BoardProfile::EVB1000, BoardProfile::INSTANT] {
         for (anchors, tags) in [(4, 1), (8, 1), (8, 3)] {
             let of = |level, loss| rounds(Scenario { level, board, loss, ..Scenario::rooms(anchors, tags) });
             let (chips, air) = (of(Level::Spi, 0.0), of(Level::Air, 0.0));
@@ -56,7 +57,7 @@ fn chips_and_air_make_the_same_rounds_on_every_board() {
 
 #[test]
 fn who_only_listens_hears_the_last_answer_too() {
-    for board in [Board::DWM1001, Board::EVB1000] {
+    for board in [BoardProfile::DWM1001, BoardProfile::EVB1000] {
         let of = |level| rounds(Scenario { level, board, ..Scenario::listening(5, 2) });
         let (chips, air) = (of(Level::Spi), of(Level::Air));
         assert!(alike(&air, &chips), "{board:?}: {air:?} and {chips:?}");

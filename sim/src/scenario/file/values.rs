@@ -4,6 +4,8 @@ use positioning_core::Method;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
 
+use crate::board::BoardProfile;
+
 /// A number that passes, or what it has to be.
 fn number<'de, D: Deserializer<'de>>(from: D, what: &str, passes: impl Fn(f64) -> bool) -> Result<f64, D::Error> {
     let value = f64::deserialize(from)?;
@@ -12,6 +14,22 @@ fn number<'de, D: Deserializer<'de>>(from: D, what: &str, passes: impl Fn(f64) -
 
 pub(super) fn positive<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
     number(from, "a positive number", |x| x > 0.0 && x.is_finite())
+}
+
+pub(super) fn optional_positive<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    positive(from).map(Some)
+}
+
+pub(super) fn board<'de, D: Deserializer<'de>>(from: D) -> Result<BoardProfile, D::Error> {
+    let name = String::deserialize(from)?;
+    BoardProfile::named(&name).ok_or_else(|| {
+        let names = BoardProfile::ALL.map(|board| board.name).join(", ");
+        D::Error::custom(format!("no board is called {name}: there are {names}"))
+    })
+}
+
+pub(super) fn optional_board<'de, D: Deserializer<'de>>(from: D) -> Result<Option<BoardProfile>, D::Error> {
+    board(from).map(Some)
 }
 
 pub(super) fn not_negative<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {

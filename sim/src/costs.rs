@@ -1,0 +1,369 @@
+//! What a node's code costs, in instructions: the table `costs.csv`, which `cargo xtask bench costs` makes in QEMU and from which that of
+//! `docs/performance.md` is made, too; and the radio and the machine that charge their node's [`Processor`] by it.
+//!
+//! Counted are the firmware's own crates as the firmware's profile compiles them: the driver over a bus that takes nothing, between one
+//! transaction and the next; each step of the exchange's machines by the frame it is about; waking by the executor, down to what
+//! the task waited for; a round in the engine, and telling of its position. What the board's own code adds (bus, interrupt handlers,
+//! timers) is the [`BoardProfile`](dw1000_sim::BoardProfile)'s. Nothing of it was measured on a board.
+
+use std::sync::LazyLock;
+
+use dw1000_sim::{Core, Processor};
+use ranging::exchange::{Action, Event, Guidance, Machine, Report};
+use ranging::frame::native::{Frame, Message};
+use ranging::node::Restart;
+use ranging::radio::{MAX_FRAME, Sample};
+use ranging::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, RxFrame, Start, TransmitError};
+
+const TABLE: &str = include_str!("costs.csv");
+
+/// The columns of the table.
+const CORES: [(&str, Core); 3] =
+    [("cortex-m4f", Core::CortexM4F), ("cortex-m3", Core::CortexM3), ("riscv32", Core::RiscV32)];
+
+/// Instructions on one kind of processor.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Costs {
+    /// From a task's being marked ready to its first instruction after the wait, the executor's part included.
+    pub wake: u32,
+    /// The driver's operations.
+    pub driver: DriverCosts,
+    /// The steps of the exchange's machines.
+    pub machine: MachineCosts,
+    /// What a tag does beside ranging.
+    pub tag: TagCosts,
+}
+
+/// The driver's operations, beside their transactions.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DriverCosts {
+    /// Each transaction, without the bus.
+    pub transaction: u32,
+    /// Reading the clock.
+    pub now: u32,
+    /// Sending at once.
+    pub send_now: u32,
+    /// Sending at an instant.
+    pub send_at: u32,
+    /// Receiving, up to the wait for the frame.
+    pub receive_begin: u32,
+    /// Receiving, from the interrupt on, with what the diagnostics are computed of.
+    pub receive_frame: u32,
+    /// Receiving, from the interrupt on, when the window has passed.
+    pub receive_timeout: u32,
+    /// Switching the transceiver off.
+    pub idle: u32,
+}
+
+/// The steps of the machines, by what they are about.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MachineCosts {
+    /// A tag makes its poll.
+    pub poll_made: u32,
+    /// An anchor answers a poll.
+    pub poll_answered: u32,
+    /// A tag makes a range of a response.
+    pub response_received: u32,
+    /// The same with the last response, and the round is reported.
+    pub round_ended: u32,
+    /// A beacon is taken in.
+    pub beacon_received: u32,
+    /// An anchor makes its beacon.
+    pub beacon_made: u32,
+    /// Anything else: the next window or wait is chosen.
+    pub scheduled: u32,
+}
+
+/// What a tag does beside ranging.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TagCosts {
+    /// A round goes from ranging to the engine: ranging's part.
+    pub handover: u32,
+    /// A round of 4, 8 and 16 ranges in the engine that tracks, in the plane.
+    pub track_plane: [u32; 3],
+    /// The same in space.
+    pub track_space: [u32; 3],
+    /// The same, each round solved by itself, by the most expensive method, `robust`.
+    pub solve_plane: [u32; 3],
+    /// The same in space.
+    pub solve_space: [u32; 3],
+    /// A position goes to the telemetry.
+    pub publish: u32,
+    /// The features of an impulse response that was read, its magnitudes included.
+    pub features: u32,
+    /// A beacon's advertisement, found in the list and smoothed.
+    pub advert: u32,
+}
+
+/// The numbers of ranges of the table.
+const RANGES: [f64; 3] = [4.0, 8.0, 16.0];
+
+impl TagCosts {
+    /// A round of `ranges` ranges, by the line between the table's neighbours or beyond its ends.
+    pub fn round(&self, tracks: bool, space: bool, ranges: usize) -> u32 {
+        let costs = match (tracks, space) {
+            (true, false) => self.track_plane,
+            (true, true) => self.track_space,
+            (false, false) => self.solve_plane,
+            (false, true) => self.solve_space,
+        };
+        let [low, middle, high] = costs.map(f64::from);
+        let count = ranges as f64;
+        let line = |from: f64, to: f64, at: f64, till: f64| from + (to - from) * (count - at) / (till - at);
+        let cost = if count < RANGES[1] {
+            line(low, middle, RANGES[0], RANGES[1])
+        } else {
+            line(middle, high, RANGES[1], RANGES[2])
+        };
+        cost.max(0.0) as u32
+    }
+}
+
+impl Costs {
+    /// Those of a kind of processor.
+    pub fn of(core: Core) -> &'static Self {
+        static COSTS: LazyLock<[Costs; 3]> = LazyLock::new(|| {
+            CORES.map(|(name, _)| match parse(TABLE, name) {
+                Ok(costs) => costs,
+                Err(message) => panic!("costs.csv: {message}; `cargo xtask bench costs` makes it"),
+            })
+        });
+        let column = CORES.iter().position(|(_, known)| *known == core);
+        &COSTS[column.unwrap_or_default()]
+    }
+}
+
+/// The column `name` of a table.
+fn parse(table: &str, name: &str) -> Result<Costs, String> {
+    let mut lines = table.lines().map(|line| line.split(','));
+    let header = lines.next().ok_or("empty")?;
+    let column = header.clone().position(|head| head == name).ok_or_else(|| format!("no column {name}"))?;
+    let rows: Vec<(&str, &str)> =
+        lines.filter_map(|mut row| Some((row.clone().next()?, row.nth(column).unwrap_or_default()))).collect();
+    let cost = |what: &str| -> Result<u32, String> {
+        let (_, cell) = rows.iter().find(|(row, _)| *row == what).ok_or_else(|| format!("no row {what}"))?;
+        cell.parse().map_err(|_| format!("{what}, {name}: {cell:?} is not a number"))
+    };
+    let rounds = |what: &str| -> Result<[u32; 3], String> {
+        Ok([cost(&format!("{what}-4"))?, cost(&format!("{what}-8"))?, cost(&format!("{what}-16"))?])
+    };
+    Ok(Costs {
+        wake: cost("executor.wake")?,
+        driver: DriverCosts {
+            transaction: cost("driver.transaction")?,
+            now: cost("driver.now")?,
+            send_now: cost("driver.send-now")?,
+            send_at: cost("driver.send-at")?,
+            receive_begin: cost("driver.receive-begin")?,
+            receive_frame: cost("driver.receive-frame")?,
+            receive_timeout: cost("driver.receive-timeout")?,
+            idle: cost("driver.idle")?,
+        },
+        machine: MachineCosts {
+            poll_made: cost("machine.poll-made")?,
+            poll_answered: cost("machine.poll-answered")?,
+            response_received: cost("machine.response-received")?,
+            round_ended: cost("machine.round-ended")?,
+            beacon_received: cost("machine.beacon-received")?,
+            beacon_made: cost("machine.beacon-made")?,
+            scheduled: cost("machine.scheduled")?,
+        },
+        tag: TagCosts {
+            handover: cost("tag.handover")?,
+            track_plane: rounds("tag.track-plane")?,
+            track_space: rounds("tag.track-space")?,
+            solve_plane: rounds("tag.solve-plane")?,
+            solve_space: rounds("tag.solve-space")?,
+            publish: cost("tag.publish")?,
+            features: cost("tag.features")?,
+            advert: cost("tag.advert")?,
+        },
+    })
+}
+
+/// A machine, or a radio, whose code costs its node's processor time.
+pub struct Charged<T> {
+    inner: T,
+    processor: Processor,
+    costs: &'static Costs,
+}
+
+impl<T> Charged<T> {
+    /// Charges `processor` for what `inner` does.
+    pub fn new(inner: T, processor: &Processor) -> Self {
+        Self { inner, processor: processor.clone(), costs: Costs::of(processor.board().core) }
+    }
+}
+
+impl MachineCosts {
+    /// What a step was about. A frame of another exchange counts as the native one in its place: a blink or an answer as what is made or
+    /// received.
+    fn of_step(&self, event: &Event<'_>, action: &Action<'_>) -> u32 {
+        let message = |bytes: &[u8]| Frame::parse(bytes).map(|frame| frame.message);
+        let sent = match action {
+            Action::Transmit { frame, .. } => Some(message(frame)),
+            Action::Receive { .. } | Action::WaitUntil(_) | Action::Report(_) => None,
+        };
+        let reports_round = match action {
+            Action::Report(Report::Round(_) | Report::Differences(_)) => true,
+            Action::Report(Report::Link(_))
+            | Action::Transmit { .. }
+            | Action::Receive { .. }
+            | Action::WaitUntil(_) => false,
+        };
+        match event {
+            Event::Received(frame) => match message(frame.bytes) {
+                Some(Message::Poll(_)) => self.poll_answered,
+                Some(Message::Response(_)) if reports_round => self.round_ended,
+                Some(Message::Response(_)) => self.response_received,
+                Some(Message::Beacon(_) | Message::Request(_)) => self.beacon_received,
+                None if sent.is_some() => self.poll_answered,
+                None => self.response_received,
+            },
+            Event::Started
+            | Event::Sent(_)
+            | Event::NotSent
+            | Event::Corrupt
+            | Event::Timeout
+            | Event::Late
+            | Event::Woken
+            | Event::Reported => match sent {
+                Some(Some(Message::Beacon(_))) => self.beacon_made,
+                Some(Some(Message::Poll(_) | Message::Request(_) | Message::Response(_)) | None) => self.poll_made,
+                None => self.scheduled,
+            },
+        }
+    }
+}
+
+impl<M: Machine> Machine for Charged<M> {
+    fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
+        let action = self.inner.step(now, event);
+        let handover = match &action {
+            Action::Report(Report::Round(_) | Report::Differences(_)) => self.costs.tag.handover,
+            Action::Report(Report::Link(_))
+            | Action::Transmit { .. }
+            | Action::Receive { .. }
+            | Action::WaitUntil(_) => 0,
+        };
+        self.processor.charge(self.costs.machine.of_step(&event, &action) + handover);
+        action
+    }
+
+    fn may_sleep(&self) -> bool {
+        self.inner.may_sleep()
+    }
+
+    fn pace(&mut self, pace: Pace) {
+        self.inner.pace(pace);
+    }
+
+    fn guide(&mut self, guidance: Guidance) {
+        self.inner.guide(guidance);
+    }
+}
+
+impl<R: Radio> Radio for Charged<R> {
+    type Error = R::Error;
+
+    async fn now(&mut self) -> Result<RadioInstant, Self::Error> {
+        self.processor.charge(self.costs.driver.now);
+        self.inner.now().await
+    }
+
+    fn departure(&self, at: RadioInstant) -> RadioInstant {
+        self.inner.departure(at)
+    }
+
+    async fn transmit(
+        &mut self,
+        frame: &[u8],
+        start: Start,
+        listen: bool,
+    ) -> Result<RadioInstant, TransmitError<Self::Error>> {
+        self.processor.charge(match start {
+            Start::Now => self.costs.driver.send_now,
+            Start::At(_) => self.costs.driver.send_at,
+        });
+        self.inner.transmit(frame, start, listen).await
+    }
+
+    async fn receive<'b>(
+        &mut self,
+        buffer: &'b mut [u8; MAX_FRAME],
+        start: Start,
+        window: RadioDuration,
+        keep_listening: bool,
+    ) -> Result<RxFrame<'b>, ReceiveError<Self::Error>> {
+        let costs = &self.costs.driver;
+        self.processor.charge(costs.receive_begin);
+        let received = self.inner.receive(buffer, start, window, keep_listening).await;
+        self.processor.charge(match received {
+            Ok(_) | Err(ReceiveError::Corrupt) => costs.receive_frame,
+            Err(ReceiveError::Timeout | ReceiveError::Late | ReceiveError::Radio(_)) => costs.receive_timeout,
+        });
+        received
+    }
+
+    async fn idle(&mut self) -> Result<(), Self::Error> {
+        self.processor.charge(self.costs.driver.idle);
+        self.inner.idle().await
+    }
+
+    fn pace(&self) -> Pace {
+        self.inner.pace()
+    }
+
+    async fn impulse_response(
+        &mut self,
+        window: ResponseWindow,
+        take: impl FnMut(Sample),
+    ) -> Result<Option<u16>, Self::Error> {
+        let first = self.inner.impulse_response(window, take).await?;
+        if first.is_some() {
+            self.processor.charge(self.costs.tag.features);
+        }
+        Ok(first)
+    }
+}
+
+impl<R: Restart> Restart for Charged<R> {
+    async fn restart(&mut self) -> Result<(), Self::Error> {
+        self.inner.restart().await
+    }
+
+    async fn sleep(&mut self, micros: u32) -> Result<bool, Self::Error> {
+        self.inner.sleep(micros).await
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_has_every_cost_of_every_processor() {
+        for (name, core) in CORES {
+            assert_eq!(parse(TABLE, name).as_ref(), Ok(Costs::of(core)));
+        }
+    }
+
+    #[test]
+    fn a_table_that_lacks_something_says_what() {
+        assert_eq!(parse("what,riscv32\n", "cortex-m3"), Err("no column cortex-m3".to_owned()));
+        assert_eq!(parse("what,riscv32\n", "riscv32"), Err("no row executor.wake".to_owned()));
+        let cell = parse("what,riscv32\nexecutor.wake,x\n", "riscv32");
+        assert_eq!(cell, Err("executor.wake, riscv32: \"x\" is not a number".to_owned()));
+    }
+
+    #[test]
+    fn rounds_between_the_tables_are_on_lines() {
+        let tag = &Costs::of(Core::CortexM4F).tag;
+        let costs = TagCosts { track_plane: [1000, 3000, 9000], ..tag.clone() };
+        // 500 a range up to eight, 750 beyond.
+        let expected = [(0, 0), (3, 500), (4, 1000), (6, 2000), (8, 3000), (10, 4500), (20, 12_000)];
+        for (ranges, instructions) in expected {
+            assert_eq!(costs.round(true, false, ranges), instructions, "{ranges}");
+        }
+    }
+}
