@@ -1,8 +1,8 @@
 //! A node's side of its network's exchange, whichever that is: one type for boards whose mode is in the record.
 
 use ranging::exchange::{Action, Event, Guidance, Machine};
-use ranging::native::Rate;
-use ranging::{RadioDuration, RadioInstant, decaranging, native};
+use ranging::native::{Rate, Turnaround};
+use ranging::{Pace, RadioDuration, RadioInstant, decaranging, native};
 
 use crate::settings::{Exchange, Settings};
 
@@ -56,6 +56,7 @@ impl TagMachine {
                     network,
                     anchors: tag.anchors_per_round,
                     rate: rate(tag.rate_chz),
+                    scheme: tag.scheme.map_or(native::Scheme::SingleSided, native::Scheme::from),
                     tell_distances: tag.tell_distances,
                 });
                 if tag.sleep {
@@ -67,7 +68,7 @@ impl TagMachine {
                 eui: settings.eui,
                 variant,
                 phy: network.phy,
-                turnaround: network.turnaround,
+                turnaround: network.pinned.unwrap_or(Turnaround::START),
                 antenna_delay: settings.antenna_delay(),
                 period: period(tag.rate_chz.unwrap_or(DECARANGING_CHZ)),
             })),
@@ -100,7 +101,7 @@ impl AnchorMachine {
                 address: settings.address,
                 eui: settings.eui,
                 phy: network.phy,
-                turnaround: network.turnaround,
+                turnaround: network.pinned.unwrap_or(Turnaround::START),
                 antenna_delay,
                 init_delay: decaranging::INIT_DELAY,
             })),
@@ -133,6 +134,14 @@ impl Machine for TagMachine {
         }
     }
 
+    fn pace(&mut self, pace: Pace) {
+        match self {
+            Self::Native(tag) => tag.pace(pace),
+            Self::DecaRanging(tag) => tag.pace(pace),
+            Self::Listening(tag) => tag.pace(pace),
+        }
+    }
+
     fn guide(&mut self, guidance: Guidance) {
         match self {
             Self::Native(tag) => tag.guide(guidance),
@@ -154,6 +163,13 @@ impl Machine for AnchorMachine {
         match self {
             Self::Native(anchor) => anchor.calibrate(antenna_delay),
             Self::DecaRanging(anchor) => anchor.calibrate(antenna_delay),
+        }
+    }
+
+    fn pace(&mut self, pace: Pace) {
+        match self {
+            Self::Native(anchor) => anchor.pace(pace),
+            Self::DecaRanging(anchor) => anchor.pace(pace),
         }
     }
 }

@@ -4,7 +4,7 @@ use node_record::{Fault, Invalid, Mode, Record, Region, Role, Tag, Value};
 use ranging::RadioDuration;
 use ranging::dw1000::{self, FrameFilter, TxPower};
 use ranging::frame::decaranging::Variant;
-use ranging::native::{Network, Turnaround};
+use ranging::native::Network;
 use ranging::phy::DataRate;
 use telemetry::RecordFault;
 
@@ -24,10 +24,8 @@ pub struct Settings {
     pub radio: dw1000::Config,
     /// How its network ranges.
     pub exchange: Exchange,
-    /// The network's PAN, frames and quickness; where no turnaround is pinned, a DWM1001's.
+    /// The network's PAN and frames, and the turnaround where the record pins one.
     pub network: Network,
-    /// The turnaround that the record pins; `None`: nodes are to measure their own.
-    pub turnaround: Option<Turnaround>,
     /// The least time from the start of one frame of this node's to that of its next, by the rules of its region.
     ///
     /// Limits are mean powers of a millisecond (47 CFR 15.521 (d), EN 302 065), and smart power puts the power of a short frame's
@@ -105,7 +103,6 @@ impl Settings {
             radio,
             exchange,
             network,
-            turnaround: record.network.turnaround.map(Turnaround::from),
             frame_spacing: spaced.then(|| RadioDuration::from_micros(MEAN_POWER_US)),
             role: record.role,
         })
@@ -139,6 +136,8 @@ pub fn told(fault: &Fault) -> RecordFault {
 
 #[cfg(test)]
 mod tests {
+    use ranging::native::Turnaround;
+
     use super::*;
     use node_record::{Calibration, Identity, Solver};
     use ranging::PhyConfig;
@@ -167,7 +166,7 @@ mod tests {
         let settings = Settings::of(&record(), 0x1122_3344_5566_7788).unwrap();
         assert_eq!((settings.eui, settings.address), (0x1122_3344_5566_7788, 0x7788));
         assert_eq!(settings.network.phy, PhyConfig::FAST);
-        assert_eq!((settings.turnaround, settings.network.turnaround), (None, Turnaround::DWM1001));
+        assert_eq!(settings.network.pinned, None);
         assert_eq!((settings.radio.pan, settings.radio.short_address), (0xBA12, 0x7788));
         assert_eq!(settings.radio.filter, FrameFilter::DATA);
         assert_eq!(settings.antenna_delay().ticks(), 16_436);
@@ -199,7 +198,7 @@ mod tests {
         let settings = Settings::of(&record, 1).unwrap();
         let [answer, listen_again, transmit] = [600, 120, 300].map(RadioDuration::from_micros);
         let expected = Turnaround { answer, listen_again, transmit };
-        assert_eq!((settings.turnaround, settings.network.turnaround), (Some(expected), expected));
+        assert_eq!(settings.network.pinned, Some(expected));
     }
 
     #[test]

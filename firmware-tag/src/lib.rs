@@ -266,7 +266,7 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
         guidance
     }
 
-    async fn look<R: Radio>(&mut self, radio: &mut R, _: &Report<'_>) -> Result<(), R::Error> {
+    async fn look<R: Radio>(&mut self, radio: &mut R, _: &Report<'_>) -> Result<bool, R::Error> {
         self.sounder.look(radio, self.sink.now_us()).await
     }
 

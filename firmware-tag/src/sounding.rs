@@ -52,10 +52,10 @@ impl Sounder {
     }
 
     /// Reads what the radio still holds of that frame, where it is wanted and time.
-    pub(crate) async fn look<R: Radio>(&mut self, radio: &mut R, now_us: u64) -> Result<(), R::Error> {
+    pub(crate) async fn look<R: Radio>(&mut self, radio: &mut R, now_us: u64) -> Result<bool, R::Error> {
         self.sounding = None;
         let Some((peer, first_path_index)) = self.last.take().filter(|(peer, _)| self.is_due(*peer, now_us)) else {
-            return Ok(());
+            return Ok(false);
         };
         let mut magnitudes = [0; WINDOW];
         let mut places = magnitudes.iter_mut();
@@ -70,7 +70,7 @@ impl Sounder {
             let shape = Shape::of(&magnitudes, first_path_index - f32::from(first));
             self.sounding = shape.map(|shape| Sounding { peer, shape });
         }
-        Ok(())
+        Ok(true)
     }
 
     fn is_due(&self, peer: u16, now_us: u64) -> bool {
@@ -178,7 +178,7 @@ mod tests {
         let round = Round { number: 1, poll: RadioInstant::default(), asked: 1, ranges: &[range] };
         sounder.observe(&Event::Received(frame), &Action::Report(Report::Round(round)));
         match block_on(sounder.look(radio, now_us)) {
-            Ok(()) => sounder.take(),
+            Ok(_) => sounder.take(),
             Err(never) => match never {},
         }
     }
@@ -217,7 +217,7 @@ mod tests {
         let round = Round { number: 1, poll: RadioInstant::default(), asked: 1, ranges: &[] };
         sounder.observe(&Event::Timeout, &Action::Report(Report::Round(round)));
         radio.holds = true;
-        let Ok(()) = block_on(sounder.look(&mut radio, 0));
+        let Ok(_) = block_on(sounder.look(&mut radio, 0));
         assert_eq!((sounder.take(), radio.reads), (None, 1));
     }
 

@@ -109,7 +109,7 @@ impl Record {
         self.network.phy()
     }
 
-    /// The network in the words of native mode; a turnaround that is not pinned is a DWM1001's.
+    /// The network in the words of native mode.
     ///
     /// # Errors
     /// As [`phy`](Self::phy); and what the region forbids.
@@ -119,7 +119,7 @@ impl Record {
         Ok(ranging::native::Network {
             pan: self.network.pan,
             phy,
-            turnaround: self.network.turnaround.map_or(Turnaround::DWM1001, Turnaround::from),
+            pinned: self.network.turnaround.map(Turnaround::from),
         })
     }
 
@@ -180,7 +180,7 @@ impl Record {
         let network = self.network()?;
         let rounds_fit = || {
             ensure(
-                Timing::of(&network).round_slots > 0,
+                Timing::of(&network.phy, network.first_layout()).round_slots > 0,
                 "network.turnaround.listen_again_us",
                 turnaround.map_or(Value::Absent, |pinned| integer(pinned.listen_again_us)),
                 "less, so that a round fits into a superframe",
@@ -338,6 +338,15 @@ impl crate::Turnaround {
             integer(transmit_us),
             "answer_us at most, which counts it in",
         )
+    }
+}
+
+impl From<crate::Scheme> for ranging::native::Scheme {
+    fn from(given: crate::Scheme) -> Self {
+        match given {
+            crate::Scheme::SingleSided => Self::SingleSided,
+            crate::Scheme::DoubleSided => Self::DoubleSided,
+        }
     }
 }
 

@@ -216,7 +216,7 @@ impl MachineCosts {
                 Some(Message::Poll(_)) => self.poll_answered,
                 Some(Message::Response(_)) if reports_round => self.round_ended,
                 Some(Message::Response(_)) => self.response_received,
-                Some(Message::Beacon(_) | Message::Request(_)) => self.beacon_received,
+                Some(Message::Beacon(_) | Message::Request(_) | Message::Final { .. }) => self.beacon_received,
                 None if sent.is_some() => self.poll_answered,
                 None => self.response_received,
             },
@@ -229,7 +229,9 @@ impl MachineCosts {
             | Event::Woken
             | Event::Reported => match sent {
                 Some(Some(Message::Beacon(_))) => self.beacon_made,
-                Some(Some(Message::Poll(_) | Message::Request(_) | Message::Response(_)) | None) => self.poll_made,
+                Some(
+                    Some(Message::Poll(_) | Message::Request(_) | Message::Response(_) | Message::Final { .. }) | None,
+                ) => self.poll_made,
                 None => self.scheduled,
             },
         }
@@ -252,6 +254,10 @@ impl<M: Machine> Machine for Charged<M> {
 
     fn may_sleep(&self) -> bool {
         self.inner.may_sleep()
+    }
+
+    fn calibrate(&mut self, antenna_delay: RadioDuration) {
+        self.inner.calibrate(antenna_delay);
     }
 
     fn pace(&mut self, pace: Pace) {

@@ -12,7 +12,7 @@ use host_tools::nlos::Chosen;
 use host_tools::presence::read_outlines;
 use host_tools::simulate::{Capture, Logbook, load_levels, picture, position_header, position_row, survey_csv};
 use host_tools::{Wrong, output};
-use node_record::Solver;
+use node_record::{Scheme, Solver};
 use positioning_core::Method;
 use positioning_core::engine::NodeMethod;
 use sim::scenario::{BluetoothSummary, Cover, Epoch, Level, Mode, Record, Scenario, Simulation, Summary, What};
@@ -56,6 +56,10 @@ pub struct Arguments {
     /// Solve each round by itself, by any method of `baliza solve` [default: the scenario's, or as the tag does: by a track]
     #[arg(long, value_name = "METHOD")]
     method: Option<Method>,
+    /// How tags make their rounds: one poll and a response of each anchor; or with a final too, whose arrival anchors tell in their
+    /// next responses [default: the scenario's, or single-sided]
+    #[arg(long, value_name = "SCHEME", value_parser = schemes())]
+    scheme: Option<Scheme>,
     /// What the tags' records say that they make their positions by [default: the scenario's method, or track]
     #[arg(long, value_name = "SOLVER", value_parser = solvers(), conflicts_with = "method")]
     solver: Option<Solver>,
@@ -146,6 +150,11 @@ enum ModeName {
     Listening,
 }
 
+fn schemes() -> impl TypedValueParser<Value = Scheme> {
+    PossibleValuesParser::new(Scheme::ALL.map(Scheme::name))
+        .try_map(|name| Scheme::from_name(&name).ok_or("there is no such scheme"))
+}
+
 fn solvers() -> impl TypedValueParser<Value = Solver> {
     PossibleValuesParser::new(Solver::ALL.map(Solver::name))
         .try_map(|name| Solver::from_name(&name).ok_or("there is no such solver"))
@@ -217,6 +226,7 @@ impl Arguments {
             Some(solver) => firmware_tag::method(solver).map(NodeMethod::method),
             None => self.method.or(scenario.tag.method),
         };
+        scenario.tag.scheme = self.scheme.map_or(scenario.tag.scheme, ranging::native::Scheme::from);
         let only_listen = scenario.networks.iter().any(|network| matches!(network.mode, Mode::Listening { .. }));
         if self.solver.is_some_and(|solver| solver != Solver::Track) && only_listen {
             return Err(Wrong::flag("--solver", "tags that only listen have no ranges to solve: only track"));

@@ -6,6 +6,7 @@
 //! ```
 
 use super::layout::{Layout, Scheme};
+use super::pace::Meter;
 use crate::frame::native::{
     BEACON_BYTES, FINAL_BYTES, LONG_RESPONSE_BYTES, OWNED_BEACON_SLOTS, POLL_BYTES, REQUEST_BYTES, RESPONSE_BYTES,
 };
@@ -44,6 +45,13 @@ pub struct Network {
     pub phy: PhyConfig,
     /// What this node says of its own quickness instead of measuring it.
     pub pinned: Option<Turnaround>,
+}
+
+impl Network {
+    /// The layout of a network that this node founds, before anybody has measured anything.
+    pub fn first_layout(&self) -> Layout {
+        Meter::new(self.pinned).first_layout()
+    }
 }
 
 /// Beacon slots that nobody owns: for tags' requests, and beacons of anchors that found no slot of their own.

@@ -9,6 +9,7 @@ use std::fmt;
 use std::ops::Range;
 
 use positioning_core::Method;
+use ranging::native::Scheme;
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -16,7 +17,7 @@ use self::bluetooth::{BeaconTable, BluetoothTable, check_list};
 use self::network::NetworkTable;
 use self::values::{
     anchors_per_round, board, clock_offset, method, not_negative, optional_board, optional_finite, optional_positive,
-    optional_rate, place, places, positive, probability,
+    optional_rate, place, places, positive, probability, scheme,
 };
 use super::{Anchor, Fault, FaultKind, Level, Network, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
@@ -97,6 +98,8 @@ struct File {
     weigh_nlos: bool,
     #[serde(deserialize_with = "optional_rate")]
     rate_hz: Option<f64>,
+    #[serde(deserialize_with = "scheme")]
+    scheme: Scheme,
     #[serde(deserialize_with = "anchors_per_round")]
     anchors_per_round: u8,
     #[serde(deserialize_with = "board")]
@@ -125,6 +128,7 @@ impl Default for File {
             method: tag.method,
             weigh_nlos: tag.weigh_nlos,
             rate_hz: tag.rate_hz,
+            scheme: tag.scheme,
             anchors_per_round: tag.anchors_per_round,
             board: BoardProfile::DWM1001,
             cpu_slowdown: 1.0,
@@ -299,6 +303,7 @@ impl File {
                 method: self.method,
                 weigh_nlos: self.weigh_nlos,
                 rate_hz: self.rate_hz,
+                scheme: self.scheme,
                 anchors_per_round: self.anchors_per_round,
             },
             networks,

@@ -16,6 +16,7 @@ mod survey;
 
 use positioning_core::Method;
 use ranging::frame::decaranging::Variant;
+use ranging::native::Scheme;
 use ranging::{PhyConfig, RadioDuration};
 
 use crate::air::Wall;
@@ -84,6 +85,8 @@ pub struct TagSettings {
     pub model: Option<&'static [u8]>,
     /// Rounds a second that a tag wants, or hears; without it, as many as it can get.
     pub rate_hz: Option<f64>,
+    /// How native rounds are made.
+    pub scheme: Scheme,
     /// Anchors a round.
     pub anchors_per_round: u8,
 }
@@ -97,7 +100,15 @@ impl TagSettings {
 
 impl Default for TagSettings {
     fn default() -> Self {
-        Self { height_m: None, method: None, weigh_nlos: true, model: None, rate_hz: None, anchors_per_round: 8 }
+        Self {
+            height_m: None,
+            method: None,
+            weigh_nlos: true,
+            model: None,
+            rate_hz: None,
+            scheme: Scheme::SingleSided,
+            anchors_per_round: 8,
+        }
     }
 }
 

@@ -178,7 +178,7 @@ fn network_of(scenario: &Scenario, network: usize) -> Network {
 }
 
 fn native_network(network: &Network) -> native::Network {
-    native::Network { pan: network.pan, phy: network.phy, turnaround: Turnaround::DWM1001 }
+    native::Network { pan: network.pan, phy: network.phy, pinned: None }
 }
 
 fn period(hz: f64) -> RadioDuration {
@@ -249,7 +249,7 @@ impl Firmware for AnchorFirmware {
                         address,
                         eui: eui(address),
                         phy: network.phy,
-                        turnaround: Turnaround::DWM1001,
+                        turnaround: Turnaround::START,
                         antenna_delay,
                         init_delay: decaranging::INIT_DELAY,
                     });
@@ -366,6 +366,7 @@ impl Firmware for TagFirmware {
                         network: native_network(&network),
                         anchors: settings.anchors_per_round,
                         rate,
+                        scheme: settings.scheme,
                         tell_distances: false,
                     });
                     // Native anchors tell where they are.
@@ -386,7 +387,7 @@ impl Firmware for TagFirmware {
                         eui: eui(address),
                         variant,
                         phy: network.phy,
-                        turnaround: Turnaround::DWM1001,
+                        turnaround: Turnaround::START,
                         antenna_delay: antenna_delay(scenario.level),
                         period,
                     });

@@ -1,6 +1,7 @@
 //! The values of a scenario's keys: what TOML has in, a number in its range or what it has to be out.
 
 use positioning_core::Method;
+use ranging::native::Scheme;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
 
@@ -63,6 +64,12 @@ pub(super) fn optional_finite<'de, D: Deserializer<'de>>(from: D) -> Result<Opti
 pub(super) fn anchors_per_round<'de, D: Deserializer<'de>>(from: D) -> Result<u8, D::Error> {
     let count = u8::deserialize(from)?;
     if (1..=8).contains(&count) { Ok(count) } else { Err(D::Error::custom(format!("{count} is not 1 to 8 anchors"))) }
+}
+
+pub(super) fn scheme<'de, D: Deserializer<'de>>(from: D) -> Result<Scheme, D::Error> {
+    let name = String::deserialize(from)?;
+    let scheme = node_record::Scheme::from_name(&name);
+    scheme.map(Scheme::from).ok_or_else(|| D::Error::custom("scheme is \"single-sided\" or \"double-sided\""))
 }
 
 pub(super) fn method<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Method>, D::Error> {
