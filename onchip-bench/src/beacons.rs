@@ -41,18 +41,27 @@ pub trait Measure {
     fn call<S: Clone>(&mut self, what: &str, state: &S, call: impl Fn(&mut S) -> f32);
 }
 
-/// Calls `measure` with every computation but [`fused`].
+/// Calls `measure` with one advert, after others; the beacons as they are before it.
 #[inline(never)]
-pub fn for_each(measure: &mut impl Measure) {
+pub fn for_advert(measure: &mut impl Measure) -> Beacons<f32, KNOWN> {
     let heard = heard();
-    let (mut beacons, path_loss) = (Beacons::<f32, KNOWN>::new(Smoothing::default(), 500_000), heard[0].path_loss);
+    let mut beacons = Beacons::<f32, KNOWN>::new(Smoothing::default(), 500_000);
     for round in 0..WARM_UP {
         for (beacon, heard) in heard.iter().enumerate() {
             beacons.hear(round * INTERVAL_US + beacon as u64, beacon, heard.level);
         }
     }
+    let (now_us, [first, ..]) = (WARM_UP * INTERVAL_US, &heard);
+    measure.call("advert", &beacons, |beacons| advert(beacons, now_us, first.level - 3.0, &first.path_loss));
+    beacons
+}
+
+/// Calls `measure` with every computation but [`fused`].
+#[inline(never)]
+pub fn for_each(measure: &mut impl Measure) {
+    let heard = heard();
+    let beacons = for_advert(measure);
     let now_us = WARM_UP * INTERVAL_US;
-    measure.call("advert", &beacons, |beacons| advert(beacons, now_us, heard[0].level - 3.0, &path_loss));
     measure.call("scan", &beacons, |beacons| scan(beacons, now_us));
 
     let mut filter = ParticleFilter::<f32, ON_NODE>::new(Settings::walking(), 1);

@@ -16,6 +16,7 @@
 //! engine WHAT DIMS ANCHORS INSTRUCTIONS STACK X Y Z
 //! nlos WHAT INSTRUCTIONS STACK VALUE
 //! beacons WHAT INSTRUCTIONS STACK VALUE
+//! cost WHAT INSTRUCTIONS                                                 a mean: a row of `sim/src/costs.csv`
 //! done                                                                   nothing is missing
 //! ```
 #![no_std]
@@ -23,6 +24,8 @@
 
 pub mod beacons;
 pub mod cases;
+#[cfg(all(feature = "image", feature = "costs"))]
+pub mod costs;
 #[cfg(feature = "image")]
 pub mod instrument;
 pub mod response;

@@ -64,7 +64,8 @@ pub fn walk(
     }
 }
 
-fn range(anchor: u16, anchors: u16, tag: [f32; 3], random: f32) -> Range<f32> {
+/// A range to one of so many anchors on the walls, with an error by a number from 0 to 1.
+pub fn range(anchor: u16, anchors: u16, tag: [f32; 3], random: f32) -> Range<f32> {
     let part = f32::from(anchor) / f32::from(anchors);
     let [x, y] = crate::cases::on_perimeter(part);
     let place = [x, y, if anchor.is_multiple_of(2) { 2.6 } else { 0.4 }];

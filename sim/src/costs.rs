@@ -47,10 +47,14 @@ pub struct DriverCosts {
     pub send_at: u32,
     /// Receiving, up to the wait for the frame.
     pub receive_begin: u32,
+    /// The same with the receiver on already.
+    pub receive_go_on: u32,
     /// Receiving, from the interrupt on, with what the diagnostics are computed of.
     pub receive_frame: u32,
     /// Receiving, from the interrupt on, when the window has passed.
     pub receive_timeout: u32,
+    /// Sent, from the interrupt on.
+    pub sent: u32,
     /// Switching the transceiver off.
     pub idle: u32,
 }
@@ -79,14 +83,14 @@ pub struct MachineCosts {
 pub struct TagCosts {
     /// A round goes from ranging to the engine: ranging's part.
     pub handover: u32,
-    /// A round of 4, 8 and 16 ranges in the engine that tracks, in the plane.
-    pub track_plane: [u32; 3],
+    /// A round of 4 and of 8 ranges in the engine that tracks, in the plane.
+    pub track_plane: [u32; 2],
     /// The same in space.
-    pub track_space: [u32; 3],
+    pub track_space: [u32; 2],
     /// The same, each round solved by itself, by the most expensive method, `robust`.
-    pub solve_plane: [u32; 3],
+    pub solve_plane: [u32; 2],
     /// The same in space.
-    pub solve_space: [u32; 3],
+    pub solve_space: [u32; 2],
     /// A position goes to the telemetry.
     pub publish: u32,
     /// The features of an impulse response that was read, its magnitudes included.
@@ -96,10 +100,10 @@ pub struct TagCosts {
 }
 
 /// The numbers of ranges of the table.
-const RANGES: [f64; 3] = [4.0, 8.0, 16.0];
+const RANGES: [f64; 2] = [4.0, 8.0];
 
 impl TagCosts {
-    /// A round of `ranges` ranges, by the line between the table's neighbours or beyond its ends.
+    /// A round of `ranges` ranges, by the line through the table's.
     pub fn round(&self, tracks: bool, space: bool, ranges: usize) -> u32 {
         let costs = match (tracks, space) {
             (true, false) => self.track_plane,
@@ -107,15 +111,9 @@ impl TagCosts {
             (false, false) => self.solve_plane,
             (false, true) => self.solve_space,
         };
-        let [low, middle, high] = costs.map(f64::from);
-        let count = ranges as f64;
-        let line = |from: f64, to: f64, at: f64, till: f64| from + (to - from) * (count - at) / (till - at);
-        let cost = if count < RANGES[1] {
-            line(low, middle, RANGES[0], RANGES[1])
-        } else {
-            line(middle, high, RANGES[1], RANGES[2])
-        };
-        cost.max(0.0) as u32
+        let [few, many] = costs.map(f64::from);
+        let slope = (many - few) / (RANGES[1] - RANGES[0]);
+        (few + slope * (ranges as f64 - RANGES[0])).max(0.0) as u32
     }
 }
 
@@ -144,9 +142,8 @@ fn parse(table: &str, name: &str) -> Result<Costs, String> {
         let (_, cell) = rows.iter().find(|(row, _)| *row == what).ok_or_else(|| format!("no row {what}"))?;
         cell.parse().map_err(|_| format!("{what}, {name}: {cell:?} is not a number"))
     };
-    let rounds = |what: &str| -> Result<[u32; 3], String> {
-        Ok([cost(&format!("{what}-4"))?, cost(&format!("{what}-8"))?, cost(&format!("{what}-16"))?])
-    };
+    let rounds =
+        |what: &str| -> Result<[u32; 2], String> { Ok([cost(&format!("{what}-4"))?, cost(&format!("{what}-8"))?]) };
     Ok(Costs {
         wake: cost("executor.wake")?,
         driver: DriverCosts {
@@ -155,8 +152,10 @@ fn parse(table: &str, name: &str) -> Result<Costs, String> {
             send_now: cost("driver.send-now")?,
             send_at: cost("driver.send-at")?,
             receive_begin: cost("driver.receive-begin")?,
+            receive_go_on: cost("driver.receive-go-on")?,
             receive_frame: cost("driver.receive-frame")?,
             receive_timeout: cost("driver.receive-timeout")?,
+            sent: cost("driver.sent")?,
             idle: cost("driver.idle")?,
         },
         machine: MachineCosts {
@@ -186,12 +185,14 @@ pub struct Charged<T> {
     inner: T,
     processor: Processor,
     costs: &'static Costs,
+    /// Of a radio: the receiver stayed on after the last operation.
+    listens: bool,
 }
 
 impl<T> Charged<T> {
     /// Charges `processor` for what `inner` does.
     pub fn new(inner: T, processor: &Processor) -> Self {
-        Self { inner, processor: processor.clone(), costs: Costs::of(processor.board().core) }
+        Self { inner, processor: processor.clone(), costs: Costs::of(processor.board().core), listens: false }
     }
 }
 
@@ -287,11 +288,15 @@ impl<R: Radio> Radio for Charged<R> {
         start: Start,
         listen: bool,
     ) -> Result<RadioInstant, TransmitError<Self::Error>> {
+        let costs = &self.costs.driver;
         self.processor.charge(match start {
-            Start::Now => self.costs.driver.send_now,
-            Start::At(_) => self.costs.driver.send_at,
+            Start::Now => costs.send_now,
+            Start::At(_) => costs.send_at,
         });
-        self.inner.transmit(frame, start, listen).await
+        let sent = self.inner.transmit(frame, start, listen).await;
+        self.processor.charge(costs.sent);
+        self.listens = listen && sent.is_ok();
+        sent
     }
 
     async fn receive<'b>(
@@ -302,17 +307,20 @@ impl<R: Radio> Radio for Charged<R> {
         keep_listening: bool,
     ) -> Result<RxFrame<'b>, ReceiveError<Self::Error>> {
         let costs = &self.costs.driver;
-        self.processor.charge(costs.receive_begin);
+        let goes_on = self.listens && start == Start::Now;
+        self.processor.charge(if goes_on { costs.receive_go_on } else { costs.receive_begin });
         let received = self.inner.receive(buffer, start, window, keep_listening).await;
         self.processor.charge(match received {
             Ok(_) | Err(ReceiveError::Corrupt) => costs.receive_frame,
             Err(ReceiveError::Timeout | ReceiveError::Late | ReceiveError::Radio(_)) => costs.receive_timeout,
         });
+        self.listens = keep_listening && received.is_ok();
         received
     }
 
     async fn idle(&mut self) -> Result<(), Self::Error> {
         self.processor.charge(self.costs.driver.idle);
+        self.listens = false;
         self.inner.idle().await
     }
 
@@ -363,11 +371,11 @@ mod tests {
     }
 
     #[test]
-    fn rounds_between_the_tables_are_on_lines() {
+    fn rounds_between_the_tables_are_on_a_line() {
         let tag = &Costs::of(Core::CortexM4F).tag;
-        let costs = TagCosts { track_plane: [1000, 3000, 9000], ..tag.clone() };
-        // 500 a range up to eight, 750 beyond.
-        let expected = [(0, 0), (3, 500), (4, 1000), (6, 2000), (8, 3000), (10, 4500), (20, 12_000)];
+        let costs = TagCosts { track_plane: [1000, 3000], ..tag.clone() };
+        // 500 a range.
+        let expected = [(0, 0), (3, 500), (4, 1000), (6, 2000), (8, 3000), (10, 4000)];
         for (ranges, instructions) in expected {
             assert_eq!(costs.round(true, false, ranges), instructions, "{ranges}");
         }

@@ -40,13 +40,15 @@ impl Made {
     }
 }
 
-const PARTS: [Part; 17] = [
+const PARTS: [Part; 18] = [
     Part {
         name: "chip",
         what: "what the methods cost on the chip, in QEMU",
         document: PERFORMANCE,
         make: onchip::made,
     },
+    // Before everything that simulates nodes: they are charged by it.
+    Part { name: "costs", what: "what a node's code costs, in QEMU", document: PERFORMANCE, make: onchip::costs },
     Part { name: "simulation", what: "whole nodes, simulated", document: PERFORMANCE, make: simulation::rooms },
     Part {
         name: "scenarios",

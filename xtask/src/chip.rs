@@ -9,18 +9,23 @@ use crate::target::Target;
 pub enum Chip {
     /// The DWM1001's: single-precision FPU.
     CortexM4F,
+    /// The EVB1000's: no FPU.
+    CortexM3,
     /// The ESP32-C3's: no FPU.
     RiscV32,
 }
 
 impl Chip {
-    /// All of them, in the order of the documents.
+    /// Those whose methods are measured, in the order of the documents.
     pub const ALL: [Self; 2] = [Self::CortexM4F, Self::RiscV32];
+    /// All whose nodes are simulated, in the order of the table of costs.
+    pub const SIMULATED: [Self; 3] = [Self::CortexM4F, Self::CortexM3, Self::RiscV32];
 
     /// As the documents call it.
     pub fn title(self) -> &'static str {
         match self {
             Self::CortexM4F => "Cortex-M4F (nRF52832)",
+            Self::CortexM3 => "Cortex-M3 (STM32F105)",
             Self::RiscV32 => "RISC-V without FPU (ESP32-C3)",
         }
     }
@@ -29,6 +34,7 @@ impl Chip {
     pub fn target(self) -> Target {
         match self {
             Self::CortexM4F => Target::CortexM4F,
+            Self::CortexM3 => Target::CortexM3,
             Self::RiscV32 => Target::RiscV32Imc,
         }
     }
@@ -39,6 +45,9 @@ impl Chip {
         let (program, machine) = match self {
             Self::CortexM4F => {
                 ("qemu-system-arm", ["-machine", "mps2-an386", "-icount", "shift=8,sleep=off"].as_slice())
+            }
+            Self::CortexM3 => {
+                ("qemu-system-arm", ["-machine", "mps2-an385", "-icount", "shift=8,sleep=off"].as_slice())
             }
             Self::RiscV32 => (
                 "qemu-system-riscv32",

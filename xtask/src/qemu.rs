@@ -60,7 +60,7 @@ fn name(command: &Command) -> String {
 
 fn install(chip: Chip) -> &'static str {
     match chip {
-        Chip::CortexM4F => "on Debian `apt-get install qemu-system-arm`",
+        Chip::CortexM4F | Chip::CortexM3 => "on Debian `apt-get install qemu-system-arm`",
         Chip::RiscV32 => "on Debian `apt-get install qemu-system-misc`",
     }
 }

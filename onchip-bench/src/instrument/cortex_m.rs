@@ -41,6 +41,24 @@ impl Counter {
     }
 }
 
+/// The counter as it runs, between [`Counter::reset`]s.
+#[inline(always)]
+pub fn stamp() -> u32 {
+    SYST::get_current()
+}
+
+/// The counter's steps from one stamp to another, less than SysTick can count.
+#[inline(always)]
+pub fn steps(from: u32, to: u32) -> u32 {
+    from.wrapping_sub(to) & RELOAD
+}
+
+/// The instructions of so many steps.
+pub fn instructions(steps: u32) -> u32 {
+    let ns = u64::from(steps) * u64::from(NS_PER_TICK);
+    ((ns + u64::from(NS_PER_INSTRUCTION) / 2) / u64::from(NS_PER_INSTRUCTION)) as u32
+}
+
 #[inline(always)]
 pub fn stack_pointer() -> usize {
     let pointer;

@@ -12,6 +12,13 @@ use core::sync::atomic::{Ordering, compiler_fence};
 #[cfg_attr(target_arch = "riscv32", path = "riscv.rs")]
 mod chip;
 
+pub use chip::{instructions, stamp, steps};
+
+/// Instructions from one stamp to another.
+pub fn between(from: u32, to: u32) -> u32 {
+    instructions(steps(from, to))
+}
+
 /// The memory below the stack pointer that is painted, in words. All images have ten times as much.
 const PAINTED: usize = 1024;
 const PAINT: u32 = 0xC5A3_96E1;

@@ -22,6 +22,23 @@ impl Counter {
     }
 }
 
+/// The counter as it runs.
+#[inline(always)]
+pub fn stamp() -> u32 {
+    minstret::read() as u32
+}
+
+/// The counter's steps from one stamp to another.
+#[inline(always)]
+pub fn steps(from: u32, to: u32) -> u32 {
+    to.wrapping_sub(from)
+}
+
+/// The instructions of so many steps.
+pub fn instructions(steps: u32) -> u32 {
+    steps
+}
+
 #[inline(always)]
 pub fn stack_pointer() -> usize {
     let pointer;

@@ -123,12 +123,7 @@ impl firmware_tag::Sink for TagSink {
         // The position has been made in no time; what it takes is waited for before anybody hears of it.
         let costs = &Costs::of(self.processor.board().core).tag;
         let space = scenario.tag.height_m.is_none();
-        let round = match (scenario.tag.method, space) {
-            (None, false) => costs.round(true, false, measured),
-            // The height comes from solved rounds.
-            (None, true) => costs.round(true, true, measured) + costs.round(false, true, measured),
-            (Some(_), space) => costs.round(false, space, measured),
-        };
+        let round = costs.round(scenario.tag.method.is_none(), space, measured);
         self.processor.background(world, round + costs.publish).await;
         let number = log.borrow().epochs;
         let record = Epoch {

@@ -2,6 +2,7 @@
 //! results with the desktop's and their costs with the budgets, and makes the tables of `docs/performance.md`.
 
 mod budget;
+mod costs;
 mod desktop;
 mod engine;
 mod printed;
@@ -37,6 +38,8 @@ struct Measured {
     /// The greatest distance between a position of the chip and the desktop's, metres.
     disagreement_m: f32,
 }
+
+pub use costs::made as costs;
 
 /// Measures on every chip and prints the tables. An error where a figure is over its budget.
 pub fn check() -> Result<()> {

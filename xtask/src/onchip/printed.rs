@@ -93,6 +93,8 @@ pub struct Printed {
     pub sights: Vec<Call>,
     pub beacons: Vec<Call>,
     pub engine: Vec<EngineStep>,
+    /// Names and instructions of the image `costs`.
+    pub costs: Vec<(String, u32)>,
     /// Of the round of the image `exchange`, metres.
     pub ranges: Vec<f32>,
 }
@@ -161,6 +163,7 @@ impl Printed {
                 stack: stack.parse()?,
                 position: [float(x)?, float(y)?, float(z)?],
             }),
+            ["cost", what, instructions] => self.costs.push(((*what).to_owned(), instructions.parse()?)),
             ["range", _, metres] => self.ranges.push(float(metres)?),
             ["done"] => return Ok(true),
             _ => bail!("unknown line"),
@@ -198,6 +201,7 @@ mod tests {
                     beacons advert 300 40 c0000000\n\
                     engine range 2 8 3416 1356 3fc00000 c0000000 3fc00000\n\
                     range 3 3fc00000\n\
+                    cost driver.now 120\n\
                     done\n";
         let printed = Printed::parse(text).expect("well formed");
         assert_eq!(printed.calibration, 1000);
@@ -208,6 +212,7 @@ mod tests {
         assert_eq!((printed.engine[0].anchors, printed.engine[0].position), (8, [1.5, -2.0, 1.5]));
         let poll = Frame { name: "poll".to_owned(), length: 21, instructions: 2136, stack: 920 };
         assert_eq!((&printed.frames[..], &printed.ranges[..]), (&[poll][..], &[1.5][..]));
+        assert_eq!(printed.costs, [("driver.now".to_owned(), 120)]);
         let features = Call { what: "features".to_owned(), instructions: 9935, stack: 592, value: 1.5 };
         assert_eq!(printed.sights, [features]);
         assert_eq!((printed.beacons[0].what.as_str(), printed.beacons[0].value), ("advert", -2.0));

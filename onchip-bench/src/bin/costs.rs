@@ -1,0 +1,93 @@
+//! Image: what everything that a node runs costs, as simulations charge it.
+#![no_std]
+#![no_main]
+// The entry macros make a public function without documentation.
+#![allow(missing_docs)]
+
+use core::hint::black_box;
+
+use onchip_bench::beacons::{self, Measure};
+use onchip_bench::costs::{Mean, driver, executor, machines, tag};
+use onchip_bench::instrument::Instrument;
+use onchip_bench::response::{features, response};
+use semihosting::println;
+
+/// Prints a computation's cost as a tag's.
+struct Costs<'a>(&'a mut Instrument);
+
+impl Measure for Costs<'_> {
+    fn call<S: Clone>(&mut self, what: &str, state: &S, call: impl Fn(&mut S) -> f32) {
+        let cost = self.0.cost_on(state, |state| {
+            black_box(call(black_box(state)));
+        });
+        println!("cost tag.{what} {}", cost.instructions);
+    }
+}
+
+#[cfg_attr(target_arch = "arm", cortex_m_rt::entry)]
+#[cfg_attr(target_arch = "riscv32", riscv_rt::entry)]
+fn main() -> ! {
+    let mut instrument = Instrument::start();
+    println!("calibration costs {}", instrument.calibration());
+    let response = response();
+    let (cost, _) = instrument.cost(|| features(black_box(&response)));
+    println!("cost tag.features {}", cost.instructions);
+    beacons::for_advert(&mut Costs(&mut instrument));
+
+    let costs = driver::measure();
+    let resume = costs.resume.get().unwrap_or_default();
+    let wake = executor::measure().get().unwrap_or_default();
+    println!("cost executor.wake {}", wake + resume);
+    for (name, mean) in [
+        ("transaction", &costs.transaction),
+        ("now", &costs.now),
+        ("send-now", &costs.send_now),
+        ("send-at", &costs.send_at),
+        ("sent", &costs.sent),
+        ("receive-begin", &costs.receive_begin),
+        ("receive-go-on", &costs.receive_go_on),
+        ("receive-frame", &costs.receive_frame),
+        ("receive-timeout", &costs.receive_timeout),
+        ("idle", &costs.idle),
+    ] {
+        print("driver", name, mean);
+    }
+
+    let costs = machines::measure();
+    for (name, mean) in [
+        ("poll-made", &costs.poll_made),
+        ("poll-answered", &costs.poll_answered),
+        ("response-received", &costs.response_received),
+        ("round-ended", &costs.round_ended),
+        ("beacon-received", &costs.beacon_received),
+        ("beacon-made", &costs.beacon_made),
+        ("scheduled", &costs.scheduled),
+    ] {
+        print("machine", name, mean);
+    }
+    print("tag", "handover", &costs.handover);
+
+    let mut publish = Mean::new();
+    for (name, tracks, space) in [
+        ("track-plane", true, false),
+        ("track-space", true, true),
+        ("solve-plane", false, false),
+        ("solve-space", false, true),
+    ] {
+        for ranges in tag::RANGES {
+            let costs = tag::measure(ranges, tracks, space);
+            println!("cost tag.{name}-{ranges} {}", costs.round.get().unwrap_or_default());
+            publish = costs.publish;
+        }
+    }
+    print("tag", "publish", &publish);
+    println!("done");
+    semihosting::process::exit(0)
+}
+
+fn print(group: &str, name: &str, mean: &Mean) {
+    match mean.get() {
+        Some(instructions) => println!("cost {group}.{name} {instructions}"),
+        None => panic!("{group}.{name} was never measured"),
+    }
+}

@@ -1,0 +1,226 @@
+//! The driver under the node's own loop: a script in place of the exchange's machine lets it send, receive and wait, and every stretch
+//! between the machine, the bus and the waits is measured.
+
+use core::cell::{Cell, RefCell};
+use core::pin::pin;
+use core::task::{Context, Waker};
+
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use firmware_common::Reporter;
+use firmware_tag::{Handover, Told};
+use ranging::dw1000::{Config, Dw1000};
+use ranging::exchange::{Action, Event, Machine};
+use ranging::{PhyConfig, Radio, RadioDuration, RadioInstant, Start};
+
+use super::chip::{Chip, Delay, Irq, Next, Spi};
+use super::{Mean, since};
+use crate::instrument::{between, stamp};
+
+/// What the driver's operations cost, instructions, beside their transactions'.
+#[derive(Default)]
+pub struct Costs {
+    /// Each transaction.
+    pub transaction: Mean,
+    /// The clock.
+    pub now: Mean,
+    /// Sending, from the machine's answer to the wait; and from the interrupt to the machine.
+    pub send_now: Mean,
+    /// See [`send_now`](Self::send_now).
+    pub send_at: Mean,
+    /// See [`send_now`](Self::send_now).
+    pub sent: Mean,
+    /// Receiving with the receiver off before, from the machine's answer to the wait.
+    pub receive_begin: Mean,
+    /// The same with the receiver on already.
+    pub receive_go_on: Mean,
+    /// From the interrupt to the machine: a frame, the end of a window.
+    pub receive_frame: Mean,
+    /// See [`receive_frame`](Self::receive_frame).
+    pub receive_timeout: Mean,
+    /// Switching off what is off.
+    pub idle: Mean,
+    /// From the executor's call of the task to the wait that is over.
+    pub resume: Mean,
+}
+
+/// A stretch: instructions without the bus, and transactions.
+type Stretch = (u32, u32);
+
+/// What the script does, one after the other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Act {
+    /// Receive in a window of so many milliseconds; with a frame, or without.
+    Receive { window_ms: u32, frame: bool, keep: bool },
+    /// Send so many bytes.
+    Send { bytes: usize, at: bool, listen: bool },
+}
+
+/// Two rounds: the first finds registers as they are after the start.
+const SCRIPT: [Act; 13] = [
+    Act::Receive { window_ms: 5, frame: true, keep: true },
+    Act::Receive { window_ms: 5, frame: true, keep: true },
+    Act::Receive { window_ms: 5, frame: true, keep: false },
+    Act::Receive { window_ms: 5, frame: false, keep: false },
+    // The same window, then another: one transaction more.
+    Act::Receive { window_ms: 5, frame: false, keep: false },
+    Act::Receive { window_ms: 4, frame: false, keep: false },
+    Act::Send { bytes: 21, at: false, listen: true },
+    Act::Receive { window_ms: 4, frame: false, keep: false },
+    Act::Send { bytes: 21, at: true, listen: false },
+    Act::Send { bytes: 21, at: true, listen: false },
+    // The same length, then another: one transaction more.
+    Act::Send { bytes: 22, at: true, listen: false },
+    Act::Send { bytes: 22, at: false, listen: false },
+    Act::Receive { window_ms: 5, frame: false, keep: false },
+];
+
+/// Where the script is.
+struct Marks {
+    /// How many acts have begun, and when the last did.
+    acts: Cell<usize>,
+    begun: Cell<u32>,
+    /// Of each act: up to the wait, and from it.
+    stretches: RefCell<[[Stretch; 2]; 2 * SCRIPT.len()]>,
+}
+
+impl Marks {
+    /// What became of the last act must be what it was about, or something else was measured.
+    fn check(&self, event: Event<'_>) {
+        let last = self.acts.get().checked_sub(1).map(|act| SCRIPT[act % SCRIPT.len()]);
+        let as_wanted = match (last, event) {
+            (None, Event::Started)
+            | (Some(Act::Receive { frame: true, .. }), Event::Received(_))
+            | (Some(Act::Receive { frame: false, .. }), Event::Timeout)
+            | (Some(Act::Send { .. }), Event::Sent(_)) => true,
+            (None | Some(_), _) => false,
+        };
+        assert!(as_wanted, "{last:?} came to {event:?}");
+    }
+}
+
+struct Script<'a> {
+    chip: &'a Chip,
+    marks: &'a Marks,
+    frame: [u8; 32],
+}
+
+impl Machine for Script<'_> {
+    fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
+        let instructions = since(self.chip.resumed.get());
+        let (inside, transactions) = self.chip.take_inside();
+        let acts = self.marks.acts.get();
+        // The first event is that of the start.
+        if let Some(last) = acts.checked_sub(1) {
+            self.marks.stretches.borrow_mut()[last][1] = (instructions.saturating_sub(inside), transactions);
+        }
+        self.marks.check(event);
+        self.chip.starting.set(false);
+        let act = SCRIPT[acts % SCRIPT.len()];
+        self.marks.acts.set(acts + 1);
+        self.marks.begun.set(stamp());
+        match act {
+            Act::Receive { window_ms, keep, .. } => Action::Receive {
+                start: Start::Now,
+                window: RadioDuration::from_micros(1000 * window_ms),
+                keep_listening: keep,
+            },
+            Act::Send { bytes, at, listen } => {
+                let later = now.plus(RadioDuration::from_micros(1000));
+                let start = if at { Start::At(later) } else { Start::Now };
+                Action::Transmit { frame: &self.frame[..bytes], start, listen }
+            }
+        }
+    }
+}
+
+/// Measures.
+///
+/// # Panics
+/// The driver does something else than the script says.
+pub fn measure() -> Costs {
+    let costs = Costs::default();
+    let chip = Chip::new();
+    let marks =
+        Marks { acts: Cell::new(0), begun: Cell::new(0), stretches: RefCell::new([[(0, 0); 2]; 2 * SCRIPT.len()]) };
+    {
+        let reporter = Reporter::<NoopRawMutex, 256>::new(|| 0);
+        let handover = Handover::<NoopRawMutex>::new();
+        let sink = Told::new(&reporter, false);
+        let radio = Dw1000::new(Spi(&chip), Irq(&chip), (), Delay(&chip), Config::new(PhyConfig::FAST));
+        let script = Script { chip: &chip, marks: &marks, frame: [7; 32] };
+        let mut node = pin!(firmware_tag::ranging(radio, Delay(&chip), script, &handover, &sink));
+        let mut context = Context::from_waker(Waker::noop());
+        for (number, act) in (0..2).flat_map(|_| SCRIPT).enumerate() {
+            let polled = stamp();
+            assert!(node.as_mut().poll(&mut context).is_pending());
+            if number > 0 {
+                costs.resume.add(between(polled, chip.resumed.get()));
+            }
+            assert_eq!(marks.acts.get(), number + 1, "the driver does one act at a time");
+            let waiting = chip.waiting.take().expect("the driver waits for the interrupt");
+            let (inside, transactions) = chip.take_inside();
+            let instructions = between(marks.begun.get(), waiting);
+            marks.stretches.borrow_mut()[number][0] = (instructions.saturating_sub(inside), transactions);
+            chip.next.set(Some(match act {
+                Act::Send { .. } => Next::Sent,
+                Act::Receive { frame: true, .. } => Next::Frame,
+                Act::Receive { frame: false, .. } => Next::Timeout,
+            }));
+        }
+    }
+    // The second round alone: the driver knows the chip's registers by then.
+    let stretches = marks.stretches.into_inner();
+    let (_, stretches) = stretches.split_at(SCRIPT.len());
+    for pair in [[4, 5], [9, 10]] {
+        let [(same, fewer), (other, more)] = pair.map(|at: usize| stretches[at][0]);
+        assert_eq!(more, fewer + 1, "a register more is written");
+        costs.transaction.add(other - same);
+    }
+    let transaction = costs.transaction.get().unwrap_or_default();
+    clock(&costs, transaction);
+    let now = costs.now.get().unwrap_or_default();
+    let beside = |(instructions, transactions): Stretch| instructions.saturating_sub(transactions * transaction);
+    let mut on = false;
+    for (act, [begin, end]) in SCRIPT.iter().zip(stretches) {
+        match act {
+            Act::Send { at, listen, .. } => {
+                let sending = if *at { &costs.send_at } else { &costs.send_now };
+                sending.add(beside(*begin));
+                costs.sent.add(beside(*end));
+                on = *listen;
+            }
+            Act::Receive { frame, keep, .. } => {
+                let beginning = if on { &costs.receive_go_on } else { &costs.receive_begin };
+                beginning.add(beside(*begin));
+                on = *frame && *keep;
+                if *frame {
+                    costs.receive_frame.add(beside(*end));
+                } else if end.1 > 0 {
+                    // The node's loop reads the clock after it.
+                    costs.receive_timeout.add(beside(*end).saturating_sub(now));
+                }
+            }
+        }
+    }
+    costs
+}
+
+/// The clock, and switching off what is off, called by themselves.
+fn clock(costs: &Costs, transaction: u32) {
+    let chip = Chip::new();
+    let mut radio = Dw1000::new(Spi(&chip), Irq(&chip), (), Delay(&chip), Config::new(PhyConfig::FAST));
+    embassy_futures::block_on(async {
+        radio.init().await.expect("the chip starts");
+        chip.take_inside();
+        let begun = stamp();
+        radio.now().await.expect("the chip answers");
+        let instructions = since(begun);
+        let (inside, transactions) = chip.take_inside();
+        costs.now.add((instructions - inside).saturating_sub(transactions * transaction));
+        let begun = stamp();
+        radio.idle().await.expect("the chip answers");
+        let instructions = since(begun);
+        let (inside, transactions) = chip.take_inside();
+        costs.idle.add((instructions - inside).saturating_sub(transactions * transaction));
+    });
+}

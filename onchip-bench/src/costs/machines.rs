@@ -1,0 +1,167 @@
+//! The machines of native mode, step by step: a tag and four anchors in the small air, from the first beacon on, and every step by what it
+//! is about. The node's own loop runs them, so that the exchange may be whatever it likes.
+
+use core::convert::Infallible;
+use core::hint::black_box;
+use core::pin::pin;
+
+use embassy_futures::join::{join, join_array};
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use firmware_common::Reporter;
+use firmware_tag::{Handover, Told};
+use ranging::exchange::{Action, Event, Guidance, Machine, Report};
+use ranging::frame::native::{Frame, Message};
+use ranging::native::{Anchor, AnchorConfig, Network, Rate, Tag, TagConfig, Turnaround};
+use ranging::node::{self, Listener};
+use ranging::{Pace, PhyConfig, RadioInstant};
+use small_air::{ANTENNA_DELAY, Crystal, Place, World, uptime_us};
+
+use super::{Mean, since};
+use crate::instrument::stamp;
+
+const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, turnaround: Turnaround::DWM1001 };
+const ANCHORS: usize = 4;
+/// Until a tag has joined, and some rounds.
+const LIFE_US: u64 = 1_500_000;
+
+/// What steps cost, instructions.
+#[derive(Default)]
+pub struct Costs {
+    /// A tag makes its poll.
+    pub poll_made: Mean,
+    /// An anchor answers a poll.
+    pub poll_answered: Mean,
+    /// A tag takes a response.
+    pub response_received: Mean,
+    /// A tag takes the last response and reports.
+    pub round_ended: Mean,
+    /// A beacon is taken in.
+    pub beacon_received: Mean,
+    /// A beacon is made.
+    pub beacon_made: Mean,
+    /// What is next is chosen.
+    pub scheduled: Mean,
+    /// From a tag's report of a round to the exchange's going on.
+    pub handover: Mean,
+}
+
+impl Costs {
+    /// The mean that a step belongs to.
+    fn of(&self, event: &Event<'_>, action: &Action<'_>) -> Option<&Mean> {
+        let message = |bytes: &[u8]| Frame::parse(bytes).map(|frame| frame.message);
+        let sent = match action {
+            Action::Transmit { frame, .. } => message(frame),
+            Action::Receive { .. } | Action::WaitUntil(_) | Action::Report(_) => None,
+        };
+        match event {
+            Event::Received(frame) => match message(frame.bytes)? {
+                // Polls that name somebody else are left alone.
+                Message::Poll(_) => sent.is_some().then_some(&self.poll_answered),
+                Message::Response(_) => Some(match action {
+                    Action::Report(_) => &self.round_ended,
+                    Action::Transmit { .. } | Action::Receive { .. } | Action::WaitUntil(_) => &self.response_received,
+                }),
+                Message::Beacon(_) => Some(&self.beacon_received),
+                Message::Request(_) => None,
+            },
+            Event::Started
+            | Event::Sent(_)
+            | Event::NotSent
+            | Event::Corrupt
+            | Event::Timeout
+            | Event::Late
+            | Event::Woken
+            | Event::Reported => match sent {
+                Some(Message::Poll(_)) => Some(&self.poll_made),
+                Some(Message::Beacon(_)) => Some(&self.beacon_made),
+                Some(Message::Request(_) | Message::Response(_)) => None,
+                None => Some(&self.scheduled),
+            },
+        }
+    }
+}
+
+/// A machine whose steps are measured.
+struct Measured<'a, M> {
+    machine: M,
+    costs: &'a Costs,
+    reported: Option<u32>,
+}
+
+impl<M: Machine> Machine for Measured<'_, M> {
+    fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
+        let begun = stamp();
+        let action = black_box(self.machine.step(black_box(now), black_box(event)));
+        let instructions = since(begun);
+        if let Some(mean) = self.costs.of(&event, &action) {
+            mean.add(instructions);
+        }
+        self.reported = match &action {
+            Action::Report(Report::Round(_)) => Some(stamp()),
+            Action::Report(_) | Action::Transmit { .. } | Action::Receive { .. } | Action::WaitUntil(_) => None,
+        };
+        action
+    }
+
+    fn may_sleep(&self) -> bool {
+        self.machine.may_sleep()
+    }
+
+    fn pace(&mut self, pace: Pace) {
+        self.machine.pace(pace);
+    }
+
+    fn guide(&mut self, guidance: Guidance) {
+        if let Some(reported) = self.reported.take() {
+            self.costs.handover.add(since(reported));
+        }
+        self.machine.guide(guidance);
+    }
+}
+
+/// Measures.
+///
+/// # Panics
+/// The small air has no place for five nodes.
+pub fn measure() -> Costs {
+    let costs = Costs::default();
+    let world = World::new(NETWORK.phy, 1, 0);
+    let anchors = core::array::from_fn::<_, ANCHORS, _>(|i| anchor(&world, i, &costs));
+    let tag = async {
+        let radio = world.add(Place::Fixed([2_000, 3_000, 1_200]), Crystal { start: 5, fast_ppb: 8_000 });
+        let config =
+            TagConfig { address: 0x100, network: NETWORK, anchors: 4, rate: Rate::Greedy, tell_distances: false };
+        let machine = Measured { machine: Tag::new(config), costs: &costs, reported: None };
+        let reporter = Reporter::<NoopRawMutex, 256>::new(uptime_us);
+        let handover = Handover::<NoopRawMutex>::new();
+        let radio = radio.expect("the air has room");
+        firmware_tag::ranging(radio, world.delay(), machine, &handover, &Told::new(&reporter, false)).await
+    };
+    world.run(LIFE_US, pin!(join(tag, join_array(anchors))), || {});
+    costs
+}
+
+async fn anchor(world: &World, number: usize, costs: &Costs) -> Infallible {
+    let place = [[0, 0, 2_500], [8_000, 0, 2_000], [8_000, 6_000, 2_500], [0, 6_000, 2_000]][number % 4];
+    let crystal = Crystal { start: (number as u64 + 1) << 37, fast_ppb: [3_000, -17_500, 12_250, -6_125][number % 4] };
+    let mut radio = world.add(Place::Fixed(place), crystal).expect("the air has room");
+    let config = AnchorConfig {
+        address: number as u16 + 1,
+        network: NETWORK,
+        antenna_delay: ANTENNA_DELAY,
+        position_m: Some(place.map(|mm| mm as f32 / 1000.0)),
+        rounds: None,
+    };
+    let mut machine = Measured { machine: Anchor::new(config), costs, reported: None };
+    node::run(&mut radio, &mut world.delay(), &mut machine, &mut Silent).await
+}
+
+struct Silent;
+
+impl Listener for Silent {
+    async fn report(&mut self, _: Report<'_>, _: RadioInstant) -> Guidance {
+        Guidance::default()
+    }
+
+    async fn radio_failed(&mut self, _: &impl core::fmt::Debug, _: u32) {}
+}

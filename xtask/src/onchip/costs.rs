@@ -1,0 +1,95 @@
+//! What a node's code costs, instruction by instruction: the image `costs` on every kind of processor, the table `sim/src/costs.csv` that
+//! simulations charge by, and the same in the document.
+
+use std::fmt::Write as _;
+use std::fs;
+
+use anyhow::{Context, Result, ensure};
+
+use super::run;
+use super::tables::grouped;
+use crate::bench::Made;
+use crate::chip::Chip;
+use crate::root;
+use crate::toolchain::Toolchain;
+
+/// Where simulations have it from.
+const FILE: &str = "sim/src/costs.csv";
+
+/// What the rows are, for the document.
+const ROWS: [(&str, &str); 30] = [
+    ("executor.wake", "executor and node's loop: from the interrupt handler's word to what the task waited for"),
+    ("driver.transaction", "driver: a transaction, beside the bus's own code"),
+    ("driver.now", "the clock is read"),
+    ("driver.send-now", "sending at once, up to the wait"),
+    ("driver.send-at", "sending at an instant, up to the wait"),
+    ("driver.sent", "sent, from the interrupt on"),
+    ("driver.receive-begin", "receiving, up to the wait"),
+    ("driver.receive-go-on", "the same with the receiver on"),
+    ("driver.receive-frame", "a frame, from the interrupt on, with its diagnostics"),
+    ("driver.receive-timeout", "the end of a window, from the interrupt on"),
+    ("driver.idle", "switching off what is off"),
+    ("machine.poll-made", "machine: a tag makes a poll"),
+    ("machine.poll-answered", "an anchor answers a poll"),
+    ("machine.response-received", "a tag makes a range of a response"),
+    ("machine.round-ended", "the same of the last"),
+    ("machine.beacon-received", "a beacon is taken in"),
+    ("machine.beacon-made", "an anchor makes a beacon"),
+    ("machine.scheduled", "the next window or wait is chosen"),
+    ("tag.handover", "tag: a round goes to the engine"),
+    ("tag.track-plane-4", "engine: a round of 4 ranges, in the plane"),
+    ("tag.track-plane-8", "of 8"),
+    ("tag.track-space-4", "of 4, in space"),
+    ("tag.track-space-8", "of 8"),
+    ("tag.solve-plane-4", "`robust` alone: a round of 4 ranges, in the plane"),
+    ("tag.solve-plane-8", "of 8"),
+    ("tag.solve-space-4", "of 4, in space"),
+    ("tag.solve-space-8", "of 8"),
+    ("tag.publish", "a position goes to the telemetry"),
+    ("tag.features", "features of an impulse response"),
+    ("tag.advert", "a beacon's advertisement"),
+];
+
+/// Measures, writes the table for simulations, and makes that of the document.
+pub fn made() -> Result<Option<Made>> {
+    let columns = Chip::SIMULATED.into_iter().map(measure).collect::<Result<Vec<_>>>()?;
+    let mut table = String::from("what");
+    let mut document = String::from("| instructions |");
+    for chip in Chip::SIMULATED {
+        write!(table, ",{}", column(chip))?;
+        write!(document, " {} |", chip.title())?;
+    }
+    write!(document, "\n|---|{}\n", "---:|".repeat(columns.len()))?;
+    for (name, title) in ROWS {
+        write!(table, "\n{name}")?;
+        write!(document, "| {title} |")?;
+        for costs in &columns {
+            let (_, instructions) =
+                costs.iter().find(|(what, _)| what == name).with_context(|| format!("no {name} was measured"))?;
+            write!(table, ",{instructions}")?;
+            write!(document, " {} |", grouped(u64::from(*instructions)))?;
+        }
+        document.push('\n');
+    }
+    table.push('\n');
+    for costs in &columns {
+        ensure!(costs.len() == ROWS.len(), "the image measures what the table has no row for");
+    }
+    let file = root().join(FILE);
+    fs::write(&file, table).with_context(|| format!("cannot write {}", file.display()))?;
+    Ok(Made::one("costs", document))
+}
+
+/// Builds and runs the image.
+fn measure(chip: Chip) -> Result<Vec<(String, u32)>> {
+    Ok(run(&Toolchain::find(chip.target())?, chip, "costs", "image,costs")?.costs)
+}
+
+/// The name of a processor in the table.
+fn column(chip: Chip) -> &'static str {
+    match chip {
+        Chip::CortexM4F => "cortex-m4f",
+        Chip::CortexM3 => "cortex-m3",
+        Chip::RiscV32 => "riscv32",
+    }
+}
