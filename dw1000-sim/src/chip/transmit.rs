@@ -68,7 +68,7 @@ impl Chip {
         if let Some(Transmission { progress, frame, .. }) = self.transmission.take() {
             self.status |= progress;
             if let Some(frame) = frame {
-                world.air().cut(frame);
+                world.air().cut(world.kernel(), frame);
             }
         }
         if self.trx == Trx::Rx {
