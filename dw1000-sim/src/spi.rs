@@ -23,11 +23,15 @@ pub struct SimSpi {
     overhead_ps: u64,
 }
 
-/// Sets the bus clock; applications keep a clone and speed up once the PLL has locked.
+/// A node's bus clock; applications keep a clone and speed up once the PLL has locked.
 #[derive(Clone, Debug)]
 pub struct SpiClock(Rc<Cell<u32>>);
 
 impl SpiClock {
+    pub(crate) fn new(hz: u32) -> Self {
+        Self(Rc::new(Cell::new(hz.max(1))))
+    }
+
     /// The clock, Hz.
     pub fn hz(&self) -> u32 {
         self.0.get()
@@ -40,8 +44,7 @@ impl SpiClock {
 }
 
 impl SimSpi {
-    pub(crate) fn new(world: World, chip: Rc<RefCell<Chip>>, hz: u32, overhead_ns: u32) -> Self {
-        let clock = SpiClock(Rc::new(Cell::new(hz.max(1))));
+    pub(crate) fn new(world: World, chip: Rc<RefCell<Chip>>, clock: SpiClock, overhead_ns: u32) -> Self {
         Self { world, chip, clock, overhead_ps: u64::from(overhead_ns) * 1000 }
     }
 

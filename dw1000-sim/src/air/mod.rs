@@ -119,7 +119,7 @@ impl OnAir {
     }
 }
 
-type Sniffer = Box<dyn FnMut(&Sniffed)>;
+pub(crate) type Sniffer = Box<dyn FnMut(&Sniffed)>;
 
 /// The air.
 pub struct Air {
@@ -135,6 +135,9 @@ pub struct Air {
     paths: FxHashMap<(PortId, PortId), Paths>,
     statistics: AirStatistics,
     sniffers: Vec<Sniffer>,
+    is_sniffed: bool,
+    /// What they have yet to be shown.
+    sniffed: Vec<Sniffed>,
     nothing: Rc<[u8]>,
 }
 
@@ -150,6 +153,8 @@ impl Air {
             paths: FxHashMap::default(),
             statistics: AirStatistics::default(),
             sniffers: Vec::new(),
+            is_sniffed: false,
+            sniffed: Vec::new(),
             nothing: Rc::from([]),
         }
     }
@@ -166,6 +171,7 @@ impl Air {
 
     /// Calls `sniffer` for each frame when its bytes leave.
     pub fn sniff(&mut self, sniffer: impl FnMut(&Sniffed) + 'static) {
+        self.is_sniffed = true;
         self.sniffers.push(Box::new(sniffer));
     }
 
@@ -226,17 +232,28 @@ impl Air {
         on_air.end = end;
         self.statistics.airtime_s += end.ps_since(on_air.sent.start) as f64 * 1e-12;
         let sent = on_air.sent;
-        let seen = Sniffed {
-            marker: sent.marker,
-            end,
-            sender: on_air.sender,
-            bytes: on_air.bytes.clone(),
-            phy: sent.phy,
-            power_dbm: sent.power_dbm,
-        };
-        for sniffer in &mut self.sniffers {
-            sniffer(&seen);
+        if self.is_sniffed {
+            self.sniffed.push(Sniffed {
+                marker: sent.marker,
+                end,
+                sender: on_air.sender,
+                bytes: on_air.bytes.clone(),
+                phy: sent.phy,
+                power_dbm: sent.power_dbm,
+            });
         }
+    }
+
+    /// Frames that the sniffers have yet to be shown, and the sniffers, if there are such frames.
+    pub(crate) fn take_sniffed(&mut self) -> Option<(Vec<Sniffed>, Vec<Sniffer>)> {
+        let any = !self.sniffed.is_empty() && !self.sniffers.is_empty();
+        any.then(|| (std::mem::take(&mut self.sniffed), std::mem::take(&mut self.sniffers)))
+    }
+
+    /// Takes the sniffers back, before those that were added meanwhile.
+    pub(crate) fn return_sniffers(&mut self, mut sniffers: Vec<Sniffer>) {
+        sniffers.append(&mut self.sniffers);
+        self.sniffers = sniffers;
     }
 
     /// The sender stops in the middle of a frame, now.
