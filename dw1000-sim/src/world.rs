@@ -128,7 +128,7 @@ impl World {
         let number = self.0.nodes.borrow().len() as u32;
         let irq = Rc::new(IrqLine::new(config.board.interrupt_latency_ns));
         let port = self.air().add_port(config.path);
-        let chip = Rc::new(RefCell::new(Chip::new(number, port, self.0.seed, config.chip, irq.clone())));
+        let chip = Rc::new(RefCell::new(Chip::new(self.now(), number, port, self.0.seed, config.chip, irq.clone())));
         self.0.clients.borrow_mut().push(chip.clone());
         let node = Node {
             world: Rc::downgrade(&self.0),

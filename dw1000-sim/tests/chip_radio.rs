@@ -324,9 +324,12 @@ fn the_frame_filter_rejects_within_the_header_and_re_enables_if_told() {
         // Filter on, data frames; PAN 0xDECA, we are 3, the frame is for 2.
         b.write_u32(0x03, 0, 0xDECA_0003);
         b.write_u32(0x04, 0, 0x1200 | 1 | 1 << 3 | again);
+        b.write_u32(0x2F, 0, 1);
         listen(&b);
         a.send(&BODY);
-        assert_eq!(b.status() & (AFFREJ | RXDFR), AFFREJ);
+        // Being enabled again clears the event.
+        assert_eq!(b.status() & (AFFREJ | RXDFR), if again == 0 { AFFREJ } else { 0 });
+        assert_eq!(b.read(0x2F, 0x0C), [1, 0], "EVC_FFR");
         assert_eq!(b.read::<1>(0x19, 2), [state]);
         b.command(TRXOFF);
         b.write_u32(0x03, 0, 0xDECA_0002);
