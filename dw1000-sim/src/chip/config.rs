@@ -66,4 +66,7 @@ pub struct ChipStatistics {
     pub bad_stamps: u64,
     /// Delayed starts that came too late, or more than half a counter's period ahead.
     pub late: u64,
+    /// Transmitter or receiver enabled with a tuning that is not the user manual's for the mode: the model lets frames pass,
+    /// silicon may not. [`Chip::mistuned`](super::Chip::mistuned) names the registers.
+    pub mistuned: u64,
 }

@@ -14,6 +14,7 @@ mod receive;
 mod received;
 mod registers;
 mod transmit;
+mod tuning;
 
 pub(crate) use bus::{Address, Contact, Header};
 pub use config::{ChipConfig, ChipStatistics};
@@ -101,6 +102,13 @@ impl What {
             Self::FrameTimeout => Line::Wait,
         }
     }
+}
+
+/// Which of the two is enabled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Direction {
+    Send,
+    Receive,
 }
 
 /// What transmitter and receiver are at.

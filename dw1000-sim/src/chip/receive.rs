@@ -5,7 +5,7 @@ use super::filter::{Filter, header_length};
 use super::received::frame_info;
 use super::registers::file;
 use super::transmit::{Enable, check_of, prf, units_after};
-use super::{Chip, Counter, Line, MASK_40, RX_START_US, RX_TURN_US, Trx, What};
+use super::{Chip, Counter, Direction, Line, MASK_40, RX_START_US, RX_TURN_US, Trx, What};
 use crate::air::{Heard, Payload, Phy, Prf, Rate, Reception, Response, RxSettings};
 use crate::clock::TICKS_PER_PS;
 use crate::time::TrueTime;
@@ -85,6 +85,7 @@ impl Chip {
         self.trx = Trx::Rx;
         self.receiver.preamble_found = false;
         self.clear_reception_events();
+        self.statistics.mistuned += u64::from(self.is_mistuned(Direction::Receive));
         world.air().listen(world.kernel(), self.port, settings);
         let now = world.now();
         let frame_wait = u64::from(self.memory.u16(file::RX_FWTO, 0));

@@ -2,7 +2,7 @@
 
 use super::bits::{channel, config, control, status};
 use super::registers::file;
-use super::{Chip, Counter, HALF_PERIOD, Line, MASK_40, TX_START_US, Trx, What};
+use super::{Chip, Counter, Direction, HALF_PERIOD, Line, MASK_40, TX_START_US, Trx, What};
 use crate::air::{Phy, Prf, Rate, Sfd, SfdKind, TxStart};
 use crate::clock::TICKS_PER_PS;
 use crate::time::{PS_PER_S, TrueTime};
@@ -117,6 +117,7 @@ impl Chip {
             self.statistics.not_idle += 1;
             return;
         };
+        self.statistics.mistuned += u64::from(self.is_mistuned(Direction::Send));
         let now = world.now();
         let lead = TX_START_US * 638_976 / 10;
         let marker = if command & control::TXDLYS != 0 {
