@@ -20,7 +20,7 @@
 
 use crate::air::{Air, AirClient, AirConfig, AirStatistics, Path, PortId, RxSettings, Sniffed, TxStart};
 use crate::board::BoardProfile;
-use crate::chip::{Chip, ChipConfig, ChipStatistics};
+use crate::chip::{Chip, ChipConfig, ChipStatistics, Consumption};
 use crate::irq::{IrqLine, IrqPin};
 use crate::kernel::{Event, Kernel, Sleep, TaskId};
 use crate::pins::{ResetPin, SimDelay};
@@ -379,6 +379,11 @@ impl Node {
     /// What the firmware did to its chip.
     pub fn chip_statistics(&self) -> ChipStatistics {
         self.chip.borrow().statistics()
+    }
+
+    /// What its chip has drawn from the supply until now.
+    pub fn consumption(&self) -> Consumption {
+        self.world().map_or_else(Consumption::default, |w| self.chip.borrow().consumption(w.now()))
     }
 
     /// The chip itself, for what only a simulation can know; for the statement it is called in.

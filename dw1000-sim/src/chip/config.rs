@@ -1,5 +1,6 @@
 //! What a chip is made with, and what is counted on it.
 
+use super::Currents;
 use crate::clock::ClockConfig;
 
 /// What a chip is made with.
@@ -29,6 +30,8 @@ pub struct ChipConfig {
     pub temperature_c: f64,
     /// Supply, volts; a volt moves a range by 5.35 cm.
     pub supply_v: f64,
+    /// What it draws from its supply.
+    pub currents: Currents,
 }
 
 impl Default for ChipConfig {
@@ -45,6 +48,7 @@ impl Default for ChipConfig {
             antenna_dbi: 0.0,
             temperature_c: 23.0,
             supply_v: 3.3,
+            currents: Currents::TYPICAL,
         }
     }
 }

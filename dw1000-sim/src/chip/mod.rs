@@ -7,6 +7,7 @@
 mod bits;
 mod bus;
 mod config;
+mod energy;
 mod filter;
 mod output_power;
 mod power;
@@ -18,6 +19,7 @@ mod tuning;
 
 pub(crate) use bus::{Address, Contact, Header};
 pub use config::{ChipConfig, ChipStatistics};
+pub use energy::{Activity, Consumption, Currents};
 
 use crate::air::{AirClient, Heard, PortId, Response};
 use crate::clock::{Clock, Count};
@@ -27,6 +29,7 @@ use crate::random::{Purpose, Stream, stream};
 use crate::time::TrueTime;
 use crate::world::World;
 use bits::{config as cfg, status};
+use energy::Ledger;
 use power::Power;
 use rand::Rng;
 use receive::Receiver;
@@ -166,6 +169,7 @@ pub struct Chip {
     random: Stream,
     irq: Rc<IrqLine>,
     statistics: ChipStatistics,
+    ledger: Ledger,
 }
 
 impl Chip {
@@ -198,6 +202,7 @@ impl Chip {
             random: birth,
             irq,
             statistics: ChipStatistics::default(),
+            ledger: Ledger::new(now),
         };
         chip.restart_counter(now);
         chip.default_registers();
@@ -266,6 +271,21 @@ impl Chip {
         self.counter_zero = Count(self.clock.count_at(now).0.wrapping_sub(Count::from_ticks(self.first_count).0));
     }
 
+    /// What the chip is at, for its current.
+    fn activity(&self) -> Activity {
+        let Some(powered) = self.power.activity(self.sleeps_with_counter()) else {
+            return match (self.trx, &self.transmission) {
+                (Trx::Tx, Some(t)) => t.activity(),
+                (Trx::Rx, _) => match self.receiver.data {
+                    Some(rate) => Activity::ReceiveData(rate),
+                    None => Activity::ReceivePreamble,
+                },
+                (Trx::Idle | Trx::TxWait | Trx::Tx | Trx::RxWait, _) => Activity::Idle,
+            };
+        };
+        powered
+    }
+
     /// Ticks of the counter since it was zero, unwrapped.
     fn ticks(&mut self, time: TrueTime) -> u64 {
         Count(self.clock.count_at(time).0.wrapping_sub(self.counter_zero.0)).ticks()
@@ -319,6 +339,7 @@ impl Chip {
 
     /// Every operation ends with this.
     fn settle(&mut self, world: &World) {
+        self.account(world.now());
         self.update_irq(world);
     }
 }

@@ -3,7 +3,7 @@
 use super::bits::status;
 use super::registers::{Memory, file};
 use super::transmit::Enable;
-use super::{CRYSTAL_START_US, Chip, LDE_LOAD_US, Line, PLL_LOCK_US, Trx, What};
+use super::{Activity, CRYSTAL_START_US, Chip, LDE_LOAD_US, Line, PLL_LOCK_US, Trx, What};
 use crate::time::{PS_PER_US, TrueTime};
 use crate::world::World;
 
@@ -67,6 +67,18 @@ impl Power {
     /// Whether SOFTRESET holds the chip.
     pub(super) fn is_held(&self) -> bool {
         self.state == State::Held
+    }
+
+    /// What the supply feeds, if transmitter and receiver have no part in it.
+    pub(super) fn activity(&self, sleep_counter: bool) -> Option<Activity> {
+        match self.state {
+            State::Off => Some(Activity::Off),
+            State::Reset | State::Crystal | State::Held => Some(Activity::Init),
+            State::Starting => Some(Activity::WakeUp),
+            State::Asleep if sleep_counter => Some(Activity::Sleep),
+            State::Asleep => Some(Activity::DeepSleep),
+            State::Pll => None,
+        }
     }
 }
 

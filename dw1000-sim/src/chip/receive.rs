@@ -21,6 +21,8 @@ pub(super) struct Receiver {
     /// RXENAB and RXDLYE as commanded; none when it is switched on by itself.
     pub(super) command: u32,
     preamble_found: bool,
+    /// The rate of the PHY header or payload that is being received.
+    pub(super) data: Option<Rate>,
     /// The frame timeout runs on over automatic re-enabling.
     waiting: bool,
     /// After an error the next stamp is wrong unless the receiver was reset (user manual, 4.1.6).
@@ -84,6 +86,7 @@ impl Chip {
         let Some(settings) = self.rx_settings() else { return };
         self.trx = Trx::Rx;
         self.receiver.preamble_found = false;
+        self.receiver.data = None;
         self.clear_reception_events();
         self.statistics.mistuned += u64::from(self.is_mistuned(Direction::Receive));
         world.air().listen(world.kernel(), self.port, settings);
@@ -137,7 +140,12 @@ impl Chip {
                 self.status |= status::RXPRD;
             }
             Heard::SfdTimeout => self.fail(world, status::RXSFDTO, Counter::SfdTimeout, false),
-            Heard::Sfd => self.status |= status::RXSFDD,
+            Heard::Sfd => {
+                self.status |= status::RXSFDD;
+                // The PHY header tells 850 kbit/s and 6.8 Mbit/s apart.
+                let slow = self.configured(config::RXM110K);
+                self.receiver.data = Some(if slow { Rate::Kbps110 } else { Rate::Kbps6800 });
+            }
             Heard::HeaderError => self.fail(world, status::RXPHE, Counter::HeaderError, true),
             Heard::Header { bytes, phy } => self.header(world, now, &bytes, &phy),
             Heard::Frame(reception) => self.frame(world, reception),
@@ -146,6 +154,7 @@ impl Chip {
 
     fn header(&mut self, world: &World, now: TrueTime, bytes: &[u8], phy: &Phy) {
         self.status |= status::RXPHD;
+        self.receiver.data = Some(phy.rate);
         if self.double_buffered() && self.sets[self.ic].full {
             self.overrun(world);
             return;

@@ -2,7 +2,7 @@
 
 use super::bits::{channel, config, control, status};
 use super::registers::file;
-use super::{Chip, Counter, Direction, HALF_PERIOD, Line, MASK_40, TX_START_US, Trx, What};
+use super::{Activity, Chip, Counter, Direction, HALF_PERIOD, Line, MASK_40, TX_START_US, Trx, What};
 use crate::air::{Phy, Prf, Rate, Sfd, SfdKind, TxStart};
 use crate::clock::TICKS_PER_PS;
 use crate::time::{PS_PER_S, TrueTime};
@@ -30,6 +30,7 @@ pub(super) struct Transmission {
     /// RXENAB came meanwhile, perhaps with RXDLYE: it takes effect at the end.
     pub(super) receive_after: Option<Enable>,
     frame: Option<u32>,
+    past_marker: bool,
     /// Status bits reached.
     progress: u64,
 }
@@ -53,6 +54,11 @@ impl Enable {
 }
 
 impl Transmission {
+    /// What the sender is at, for its current: preamble and delimiter, or what follows the RMARKER.
+    pub(super) fn activity(&self) -> Activity {
+        if self.past_marker { Activity::TransmitData(self.phy.rate) } else { Activity::TransmitPreamble(self.phy.prf) }
+    }
+
     /// The host has cleared these status bits.
     pub(super) fn clear(&mut self, bits: u64) {
         self.progress &= !bits;
@@ -139,8 +145,16 @@ impl Chip {
         let length = (fctrl & if phy.long_frames { 0x3FF } else { 0x7F }) as usize;
         self.cancel(Line::Trx);
         self.trx = Trx::TxWait;
-        self.transmission =
-            Some(Transmission { phy, marker, length, command, receive_after: None, frame: None, progress: 0 });
+        self.transmission = Some(Transmission {
+            phy,
+            marker,
+            length,
+            command,
+            receive_after: None,
+            frame: None,
+            past_marker: false,
+            progress: 0,
+        });
         self.recheck(world);
     }
 
@@ -218,7 +232,9 @@ impl Chip {
     }
 
     pub(super) fn marker(&mut self, world: &World) {
-        let Some(t) = self.transmission else { return };
+        let Some(mut t) = self.transmission else { return };
+        t.past_marker = true;
+        self.transmission = Some(t);
         let antenna = u64::from(self.memory.u16(file::TX_ANTD, 0));
         let mut stamp = [0; 10];
         stamp[..5].copy_from_slice(&((t.marker + antenna) & MASK_40).to_le_bytes()[..5]);
