@@ -21,7 +21,7 @@ mod world;
 
 pub use air::{AirConfig, AirStatistics, Material, Path, Sniffed, Wall};
 pub use board::{BoardProfile, Core};
-pub use chip::{ChipConfig, ChipStatistics};
+pub use chip::{ChipConfig, ChipStatistics, Consumption, Currents};
 pub use clock::ClockConfig;
 pub use irq::IrqPin;
 pub use kernel::{Sleep, TaskId};

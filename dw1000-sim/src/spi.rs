@@ -23,11 +23,15 @@ pub struct SimSpi {
     processor: Processor,
 }
 
-/// Sets the bus clock; applications keep a clone and speed up once the PLL has locked.
+/// A node's bus clock; applications keep a clone and speed up once the PLL has locked.
 #[derive(Clone, Debug)]
 pub struct SpiClock(Rc<Cell<u32>>);
 
 impl SpiClock {
+    pub(crate) fn new(hz: u32) -> Self {
+        Self(Rc::new(Cell::new(hz.max(1))))
+    }
+
     /// The clock, Hz.
     pub fn hz(&self) -> u32 {
         self.0.get()
@@ -40,8 +44,7 @@ impl SpiClock {
 }
 
 impl SimSpi {
-    pub(crate) fn new(world: World, chip: Rc<RefCell<Chip>>, processor: Processor) -> Self {
-        let clock = SpiClock(Rc::new(Cell::new(processor.board().spi_hz.max(1))));
+    pub(crate) fn new(world: World, chip: Rc<RefCell<Chip>>, clock: SpiClock, processor: Processor) -> Self {
         Self { world, chip, clock, processor }
     }
 

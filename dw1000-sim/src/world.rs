@@ -20,13 +20,13 @@
 
 use crate::air::{Air, AirClient, AirConfig, AirStatistics, Path, PortId, RxSettings, Sniffed, TxStart};
 use crate::board::BoardProfile;
-use crate::chip::{Chip, ChipConfig, ChipStatistics};
+use crate::chip::{Chip, ChipConfig, ChipStatistics, Consumption};
 use crate::irq::{IrqLine, IrqPin};
 use crate::kernel::{Event, Kernel, Sleep, TaskId};
 use crate::pins::{ResetPin, SimDelay};
 use crate::processor::Processor;
 use crate::random::{Purpose, Stream, stream};
-use crate::spi::SimSpi;
+use crate::spi::{SimSpi, SpiClock};
 use crate::time::TrueTime;
 use std::cell::{Cell, RefCell, RefMut};
 use std::future::{Future, poll_fn};
@@ -80,6 +80,7 @@ pub struct Node {
     chip: Rc<RefCell<Chip>>,
     irq: Rc<IrqLine>,
     processor: Processor,
+    spi_clock: SpiClock,
     firmware: Rc<RefCell<Option<Firmware>>>,
     tasks: Rc<RefCell<Vec<TaskId>>>,
     powered: Rc<Cell<bool>>,
@@ -131,12 +132,13 @@ impl World {
         let processor = Processor::new(config.board);
         let irq = Rc::new(IrqLine::new(processor.clone()));
         let port = self.air().add_port(config.path);
-        let chip = Rc::new(RefCell::new(Chip::new(number, port, self.0.seed, config.chip, irq.clone())));
+        let chip = Rc::new(RefCell::new(Chip::new(self.now(), number, port, self.0.seed, config.chip, irq.clone())));
         self.0.clients.borrow_mut().push(chip.clone());
         let node = Node {
             world: Rc::downgrade(&self.0),
             chip,
             irq,
+            spi_clock: SpiClock::new(processor.board().spi_hz),
             processor,
             firmware: Rc::default(),
             tasks: Rc::default(),
@@ -213,33 +215,41 @@ impl World {
     }
 
     /// Lets everything happen up to and at `time`.
+    ///
+    /// # Panics
+    /// Inside a task or an [`AirClient`], like [`World::block_on`].
     pub fn run_until(&self, time: TrueTime) {
         let kernel = &self.0.kernel;
-        kernel.set_horizon(time);
-        kernel.executor.run_ready();
+        let _horizon = kernel.enter("run_until", time);
+        self.run_ready();
         while let Some(event) = kernel.next_event() {
             self.dispatch(event);
-            kernel.executor.run_ready();
+            self.run_ready();
         }
         kernel.arrive_at_horizon();
     }
 
     /// Lets everything happen until `future` is done, and gives its output; `None` if it waits for what can never happen.
     ///
-    /// For tests and blocking drivers; nodes run with [`Node::boot`].
+    /// For tests and blocking drivers, which are driven from outside: from the code that runs the world, from an action of
+    /// [`World::at`] or from a sniffer. Nodes run with [`Node::boot`], and their tasks await.
+    ///
+    /// # Panics
+    /// Inside a task (of [`Node::boot`], [`Node::spawn`], [`World::spawn`]) or an [`AirClient`]: the world waits there for the
+    /// caller, and so cannot go on.
     pub fn block_on<T>(&self, future: impl Future<Output = T>) -> Option<T> {
         let mut future = std::pin::pin!(future);
         let mut context = Context::from_waker(Waker::noop());
         let kernel = &self.0.kernel;
-        kernel.set_horizon(TrueTime::NEVER);
-        kernel.executor.run_ready();
+        let _horizon = kernel.enter("block_on", TrueTime::NEVER);
+        self.run_ready();
         loop {
             if let Poll::Ready(output) = future.as_mut().poll(&mut context) {
                 return Some(output);
             }
-            kernel.executor.run_ready();
+            self.run_ready();
             self.dispatch(kernel.next_event()?);
-            kernel.executor.run_ready();
+            self.run_ready();
         }
     }
 
@@ -248,7 +258,10 @@ impl World {
         self.run_until(self.now() + duration);
     }
 
-    /// The air.
+    /// The air, for the statement it is called in.
+    ///
+    /// # Panics
+    /// If what an earlier call returned is still held: nothing that lets the world run may happen meanwhile either.
     pub fn air(&self) -> RefMut<'_, Air> {
         self.0.air.borrow_mut()
     }
@@ -268,13 +281,26 @@ impl World {
         self.air().statistics()
     }
 
-    /// Calls `sniffer` for each frame on the air, in the order of their RMARKERs.
+    /// Calls `sniffer` for each frame on the air, in the order of their RMARKERs, at the RMARKER's instant but after whatever
+    /// sent it has gone on: it may use the air, the chips and the world.
     pub fn sniff(&self, sniffer: impl FnMut(&Sniffed) + 'static) {
         self.air().sniff(sniffer);
     }
 
     pub(crate) fn kernel(&self) -> &Kernel {
         &self.0.kernel
+    }
+
+    /// Polls whoever is ready, and shows the sniffers what was sent.
+    fn run_ready(&self) {
+        loop {
+            self.0.kernel.executor.run_ready();
+            let Some((frames, mut sniffers)) = self.air().take_sniffed() else { return };
+            for frame in &frames {
+                sniffers.iter_mut().for_each(|sniffer| sniffer(frame));
+            }
+            self.air().return_sniffers(sniffers);
+        }
     }
 
     fn dispatch(&self, event: Event) {
@@ -288,6 +314,7 @@ impl World {
                 let heard = self.air().step(&self.0.kernel, event);
                 if let Some(heard) = heard {
                     let client = self.0.clients.borrow()[event.port as usize].clone();
+                    let _busy = self.0.kernel.hold();
                     client.borrow_mut().on_air(self, self.now(), heard);
                 }
             }
@@ -306,7 +333,7 @@ impl Node {
         self.world.upgrade().map(World)
     }
 
-    /// A set of peripherals: what a test drives by hand.
+    /// A set of peripherals: what a test drives by hand. All sets of a node share its bus clock.
     ///
     /// # Panics
     /// If the world is gone.
@@ -314,7 +341,7 @@ impl Node {
         let world = self.world().expect("a node outlived its world");
         let processor = self.processor.clone();
         Peripherals {
-            spi: SimSpi::new(world.clone(), self.chip.clone(), processor.clone()),
+            spi: SimSpi::new(world.clone(), self.chip.clone(), self.spi_clock.clone(), processor.clone()),
             irq: IrqPin::new(world.clone(), self.irq.clone()),
             reset: ResetPin { world: world.clone(), chip: self.chip.clone() },
             delay: world.delay_of(&processor),
@@ -323,7 +350,8 @@ impl Node {
         }
     }
 
-    /// Runs `firmware` now, and again from its beginning whenever the node is switched on or reset.
+    /// Runs `firmware` now, and again from its beginning whenever the node is switched on or reset; the bus clock is then the
+    /// board's again.
     pub fn boot<F: Future<Output = ()> + 'static>(&self, firmware: impl Fn(Peripherals) -> F + 'static) {
         *self.firmware.borrow_mut() = Some(Rc::new(move |p| Box::pin(firmware(p))));
         self.restart();
@@ -385,13 +413,22 @@ impl Node {
         self.chip.borrow().statistics()
     }
 
-    /// The chip itself, for what only a simulation can know.
+    /// What its chip has drawn from the supply until now.
+    pub fn consumption(&self) -> Consumption {
+        self.world().map_or_else(Consumption::default, |w| self.chip.borrow().consumption(w.now()))
+    }
+
+    /// The chip itself, for what only a simulation can know; for the statement it is called in.
+    ///
+    /// # Panics
+    /// If what an earlier call returned is still held: nothing that lets the world run may happen meanwhile either.
     pub fn chip(&self) -> RefMut<'_, Chip> {
         self.chip.borrow_mut()
     }
 
     fn restart(&self) {
         self.halt();
+        self.spi_clock.set_hz(self.processor.board().spi_hz);
         let firmware = self.firmware.borrow().clone();
         if let Some(firmware) = firmware.filter(|_| self.powered.get()) {
             self.spawn(firmware(self.peripherals()));

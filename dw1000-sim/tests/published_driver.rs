@@ -157,7 +157,13 @@ fn sends_receives_and_stamps_to_the_tick() {
     // The sequence numbers count up on the air; the MAC parser has accepted the frames above.
     let frames = frames.borrow();
     assert_eq!(frames.iter().map(|f| f[2]).collect::<Vec<_>>(), [0, 1, 2]);
-    assert_eq!(a.chip_statistics().too_fast + b.chip_statistics().too_fast, 0);
+    let (sender, receiver) = (a.chip_statistics(), b.chip_statistics());
+    assert_eq!((sender.too_fast, receiver.too_fast), (0, 0));
+    assert_eq!(sender.mistuned, 0);
+    // At each of the three receptions the crate has set LDE_REPC for the preamble code after the one in use: 0x451E for code 4,
+    // where table 51 of the user manual has 0x428E.
+    assert_eq!(receiver.mistuned, 3);
+    assert!(b.chip().mistuned().contains(&"LDE_REPC"));
 }
 
 #[test]

@@ -99,15 +99,27 @@ struct OnAir {
     sender: PortId,
     position: [f64; 3],
     sent: TxStart,
-    /// Not before the RMARKER if the bytes are not there yet.
+    /// The end of its PHY header until the bytes are there, then that of its last bit, broken off or not.
     end: TrueTime,
     bytes: Rc<[u8]>,
-    /// Broken off by its sender.
-    cut: bool,
+    /// When its sender broke it off.
+    cut: Option<TrueTime>,
     collided: bool,
 }
 
-type Sniffer = Box<dyn FnMut(&Sniffed)>;
+impl OnAir {
+    /// When its sender's antenna falls silent.
+    fn silent_from(&self) -> TrueTime {
+        self.cut.map_or(self.end, |cut| cut.min(self.end))
+    }
+
+    /// Whether it was broken off before its RMARKER: no delimiter has left.
+    fn has_no_delimiter(&self) -> bool {
+        self.cut.is_some_and(|cut| cut < self.sent.marker)
+    }
+}
+
+pub(crate) type Sniffer = Box<dyn FnMut(&Sniffed)>;
 
 /// The air.
 pub struct Air {
@@ -123,6 +135,9 @@ pub struct Air {
     paths: FxHashMap<(PortId, PortId), Paths>,
     statistics: AirStatistics,
     sniffers: Vec<Sniffer>,
+    is_sniffed: bool,
+    /// What they have yet to be shown.
+    sniffed: Vec<Sniffed>,
     nothing: Rc<[u8]>,
 }
 
@@ -138,6 +153,8 @@ impl Air {
             paths: FxHashMap::default(),
             statistics: AirStatistics::default(),
             sniffers: Vec::new(),
+            is_sniffed: false,
+            sniffed: Vec::new(),
             nothing: Rc::from([]),
         }
     }
@@ -154,6 +171,7 @@ impl Air {
 
     /// Calls `sniffer` for each frame when its bytes leave.
     pub fn sniff(&mut self, sniffer: impl FnMut(&Sniffed) + 'static) {
+        self.is_sniffed = true;
         self.sniffers.push(Box::new(sniffer));
     }
 
@@ -191,9 +209,9 @@ impl Air {
             sender,
             position,
             sent: tx,
-            end: tx.marker,
+            end: tx.marker.plus_ps(receiver::ticks_ps(tx.phy.phr_ticks())),
             bytes: self.nothing.clone(),
-            cut: false,
+            cut: None,
             collided: false,
         });
         self.statistics.frames_sent += 1;
@@ -214,23 +232,34 @@ impl Air {
         on_air.end = end;
         self.statistics.airtime_s += end.ps_since(on_air.sent.start) as f64 * 1e-12;
         let sent = on_air.sent;
-        let seen = Sniffed {
-            marker: sent.marker,
-            end,
-            sender: on_air.sender,
-            bytes: on_air.bytes.clone(),
-            phy: sent.phy,
-            power_dbm: sent.power_dbm,
-        };
-        for sniffer in &mut self.sniffers {
-            sniffer(&seen);
+        if self.is_sniffed {
+            self.sniffed.push(Sniffed {
+                marker: sent.marker,
+                end,
+                sender: on_air.sender,
+                bytes: on_air.bytes.clone(),
+                phy: sent.phy,
+                power_dbm: sent.power_dbm,
+            });
         }
     }
 
-    /// The sender stops in the middle of a frame.
-    pub(crate) fn cut(&mut self, frame: u32) {
+    /// Frames that the sniffers have yet to be shown, and the sniffers, if there are such frames.
+    pub(crate) fn take_sniffed(&mut self) -> Option<(Vec<Sniffed>, Vec<Sniffer>)> {
+        let any = !self.sniffed.is_empty() && !self.sniffers.is_empty();
+        any.then(|| (std::mem::take(&mut self.sniffed), std::mem::take(&mut self.sniffers)))
+    }
+
+    /// Takes the sniffers back, before those that were added meanwhile.
+    pub(crate) fn return_sniffers(&mut self, mut sniffers: Vec<Sniffer>) {
+        sniffers.append(&mut self.sniffers);
+        self.sniffers = sniffers;
+    }
+
+    /// The sender stops in the middle of a frame, now.
+    pub(crate) fn cut(&mut self, kernel: &Kernel, frame: u32) {
         if let Some(on_air) = self.frames.get_mut(frame.wrapping_sub(self.first) as usize) {
-            on_air.cut = true;
+            on_air.cut = Some(kernel.now());
         }
     }
 
@@ -277,7 +306,7 @@ impl Air {
         let Some((settings, since)) = self.ports[port as usize].listening else { return };
         let on_air = &self.frames[frame.wrapping_sub(self.first) as usize];
         let sent = on_air.sent;
-        if sent.marker <= kernel.now() {
+        if sent.marker <= kernel.now() || on_air.cut.is_some() {
             return;
         }
         let Some(link) = self.link_to(port, frame, kernel.now()) else { return };
@@ -325,14 +354,19 @@ impl Air {
         Some(paths.link(self.config.path_loss_exponent, distance_m, sent.phy.channel, sent.power_dbm))
     }
 
-    /// Drops frames that can no longer overlap anything still on the air.
+    /// Drops frames that can no longer overlap anything still on the air, nor be followed by a receiver.
     fn forget(&mut self, now: TrueTime) {
-        // 1 µs is 300 m of flight.
-        let over = |f: &OnAir| f.end.plus_ps(1_000_000) < now;
+        let flight_ps = self.longest_flight_ps();
+        let over = |f: &OnAir| f.end.plus_ps(flight_ps) < now;
         let oldest = self.frames.iter().filter(|f| !over(f)).map(|f| f.sent.start).min().unwrap_or(now);
-        while self.frames.front().is_some_and(|f| over(f) && f.end.plus_ps(1_000_000) < oldest) {
+        while self.frames.front().is_some_and(|f| over(f) && f.end.plus_ps(flight_ps) < oldest) {
             self.frames.pop_front();
             self.first = self.first.wrapping_add(1);
         }
+    }
+
+    /// What a frame is under way at most: to the cut-off, and 300 m more for what obstacles add; picoseconds.
+    fn longest_flight_ps(&self) -> u64 {
+        (self.config.cut_off_m / SPEED_OF_LIGHT * 1e12) as u64 + 1_000_000
     }
 }

@@ -60,7 +60,7 @@ pub struct RxSettings {
     pub long_frames: bool,
     /// Preamble acquisition chunk, symbols.
     pub pac: u16,
-    /// Symbols from the found preamble until it gives up on the delimiter.
+    /// Symbols from the found preamble until it gives up on the delimiter; 0: never.
     pub sfd_timeout: u16,
 }
 
@@ -69,6 +69,12 @@ impl RxSettings {
     /// leaves 114 for the accumulator, as recordings have it (RXPACC = 119 with the delimiter's part).
     pub const fn detection_symbols(&self) -> u16 {
         2 * self.pac - 2
+    }
+
+    /// When it gives up on the delimiter of a preamble that it found at `found`.
+    pub(super) fn sfd_timeout_at(&self, found: TrueTime, prf: Prf) -> Option<TrueTime> {
+        let symbols = u64::from(self.sfd_timeout);
+        (symbols > 0).then(|| found.plus_ps(symbols * super::receiver::symbol_ps(prf)))
     }
 
     pub(super) fn finds_sfd(&self, sfd: Sfd, rate: Rate) -> bool {
@@ -95,8 +101,8 @@ pub(super) struct Lock {
     pub(super) found: TrueTime,
     /// Preamble symbols gathered until the delimiter.
     pub(super) symbols: u16,
-    /// Whether the delimiter was lost under another frame.
-    pub(super) drowned: bool,
+    /// Whether there is no delimiter to be found: lost under another frame, or never sent.
+    pub(super) lost: bool,
 }
 
 pub(super) struct Port {

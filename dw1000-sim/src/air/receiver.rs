@@ -17,7 +17,7 @@ pub(super) fn symbol_ps(prf: Prf) -> u64 {
     (prf.symbol_ticks() as f64 / TICKS_PER_PS) as u64
 }
 
-fn ticks_ps(ticks: u64) -> u64 {
+pub(super) fn ticks_ps(ticks: u64) -> u64 {
     (ticks as f64 / TICKS_PER_PS) as u64
 }
 
@@ -34,7 +34,7 @@ impl Air {
         match event.stage {
             Stage::Preamble => None,
             Stage::Sfd => self.find_sfd(kernel, event, lock),
-            Stage::SfdTimeout if lock.drowned => Some(self.give_up_counted(event.port, Heard::SfdTimeout)),
+            Stage::SfdTimeout if lock.lost => Some(self.give_up_counted(event.port, Heard::SfdTimeout)),
             Stage::SfdTimeout => Some(self.give_up(event.port, Heard::SfdTimeout)),
             Stage::Header => Some(self.read_header(kernel, event, lock)),
             Stage::End => Some(self.finish(event, lock)),
@@ -48,16 +48,21 @@ impl Air {
         let (_, link) = offers.swap_remove(offer);
         let index = event.frame.wrapping_sub(self.first) as usize;
         let sent = self.frames[index].sent;
+        // Broken off before it was found.
+        if self.frames[index].silent_from().plus_ps(link.delay_ps as u64) < now {
+            return None;
+        }
         let port = &mut self.ports[event.port as usize];
         let (settings, _) = port.listening?;
         let (capture_db, loss) = (self.config.capture_db, self.config.loss);
         let taken_over = match port.lock {
             // Past its delimiter the followed frame keeps the receiver, for better or worse.
             Some(lock) => {
-                // A frame that is over and forgotten is followed still by a receiver that waits in vain for its
-                // delimiter.
+                // A frame that is over and forgotten, or broken off, is followed still by a receiver that waits in vain
+                // for its delimiter.
                 let followed = self.frames.get(lock.frame.wrapping_sub(self.first) as usize)?;
-                let in_preamble = now < followed.sent.marker.plus_ps(lock.link.delay_ps as u64);
+                let preamble_end = followed.sent.marker.min(followed.silent_from());
+                let in_preamble = now < preamble_end.plus_ps(lock.link.delay_ps as u64);
                 if !in_preamble || link.power_dbm < lock.link.power_dbm + capture_db {
                     return None;
                 }
@@ -80,28 +85,34 @@ impl Air {
         let marker = sent.marker.plus_ps(link.delay_ps as u64);
         let sfd_ps = u64::from(sent.phy.sfd.symbols) * symbol;
         let symbols = (marker.ps_since(now).saturating_sub(sfd_ps) + symbol / 2) / symbol;
-        port.lock = Some(Lock { frame: event.frame, link, found: now, symbols: symbols as u16, drowned: false });
+        port.lock = Some(Lock { frame: event.frame, link, found: now, symbols: symbols as u16, lost: false });
         if let Some(lost) = taken_over {
             self.collide(lost);
         }
-        let (at, stage) = if settings.finds_sfd(sent.phy.sfd, sent.phy.rate) {
-            (marker, Stage::Sfd)
-        } else {
-            (now.plus_ps(u64::from(settings.sfd_timeout) * symbol), Stage::SfdTimeout)
-        };
-        kernel.schedule(at, Event::Air(AirEvent { stage, ..event }));
+        let timeout = settings.sfd_timeout_at(now, sent.phy.prf);
+        if settings.finds_sfd(sent.phy.sfd, sent.phy.rate) && timeout.is_none_or(|t| marker <= t) {
+            kernel.schedule(marker, Event::Air(AirEvent { stage: Stage::Sfd, ..event }));
+        } else if let Some(timeout) = timeout {
+            kernel.schedule(timeout, Event::Air(AirEvent { stage: Stage::SfdTimeout, ..event }));
+        }
         Some(Heard::Preamble)
     }
 
     fn find_sfd(&mut self, kernel: &Kernel, event: AirEvent, lock: Lock) -> Option<Heard> {
         let now = kernel.now();
-        let phy = self.frames[lock.frame.wrapping_sub(self.first) as usize].sent.phy;
+        let followed = &self.frames[lock.frame.wrapping_sub(self.first) as usize];
+        let (phy, never_sent) = (followed.sent.phy, followed.has_no_delimiter());
         let (settings, _) = self.ports[event.port as usize].listening?;
-        if self.drowned(event.port, lock, lock.found, now) {
-            self.collide(lock.frame);
-            self.ports[event.port as usize].lock = Some(Lock { drowned: true, ..lock });
-            let until = lock.found.plus_ps(u64::from(settings.sfd_timeout) * symbol_ps(phy.prf));
-            kernel.schedule(until, Event::Air(AirEvent { stage: Stage::SfdTimeout, ..event }));
+        if never_sent || self.drowned(event.port, lock, lock.found, now) {
+            if never_sent {
+                self.statistics.lost_to_noise += 1;
+            } else {
+                self.collide(lock.frame);
+            }
+            self.ports[event.port as usize].lock = Some(Lock { lost: true, ..lock });
+            if let Some(timeout) = settings.sfd_timeout_at(lock.found, phy.prf) {
+                kernel.schedule(timeout, Event::Air(AirEvent { stage: Stage::SfdTimeout, ..event }));
+            }
             return None;
         }
         let header_end = now.plus_ps(ticks_ps(phy.phr_ticks()));
@@ -137,7 +148,7 @@ impl Air {
         let collided = self.drowned(event.port, lock, header_end, end);
         let bytes = self.frames[index].bytes.clone();
         let port = &mut self.ports[event.port as usize];
-        let cut = self.frames[index].cut;
+        let cut = self.frames[index].cut.is_some_and(|cut| cut < self.frames[index].end);
         let noisy = cut || !drawn_within(&mut port.random, success(&sent.phy, lock.link.power_dbm, bytes.len()));
         let payload = match (collided || noisy, port.random.random_bool(0.5)) {
             (false, _) => Payload::Good,
@@ -197,15 +208,16 @@ impl Air {
             return false;
         }
         let own = self.frames[lock.frame.wrapping_sub(self.first) as usize].sent.phy;
+        let flight_ps = self.longest_flight_ps();
         let mut sum_mw = 0.0;
         for index in 0..self.frames.len() {
             let other = &self.frames[index];
             let id = self.first.wrapping_add(index as u32);
-            let apart = other.end.max(other.sent.marker).plus_ps(1_000_000) < from || other.sent.start > to;
+            let apart = other.silent_from().plus_ps(flight_ps) < from || other.sent.start > to;
             if id == lock.frame || other.sender == port || apart {
                 continue;
             }
-            let (start, end, phy) = (other.sent.start, other.end, other.sent.phy);
+            let (start, end, phy) = (other.sent.start, other.silent_from(), other.sent.phy);
             if !Phy::share_band(own.channel, phy.channel) {
                 continue;
             }

@@ -30,7 +30,25 @@ pub(super) mod status {
     /// Those that belong to a receive set and swing with it.
     pub const OF_SET: u64 = LDEDONE | RXDFR | RXFCG | RXFCE;
     /// Those that writing a one does not clear.
-    pub const READ_ONLY: u64 = 1 | HSRBP | ICRBP;
+    pub const READ_ONLY: u64 = 1 | HPDWARN | HSRBP | ICRBP;
+    /// Those that the next transmitter enable clears.
+    pub const OF_TRANSMISSION: u64 = TXFRB | TXPRS | TXPHS | TXFRS;
+    /// Those that the next receiver enable clears, one of RXAUTR included. The manual says so of RXPRD and RXRSCS (pages 87
+    /// and 92); of the others it is assumed. RXOVRR goes with HRBPT (4.3.5).
+    pub const OF_RECEPTION: u64 = RXPRD
+        | RXSFDD
+        | LDEDONE
+        | RXPHD
+        | RXPHE
+        | RXDFR
+        | RXFCG
+        | RXFCE
+        | RXRFSL
+        | RXRFTO
+        | LDEERR
+        | RXPTO
+        | RXSFDTO
+        | AFFREJ;
 }
 
 /// SYS_CTRL (0x0D).

@@ -63,6 +63,7 @@ impl Chip {
         if !self.power.answers() {
             self.statistics.deaf += 1;
             self.selected(world, picoseconds);
+            self.settle(world);
             return Contact::Silent;
         }
         if !self.follows_spi(hz) {
@@ -87,8 +88,9 @@ impl Chip {
             file::RX_TTCKO => copy_out(&self.sets[self.host].tracking_offset, offset, out),
             file::RX_TIME => copy_out(&self.sets[self.host].time, offset, out),
             file::ACC_MEM => self.read_accumulator(offset, out),
+            file::SYS_CTRL => copy_out(&self.control_word().to_le_bytes(), offset, out),
             // Write-only.
-            file::TX_BUFFER | file::SYS_CTRL => out.fill(0),
+            file::TX_BUFFER => out.fill(0),
             // EVC_CTRL's two bits clear themselves to the eye.
             file::DIG_DIAG if offset < 4 => {
                 copy_out(self.memory.file(file::DIG_DIAG), offset, out);
@@ -103,6 +105,9 @@ impl Chip {
     pub(crate) fn write(&mut self, world: &World, address: Address, data: &[u8]) {
         let Address { file, offset, .. } = address;
         let touches = |from: usize, to: usize| offset < to && offset + data.len() > from;
+        if self.power.is_held() && !(file == file::PMSC && touches(0, 4)) {
+            return;
+        }
         match file {
             file::DEV_ID
             | file::SYS_TIME
@@ -145,11 +150,12 @@ impl Chip {
                 }
             }
         }
-        self.update_irq(world);
+        self.settle(world);
     }
 
     fn clear_status(&mut self, ones: u64) {
         self.status &= !ones;
+        self.warnings &= !ones;
         self.sets[self.host].status &= !ones;
         if let Some(transmission) = &mut self.transmission {
             transmission.clear(ones);

@@ -2,28 +2,38 @@
 //!
 //! Source: the DW1000 user manual; where it is silent, the constants below say what is assumed. Not modelled: automatic
 //! acknowledgement, GPIO, external synchronisation, sniff mode, the DIS_* switches of SYS_CFG but for the receive buffers.
+//! Where the model is more lenient than silicon: `docs/simulation.md`.
 
 mod bits;
 mod bus;
+mod config;
+mod energy;
 mod filter;
+mod output_power;
 mod power;
 mod receive;
+mod received;
 mod registers;
 mod transmit;
+mod tuning;
 
 pub(crate) use bus::{Address, Contact, Header};
+pub use config::{ChipConfig, ChipStatistics};
+pub use energy::{Activity, Consumption, Currents};
 
 use crate::air::{AirClient, Heard, PortId, Response};
-use crate::clock::{Clock, ClockConfig, Count};
+use crate::clock::{Clock, Count};
 use crate::irq::IrqLine;
 use crate::kernel::Event;
 use crate::random::{Purpose, Stream, stream};
 use crate::time::TrueTime;
 use crate::world::World;
-use bits::{config, status};
+use bits::{config as cfg, status};
+use energy::Ledger;
 use power::Power;
 use rand::Rng;
-use receive::{ReceiveSet, Receiver};
+use receive::Receiver;
+use received::ReceiveSet;
 use registers::{Memory, file};
 use std::rc::Rc;
 use transmit::Transmission;
@@ -42,69 +52,10 @@ const RX_TURN_US: u64 = 10;
 const LDE_LOAD_US: u64 = 150;
 
 const MASK_40: u64 = (1 << 40) - 1;
+/// Half of the counter's period: starts farther ahead than that raise HPDWARN.
+const HALF_PERIOD: f64 = (1u64 << 39) as f64;
 /// Ticks of a chip's microsecond unit (512 counts at 499.2 MHz = 1.0256 µs): RX_FWTO, W4R_TIM.
 const UNIT_TICKS: u64 = 65_536;
-
-/// What a chip is born as.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ChipConfig {
-    /// Its oscillator.
-    pub clock: ClockConfig,
-    /// The counter at power-up; `None` draws one, so that nodes differ and counters wrap.
-    pub counter: Option<u64>,
-    /// 64-bit identifier in its one-time memory (0: none was written).
-    pub eui: u64,
-    /// Part identifier in its one-time memory.
-    pub part: u32,
-    /// Crystal trim in its one-time memory (0: none).
-    pub trim: u8,
-    /// True delay from the chip to the antenna in sending, ticks.
-    pub tx_antenna_ticks: f64,
-    /// True delay from the antenna to the chip in receiving, ticks.
-    pub rx_antenna_ticks: f64,
-    /// Gain of the antenna, dBi.
-    pub antenna_dbi: f64,
-    /// Temperature, °C; a degree moves a range by 2.15 mm.
-    pub temperature_c: f64,
-    /// Supply, volts; a volt moves a range by 5.35 cm.
-    pub supply_v: f64,
-}
-
-impl Default for ChipConfig {
-    fn default() -> Self {
-        Self {
-            clock: ClockConfig::crystal(0.0),
-            counter: None,
-            eui: 0,
-            part: 0,
-            trim: 0,
-            tx_antenna_ticks: 16_436.0,
-            rx_antenna_ticks: 16_436.0,
-            antenna_dbi: 0.0,
-            temperature_c: 23.0,
-            supply_v: 3.3,
-        }
-    }
-}
-
-/// What a host did that a chip would not have taken.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ChipStatistics {
-    /// SPI transactions.
-    pub transactions: u64,
-    /// Bytes on the bus, headers included.
-    pub spi_bytes: u64,
-    /// Transactions faster than the chip could follow in its state.
-    pub too_fast: u64,
-    /// Transactions with a chip that was off, in reset, starting or asleep.
-    pub deaf: u64,
-    /// TXSTRT or RXENAB while it was neither idle nor able.
-    pub not_idle: u64,
-    /// Frames stamped wrongly because the receiver was not reset after an error.
-    pub bad_stamps: u64,
-    /// Delayed starts that came too late.
-    pub late: u64,
-}
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ChipEvent {
@@ -118,7 +69,9 @@ enum What {
     PllLocks,
     SleepEnds,
     TransmitterOn,
+    PreambleSent,
     Marker,
+    HeaderSent,
     TransmissionEnds,
     ReceiverOn,
     /// The start is far: look again nearer to it.
@@ -141,7 +94,9 @@ impl What {
         match self {
             Self::CrystalRuns | Self::PllLocks | Self::SleepEnds => Line::Power,
             Self::TransmitterOn
+            | Self::PreambleSent
             | Self::Marker
+            | Self::HeaderSent
             | Self::TransmissionEnds
             | Self::ReceiverOn
             | Self::Recheck
@@ -150,6 +105,13 @@ impl What {
             Self::FrameTimeout => Line::Wait,
         }
     }
+}
+
+/// Which of the two is enabled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Direction {
+    Send,
+    Receive,
 }
 
 /// What transmitter and receiver are at.
@@ -185,10 +147,14 @@ pub struct Chip {
     port: PortId,
     config: ChipConfig,
     clock: Clock,
+    /// What the counter shows when it starts.
+    first_count: u64,
     /// What the clock showed when the counter stood at zero.
     counter_zero: Count,
     memory: Memory,
     status: u64,
+    /// HPDWARN and TXPUTE, which belong to the start that is pending.
+    warnings: u64,
     trx: Trx,
     power: Power,
     lines: [u32; 3],
@@ -203,24 +169,27 @@ pub struct Chip {
     random: Stream,
     irq: Rc<IrqLine>,
     statistics: ChipStatistics,
+    ledger: Ledger,
 }
 
 impl Chip {
-    pub(crate) fn new(node: u32, port: PortId, seed: u64, config: ChipConfig, irq: Rc<IrqLine>) -> Self {
+    pub(crate) fn new(now: TrueTime, node: u32, port: PortId, seed: u64, config: ChipConfig, irq: Rc<IrqLine>) -> Self {
         let mut birth = stream(seed, Purpose::Birth, u64::from(node));
         let drawn: u64 = birth.random();
-        // The clock starts so far on that its own zero is never reached backwards.
-        let first = (config.counter.unwrap_or(drawn) & MASK_40) + (1 << 40);
-        let clock =
-            Clock::new(config.clock, Count::from_ticks(first), stream(seed, Purpose::Oscillator, u64::from(node)));
-        Self {
+        let first_count = config.counter.unwrap_or(drawn) & MASK_40;
+        // The clock starts so far on that the counter's zero is never reached backwards.
+        let first = Count::from_ticks(1 << 41);
+        let clock = Clock::new(config.clock, first, stream(seed, Purpose::Oscillator, u64::from(node)));
+        let mut chip = Self {
             node,
             port,
             config,
             clock,
-            counter_zero: Count::from_ticks(1 << 40),
+            first_count,
+            counter_zero: first,
             memory: Memory::reset(),
             status: 0,
+            warnings: 0,
             trx: Trx::Idle,
             power: Power::off(),
             lines: [0; 3],
@@ -233,7 +202,11 @@ impl Chip {
             random: birth,
             irq,
             statistics: ChipStatistics::default(),
-        }
+            ledger: Ledger::new(now),
+        };
+        chip.restart_counter(now);
+        chip.default_registers();
+        chip
     }
 
     /// What the host did wrong, and how much it used the bus.
@@ -265,7 +238,9 @@ impl Chip {
             What::PllLocks => self.pll_locks(world),
             What::SleepEnds => self.wake(world),
             What::TransmitterOn => self.transmitter_on(world),
+            What::PreambleSent => self.sent_so_far(status::TXPRS),
             What::Marker => self.marker(world),
+            What::HeaderSent => self.sent_so_far(status::TXPHS),
             What::TransmissionEnds => self.transmission_ends(world),
             What::ReceiverOn => self.receiver_on(world),
             What::Recheck => self.recheck(world),
@@ -273,7 +248,7 @@ impl Chip {
             What::FrameTimeout => self.frame_timeout(world),
             What::PreambleTimeout => self.preamble_timeout(world),
         }
-        self.update_irq(world);
+        self.settle(world);
     }
 
     fn schedule(&self, world: &World, at: TrueTime, what: What) {
@@ -289,6 +264,26 @@ impl Chip {
     fn cancel(&mut self, line: Line) {
         let generation = &mut self.lines[line as usize];
         *generation = generation.wrapping_add(1);
+    }
+
+    /// Starts the counter, now.
+    fn restart_counter(&mut self, now: TrueTime) {
+        self.counter_zero = Count(self.clock.count_at(now).0.wrapping_sub(Count::from_ticks(self.first_count).0));
+    }
+
+    /// What the chip is at, for its current.
+    fn activity(&self) -> Activity {
+        let Some(powered) = self.power.activity(self.sleeps_with_counter()) else {
+            return match (self.trx, &self.transmission) {
+                (Trx::Tx, Some(t)) => t.activity(),
+                (Trx::Rx, _) => match self.receiver.data {
+                    Some(rate) => Activity::ReceiveData(rate),
+                    None => Activity::ReceivePreamble,
+                },
+                (Trx::Idle | Trx::TxWait | Trx::Tx | Trx::RxWait, _) => Activity::Idle,
+            };
+        };
+        powered
     }
 
     /// Ticks of the counter since it was zero, unwrapped.
@@ -324,7 +319,7 @@ impl Chip {
 
     /// SYS_STATUS as the host reads it.
     fn status_word(&self) -> u64 {
-        let mut word = self.status | self.sets[self.host].status | self.transmit_progress();
+        let mut word = self.status | self.warnings | self.sets[self.host].status | self.transmit_progress();
         if self.host == 1 {
             word |= status::HSRBP;
         }
@@ -337,15 +332,21 @@ impl Chip {
 
     fn update_irq(&self, world: &World) {
         let active = self.power.answers() && self.status_word() & 1 != 0;
-        let level = active == self.configured(config::HIRQ_POL);
+        let level = active == self.configured(cfg::HIRQ_POL);
         // A chip that is off or asleep lets the line fall.
         self.irq.set(world, level && self.power.answers());
+    }
+
+    /// Every operation ends with this.
+    fn settle(&mut self, world: &World) {
+        self.account(world.now());
+        self.update_irq(world);
     }
 }
 
 impl AirClient for Chip {
     fn on_air(&mut self, world: &World, now: TrueTime, heard: Heard) {
         self.hear(world, now, heard);
-        self.update_irq(world);
+        self.settle(world);
     }
 }

@@ -2,7 +2,8 @@
 
 use super::bits::status;
 use super::registers::{Memory, file};
-use super::{CRYSTAL_START_US, Chip, LDE_LOAD_US, Line, PLL_LOCK_US, Trx, What};
+use super::transmit::Enable;
+use super::{Activity, CRYSTAL_START_US, Chip, LDE_LOAD_US, Line, PLL_LOCK_US, Trx, What};
 use crate::time::{PS_PER_US, TrueTime};
 use crate::world::World;
 
@@ -41,6 +42,8 @@ enum State {
     Crystal,
     /// On the PLL's clock.
     Pll,
+    /// SOFTRESET is 0: nothing but PMSC_CTRL0 can be written.
+    Held,
     Asleep,
 }
 
@@ -58,7 +61,24 @@ impl Power {
 
     /// Whether registers answer at all.
     pub(super) fn answers(&self) -> bool {
-        matches!(self.state, State::Crystal | State::Pll)
+        matches!(self.state, State::Crystal | State::Pll | State::Held)
+    }
+
+    /// Whether SOFTRESET holds the chip.
+    pub(super) fn is_held(&self) -> bool {
+        self.state == State::Held
+    }
+
+    /// What the supply feeds, if transmitter and receiver have no part in it.
+    pub(super) fn activity(&self, sleep_counter: bool) -> Option<Activity> {
+        match self.state {
+            State::Off => Some(Activity::Off),
+            State::Reset | State::Crystal | State::Held => Some(Activity::Init),
+            State::Starting => Some(Activity::WakeUp),
+            State::Asleep if sleep_counter => Some(Activity::Sleep),
+            State::Asleep => Some(Activity::DeepSleep),
+            State::Pll => None,
+        }
     }
 }
 
@@ -92,7 +112,7 @@ impl Chip {
                 self.power = Power::off();
             }
         }
-        self.update_irq(world);
+        self.settle(world);
     }
 
     /// RSTn pulled low, or let go.
@@ -106,11 +126,12 @@ impl Chip {
             (false, State::Reset) => self.start(world),
             (false, _) => {}
         }
-        self.update_irq(world);
+        self.settle(world);
     }
 
     fn start(&mut self, world: &World) {
         self.power.state = State::Starting;
+        self.restart_counter(world.now());
         self.schedule_in(world, CRYSTAL_START_US, What::CrystalRuns);
     }
 
@@ -121,9 +142,10 @@ impl Chip {
         self.default_registers();
     }
 
-    fn default_registers(&mut self) {
+    pub(super) fn default_registers(&mut self) {
         self.memory.restore_defaults();
-        let eui = if self.config.eui == 0 { 0xFFFF_FFFF_0000_0000 } else { self.config.eui };
+        let programmed = u64::from(self.one_time_word(0x001)) << 32 | u64::from(self.one_time_word(0x000));
+        let eui = if programmed == 0 { 0xFFFF_FFFF_0000_0000 } else { programmed };
         self.memory.write(file::EUI, 0, &eui.to_le_bytes());
         self.status = 0;
         self.sets.iter_mut().for_each(|s| s.clear());
@@ -134,6 +156,7 @@ impl Chip {
 
     pub(super) fn crystal_runs(&mut self, world: &World) {
         self.power.state = State::Crystal;
+        self.status |= status::SLP2INIT;
         self.trim(world.now());
         self.schedule_in(world, PLL_LOCK_US, What::PllLocks);
     }
@@ -141,9 +164,9 @@ impl Chip {
     pub(super) fn pll_locks(&mut self, world: &World) {
         self.power.state = State::Pll;
         self.status |= status::CPLOCK;
-        // ONW_RX.
-        if self.status & status::SLP2INIT != 0 && self.memory.u16(file::AON, 0) & (1 << 1) != 0 {
-            self.enable_receiver(world, false);
+        // ONW_RX; a reset leaves none.
+        if self.memory.u16(file::AON, 0) & (1 << 1) != 0 {
+            self.enable_receiver(world, Enable::Now);
         }
     }
 
@@ -157,21 +180,25 @@ impl Chip {
             let whole = world.now().ps_since(since) >= LDE_LOAD_US * PS_PER_US;
             self.power.lde = if whole { Lde::Loaded } else { Lde::Absent };
         }
-        match control >> 28 {
-            0xF => {}
+        match (control >> 28, self.power.state) {
+            (0xF, State::Held) => {
+                self.restart_counter(world.now());
+                self.crystal_runs(world);
+            }
+            (0xF, _) => {}
+            (0x0, _) => {
+                self.stop(world);
+                self.power.lde = Lde::Absent;
+                self.power.state = State::Held;
+                self.memory.write(file::PMSC, 3, &[0]);
+            }
+            (_, State::Held) => {}
             // Bit 28 low alone resets the receiver.
-            0xE => {
+            (0xE, _) => {
                 self.receiver.stale = false;
                 if matches!(self.trx, Trx::Rx | Trx::RxWait) {
                     self.idle(world);
                 }
-            }
-            0x0 => {
-                self.stop(world);
-                self.power.lde = Lde::Absent;
-                self.power.state = State::Crystal;
-                self.counter_zero = self.clock.count_at(world.now());
-                self.schedule_in(world, PLL_LOCK_US, What::PllLocks);
             }
             _ => self.idle(world),
         }
@@ -190,6 +217,9 @@ impl Chip {
     }
 
     fn one_time_word(&self, address: u16) -> u32 {
+        if let Some((_, word)) = self.config.otp.iter().find(|(at, _)| *at == address) {
+            return *word;
+        }
         match address {
             0x000 => self.config.eui as u32,
             0x001 => (self.config.eui >> 32) as u32,
@@ -210,8 +240,9 @@ impl Chip {
         if self.memory.u8(file::TX_CAL, 0) & 1 != 0 && self.memory.u8(file::RF_CONF, 0x12) & 0x0F == 0x0F {
             let code = |steps: f64, zero: u8| (steps.round() + f64::from(zero)).clamp(0.0, 255.0) as u8;
             // User manual, 6.4: (code − OTP)/173 + 3.3 V and (code − OTP) · 1.14 + 23 °C.
-            let supply = code((self.config.supply_v - 3.3) * 173.0, CALIBRATED_SUPPLY);
-            let temperature = code((self.config.temperature_c - 23.0) / 1.14, CALIBRATED_TEMPERATURE);
+            let (at_3v3, at_23c) = (self.one_time_word(0x008) as u8, self.one_time_word(0x009) as u8);
+            let supply = code((self.config.supply_v - 3.3) * 173.0, at_3v3);
+            let temperature = code((self.config.temperature_c - 23.0) / 1.14, at_23c);
             self.power.converted = [supply, temperature];
             self.memory.write(file::TX_CAL, 0x03, &self.power.converted);
         }
@@ -236,14 +267,18 @@ impl Chip {
         }
     }
 
+    /// Whether sleep ends by the chip's own counter, which then runs.
+    pub(super) fn sleeps_with_counter(&self) -> bool {
+        self.memory.u32(file::AON, 0x06) & (1 << 3) != 0 && self.memory.u16(file::AON, 0x0A) & 1 != 0
+    }
+
     /// As after ATXSLP or ARXSLP too.
     pub(super) fn sleep(&mut self, world: &World) {
         self.idle(world);
         self.cancel(Line::Power);
         self.power.state = State::Asleep;
-        let control = self.memory.u32(file::AON, 0x06);
-        let counts = u64::from(control >> 16);
-        if control & (1 << 3) != 0 && self.memory.u16(file::AON, 0x0A) & 1 != 0 {
+        let counts = u64::from(self.memory.u32(file::AON, 0x06) >> 16);
+        if self.sleeps_with_counter() {
             self.schedule_in(world, counts * SLEEP_COUNT_US, What::SleepEnds);
         }
     }
@@ -263,11 +298,13 @@ impl Chip {
         self.power.lde = Lde::Absent;
         if let Some(kept) = kept {
             let on_wake = kept.u16(file::AON, 0);
-            // ONW_LDC: all but the transmit buffer and the transmit antenna delay comes back.
+            // ONW_LDC: all but the transmit buffer and the transmit antenna delay comes back; into the delay's low byte comes
+            // the high byte of LDE_RXANTD (user manual, 7.2.26).
             if on_wake & (1 << 6) != 0 {
                 self.memory = *kept;
                 self.memory.write(file::TX_BUFFER, 0, &[0; 1024]);
-                self.memory.write(file::TX_ANTD, 0, &[0, 0]);
+                let spilt = self.memory.u8(file::LDE_IF, 0x1805);
+                self.memory.write(file::TX_ANTD, 0, &[spilt, 0]);
             }
             if on_wake & (1 << 11) != 0 {
                 self.power.lde = Lde::Loaded;
@@ -276,8 +313,6 @@ impl Chip {
         // Sleep is over, once: SLEEP_EN must be set again.
         let control = self.memory.u8(file::AON, 0x06) & !1;
         self.memory.write(file::AON, 0x06, &[control]);
-        self.status |= status::SLP2INIT;
-        self.counter_zero = self.clock.count_at(world.now());
         self.start(world);
     }
 }

@@ -2,9 +2,10 @@
 
 use super::bits::{channel, config, status};
 use super::filter::{Filter, header_length};
+use super::received::frame_info;
 use super::registers::file;
-use super::transmit::{check_of, prf, units_after};
-use super::{Chip, Counter, Line, MASK_40, RX_START_US, RX_TURN_US, Trx, What};
+use super::transmit::{Enable, check_of, prf, units_after};
+use super::{Chip, Counter, Direction, Line, MASK_40, RX_START_US, RX_TURN_US, Trx, What};
 use crate::air::{Heard, Payload, Phy, Prf, Rate, Reception, Response, RxSettings};
 use crate::clock::TICKS_PER_PS;
 use crate::time::TrueTime;
@@ -12,56 +13,29 @@ use crate::world::World;
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// What the chip keeps of one frame; there are two, for double buffering (user manual, 4.3).
-pub(super) struct ReceiveSet {
-    /// LDEDONE, RXDFR, RXFCG, RXFCE.
-    pub(super) status: u64,
-    /// Whether the host has yet to release it.
-    full: bool,
-    pub(super) buffer: Box<[u8; 1024]>,
-    pub(super) info: [u8; 4],
-    pub(super) quality: [u8; 8],
-    pub(super) tracking_interval: [u8; 4],
-    pub(super) tracking_offset: [u8; 5],
-    pub(super) time: [u8; 14],
-}
-
-impl ReceiveSet {
-    pub(super) fn new() -> Self {
-        Self {
-            status: 0,
-            full: false,
-            buffer: Box::new([0; 1024]),
-            info: [0; 4],
-            quality: [0; 8],
-            tracking_interval: [0; 4],
-            tracking_offset: [0; 5],
-            time: [0; 14],
-        }
-    }
-
-    pub(super) fn clear(&mut self) {
-        *self = Self::new();
-    }
-}
-
 /// What the receiver is at.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Receiver {
     /// Unwrapped counter at which it is switched on.
     pub(super) on_at: u64,
+    /// RXENAB and RXDLYE as commanded; none when it is switched on by itself.
+    pub(super) command: u32,
     preamble_found: bool,
+    /// The rate of the PHY header or payload that is being received.
+    pub(super) data: Option<Rate>,
     /// The frame timeout runs on over automatic re-enabling.
     waiting: bool,
-    /// The frame that comes finds no free buffer.
-    overrun: bool,
     /// After an error the next stamp is wrong unless the receiver was reset (user manual, 4.1.6).
     pub(super) stale: bool,
 }
 
 impl Chip {
-    /// RXENAB.
-    pub(super) fn enable_receiver(&mut self, world: &World, delayed: bool) {
+    /// RXENAB. While a frame is being sent it is kept until the end: the manual is silent, but published drivers rely on it.
+    pub(super) fn enable_receiver(&mut self, world: &World, enable: Enable) {
+        if let (Trx::TxWait | Trx::Tx, Some(transmission)) = (self.trx, &mut self.transmission) {
+            transmission.receive_after = Some(enable);
+            return;
+        }
         if self.trx != Trx::Idle || !self.on_pll() || self.rx_settings().is_none() {
             self.statistics.not_idle += 1;
             return;
@@ -69,36 +43,52 @@ impl Chip {
         let now = world.now();
         let ticks = self.ticks(now);
         let soonest = ticks + RX_START_US * 638_976 / 10;
-        self.receiver.on_at = if delayed {
-            let wanted = self.memory.u40(file::DX_TIME) & !511;
-            if self.ticks_until(now, wanted, 0) < 0 {
-                self.late(Counter::HalfPeriod, status::HPDWARN);
+        self.receiver.on_at = match enable {
+            Enable::Now => {
+                self.clear_reception_events();
+                soonest
             }
-            (ticks + (wanted.wrapping_sub(ticks) & MASK_40)).max(soonest)
-        } else {
-            soonest
+            Enable::Delayed => {
+                let wanted = self.memory.u40(file::DX_TIME) & !511;
+                if self.ticks_until(now, wanted, 0) < 0 {
+                    self.late(Counter::HalfPeriod, status::HPDWARN);
+                }
+                (ticks + (wanted.wrapping_sub(ticks) & MASK_40)).max(soonest)
+            }
         };
-        self.await_receiver(world, false);
+        self.await_receiver(world, enable.command(), false);
     }
 
     /// WAIT4RESP: on again after W4R_TIM.
     pub(super) fn listen_after_sending(&mut self, world: &World) {
         let wait = u64::from(self.memory.u32(file::ACK_RESP_T, 0) & 0xF_FFFF) * super::UNIT_TICKS;
         self.receiver.on_at = self.ticks(world.now()) + wait.max(RX_TURN_US * 638_976 / 10);
-        self.await_receiver(world, false);
+        self.await_receiver(world, 0, false);
     }
 
-    fn await_receiver(&mut self, world: &World, waiting: bool) {
+    fn await_receiver(&mut self, world: &World, command: u32, waiting: bool) {
         self.cancel(Line::Trx);
         self.receiver.waiting = waiting;
+        self.receiver.command = command;
         self.trx = Trx::RxWait;
         self.recheck(world);
+    }
+
+    /// What an enabled receiver starts without; a received frame that the host has yet to take keeps its bits.
+    fn clear_reception_events(&mut self) {
+        self.status &= !status::OF_RECEPTION;
+        if !self.double_buffered() || !self.sets[self.ic].full {
+            self.sets[self.ic].status = 0;
+        }
     }
 
     pub(super) fn receiver_on(&mut self, world: &World) {
         let Some(settings) = self.rx_settings() else { return };
         self.trx = Trx::Rx;
         self.receiver.preamble_found = false;
+        self.receiver.data = None;
+        self.clear_reception_events();
+        self.statistics.mistuned += u64::from(self.is_mistuned(Direction::Receive));
         world.air().listen(world.kernel(), self.port, settings);
         let now = world.now();
         let frame_wait = u64::from(self.memory.u16(file::RX_FWTO, 0));
@@ -150,7 +140,12 @@ impl Chip {
                 self.status |= status::RXPRD;
             }
             Heard::SfdTimeout => self.fail(world, status::RXSFDTO, Counter::SfdTimeout, false),
-            Heard::Sfd => self.status |= status::RXSFDD,
+            Heard::Sfd => {
+                self.status |= status::RXSFDD;
+                // The PHY header tells 850 kbit/s and 6.8 Mbit/s apart.
+                let slow = self.configured(config::RXM110K);
+                self.receiver.data = Some(if slow { Rate::Kbps110 } else { Rate::Kbps6800 });
+            }
             Heard::HeaderError => self.fail(world, status::RXPHE, Counter::HeaderError, true),
             Heard::Header { bytes, phy } => self.header(world, now, &bytes, &phy),
             Heard::Frame(reception) => self.frame(world, reception),
@@ -159,15 +154,27 @@ impl Chip {
 
     fn header(&mut self, world: &World, now: TrueTime, bytes: &[u8], phy: &Phy) {
         self.status |= status::RXPHD;
-        self.receiver.overrun = self.double_buffered() && self.sets[self.ic].full;
-        if self.receiver.overrun {
-            self.status |= status::RXOVRR;
-            self.count(Counter::Overrun);
+        self.receiver.data = Some(phy.rate);
+        if self.double_buffered() && self.sets[self.ic].full {
+            self.overrun(world);
+            return;
         }
         if self.configured(config::FFEN) && !self.filter().passes(bytes) {
             let ticks = header_length(bytes).min(bytes.len()) as u64 * 8 * phy.rate.bit_ticks();
             self.schedule(world, now.plus_ps((ticks as f64 / TICKS_PER_PS) as u64), What::Reject);
         }
+    }
+
+    /// A frame comes and the host has not released the buffer it would go to (user manual, 4.3.5): its reception is aborted,
+    /// and of the frames received before, RX_FINFO, RX_TIME and RX_FQUAL are no longer right.
+    fn overrun(&mut self, world: &World) {
+        world.air().deafen(self.port);
+        for set in &mut self.sets {
+            self.random.fill(&mut set.info);
+            self.random.fill(&mut set.time);
+            self.random.fill(&mut set.quality);
+        }
+        self.fail(world, status::RXOVRR, Counter::Overrun, true);
     }
 
     fn filter(&self) -> Filter {
@@ -185,10 +192,12 @@ impl Chip {
         self.after_reception(world, self.configured(config::RXAUTR), true);
     }
 
+    /// On again by itself, or off. The frame timeout runs on (`waiting`) unless a frame's data came, good or bad: what does not
+    /// set RXDFR does not stop it (user manual, 7.2.14).
     fn after_reception(&mut self, world: &World, again: bool, waiting: bool) {
         if again {
             self.receiver.on_at = self.ticks(world.now()) + RX_TURN_US * 638_976 / 10;
-            self.await_receiver(world, waiting);
+            self.await_receiver(world, 0, waiting);
             return;
         }
         self.trx = Trx::Idle;
@@ -201,11 +210,6 @@ impl Chip {
     }
 
     fn frame(&mut self, world: &World, reception: Reception) {
-        if self.receiver.overrun {
-            self.receiver.stale = true;
-            self.after_reception(world, false, false);
-            return;
-        }
         if reception.payload == Payload::Uncorrectable {
             self.fail(world, status::RXRFSL, Counter::ReedSolomon, true);
             return;
@@ -317,6 +321,7 @@ impl Chip {
         set.full = false;
         set.status = 0;
         self.host ^= 1;
+        self.status &= !status::RXOVRR;
     }
 
     fn double_buffered(&self) -> bool {
@@ -347,36 +352,4 @@ struct Stamps {
     adjusted: u64,
     /// On the 125 MHz clock, nothing taken off.
     raw: u64,
-}
-
-/// RX_FINFO.
-fn frame_info(reception: &Reception, length: usize, rxpacc: u16) -> u32 {
-    let phy = &reception.phy;
-    let rate = match phy.rate {
-        Rate::Kbps110 => 0,
-        Rate::Kbps850 => 1,
-        Rate::Kbps6800 => 2,
-    };
-    let prf = match phy.prf {
-        Prf::Mhz16 => 1,
-        Prf::Mhz64 => 2,
-    };
-    // RXPSR and RXNSPL: 16 × 4^k symbols, and the lengths between.
-    let (repetition, between) = match phy.preamble {
-        0..128 => (1, 0),
-        128..256 => (1, 1),
-        256..512 => (1, 2),
-        512..1024 => (1, 3),
-        1024..1536 => (2, 0),
-        1536..2048 => (2, 1),
-        2048..4096 => (2, 2),
-        4096.. => (3, 0),
-    };
-    length as u32
-        | between << 11
-        | rate << 13
-        | u32::from(reception.ranging) << 15
-        | prf << 16
-        | repetition << 18
-        | u32::from(rxpacc) << 20
 }

@@ -91,7 +91,7 @@ const fn layout() -> ([(u16, u16); 64], usize) {
 const LAYOUT: ([(u16, u16); 64], usize) = layout();
 
 /// File, offset and bytes after a reset; everything else is zero.
-const RESET: [(u8, usize, &[u8]); 21] = [
+const RESET: [(u8, usize, &[u8]); 24] = [
     // 0xDECA0130.
     (file::DEV_ID, 0, &[0x30, 0x01, 0xCA, 0xDE]),
     (file::PANADR, 0, &[0xFF; 4]),
@@ -103,10 +103,14 @@ const RESET: [(u8, usize, &[u8]); 21] = [
     // Channel 5, PRF 16, preamble code 4.
     (file::CHAN_CTRL, 0, &[0x55, 0x00, 0x04, 0x21]),
     (0x23, 0x04, &[0x9B, 0x88]),
+    // AGC_TUNE3, DRX_TUNE0b, DRX_TUNE1a, DRX_TUNE1b, DRX_TUNE4H: the manual's 2.5.5 does not have them among what must be
+    // changed, so that they are taken to fit the mode after reset.
+    (0x23, 0x12, &[0x35, 0x00]),
+    (file::DRX_CONF, 0x02, &[0x01, 0x00, 0x87, 0x00, 0x20, 0x00]),
     // DRX_TUNE2: acquisition chunks of 8.
     (file::DRX_CONF, 0x08, &[0x35, 0x00, 0x1E, 0x31]),
-    // DRX_SFDTOC: 4096 + 64 + 1.
-    (file::DRX_CONF, 0x20, &[0x41, 0x10]),
+    // DRX_SFDTOC: 4096 + 64 + 1; DRX_TUNE4H.
+    (file::DRX_CONF, 0x20, &[0x41, 0x10, 0x00, 0x00, 0x00, 0x00, 0x28, 0x00]),
     (file::RF_CONF, 0x0B, &[0xD8]),
     (file::TX_CAL, 0x0B, &[0xC5]),
     (file::FS_CTRL, 0x07, &[0x1D, 0x04, 0x00, 0x08]),
@@ -120,6 +124,8 @@ const RESET: [(u8, usize, &[u8]); 21] = [
     (file::PMSC, 0x04, &[0x38, 0x07, 0x02, 0x81]),
     (file::PMSC, 0x0C, &[0x40, 0x00]),
     (file::PMSC, 0x26, &[0x74, 0x0B]),
+    // PMSC_LEDC: a blink of 0x20 units, from memory.
+    (file::PMSC, 0x28, &[0x20, 0x00, 0x00, 0x00]),
 ];
 
 /// The memory behind the register files.

@@ -2,7 +2,7 @@
 
 use super::bits::{channel, config, control, status};
 use super::registers::file;
-use super::{Chip, Counter, Line, MASK_40, TX_START_US, Trx, What};
+use super::{Activity, Chip, Counter, Direction, HALF_PERIOD, Line, MASK_40, TX_START_US, Trx, What};
 use crate::air::{Phy, Prf, Rate, Sfd, SfdKind, TxStart};
 use crate::clock::TICKS_PER_PS;
 use crate::time::{PS_PER_S, TrueTime};
@@ -17,9 +17,6 @@ const CHECK_FROM_ONES: Crc<u16> = Crc::<u16>::new(&CRC_16_MCRF4XX);
 const STEP: u64 = 512;
 /// Starts farther off than this are looked at again: the oscillator's wandering is not known that far ahead.
 const FAR_TICKS: i64 = 63_897_600 * 200;
-/// Power density at which the recommended gains arrive: −41.3 dBm/MHz over 500 MHz.
-const REFERENCE_DBM: f64 = -14.3;
-
 /// A frame being sent.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Transmission {
@@ -28,14 +25,40 @@ pub(super) struct Transmission {
     marker: u64,
     /// Check bytes included.
     length: usize,
-    listen_after: bool,
-    suppress_check: bool,
+    /// TXSTRT and TXDLYS, WAIT4RESP and SFCST as they were commanded.
+    command: u32,
+    /// RXENAB came meanwhile, perhaps with RXDLYE: it takes effect at the end.
+    pub(super) receive_after: Option<Enable>,
     frame: Option<u32>,
+    past_marker: bool,
     /// Status bits reached.
     progress: u64,
 }
 
+/// How the receiver is enabled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Enable {
+    Now,
+    /// At DX_TIME.
+    Delayed,
+}
+
+impl Enable {
+    /// The bits of SYS_CTRL that command it.
+    pub(super) fn command(self) -> u32 {
+        match self {
+            Self::Now => control::RXENAB,
+            Self::Delayed => control::RXENAB | control::RXDLYE,
+        }
+    }
+}
+
 impl Transmission {
+    /// What the sender is at, for its current: preamble and delimiter, or what follows the RMARKER.
+    pub(super) fn activity(&self) -> Activity {
+        if self.past_marker { Activity::TransmitData(self.phy.rate) } else { Activity::TransmitPreamble(self.phy.prf) }
+    }
+
     /// The host has cleared these status bits.
     pub(super) fn clear(&mut self, bits: u64) {
         self.progress &= !bits;
@@ -59,8 +82,18 @@ impl Chip {
         if command & control::TXSTRT != 0 {
             self.start_transmission(world, command);
         } else if command & control::RXENAB != 0 {
-            self.enable_receiver(world, command & control::RXDLYE != 0);
+            self.enable_receiver(world, if command & control::RXDLYE == 0 { Enable::Now } else { Enable::Delayed });
         }
+    }
+
+    /// SYS_CTRL as it reads: the starts that are still to come (user manual, page 81).
+    pub(super) fn control_word(&self) -> u32 {
+        let start = match (self.trx, &self.transmission) {
+            (Trx::TxWait, Some(t)) => t.command & (control::TXSTRT | control::TXDLYS),
+            (Trx::RxWait, _) => self.receiver.command,
+            (Trx::Idle | Trx::TxWait | Trx::Tx | Trx::Rx, _) => 0,
+        };
+        start | self.transmission.and_then(|t| t.receive_after).map_or(0, Enable::command)
     }
 
     /// Transmitter and receiver off, at once.
@@ -68,13 +101,14 @@ impl Chip {
         if let Some(Transmission { progress, frame, .. }) = self.transmission.take() {
             self.status |= progress;
             if let Some(frame) = frame {
-                world.air().cut(frame);
+                world.air().cut(world.kernel(), frame);
             }
         }
         if self.trx == Trx::Rx {
             world.air().deafen(self.port);
         }
         self.trx = Trx::Idle;
+        self.warnings = 0;
         self.cancel(Line::Trx);
         self.cancel(Line::Wait);
     }
@@ -89,6 +123,7 @@ impl Chip {
             self.statistics.not_idle += 1;
             return;
         };
+        self.statistics.mistuned += u64::from(self.is_mistuned(Direction::Send));
         let now = world.now();
         let lead = TX_START_US * 638_976 / 10;
         let marker = if command & control::TXDLYS != 0 {
@@ -103,6 +138,7 @@ impl Chip {
             let ticks = self.ticks(now);
             ticks + (wanted.wrapping_sub(phy.shr_ticks()).wrapping_sub(ticks) & MASK_40) + phy.shr_ticks()
         } else {
+            self.status &= !status::OF_TRANSMISSION;
             (self.ticks(now) + lead + phy.shr_ticks()).next_multiple_of(STEP)
         };
         let fctrl = self.memory.u32(file::TX_FCTRL, 0);
@@ -113,21 +149,22 @@ impl Chip {
             phy,
             marker,
             length,
-            listen_after: command & control::WAIT4RESP != 0,
-            suppress_check: command & control::SFCST != 0,
+            command,
+            receive_after: None,
             frame: None,
+            past_marker: false,
             progress: 0,
         });
         self.recheck(world);
     }
 
-    pub(super) fn late(&mut self, counter: Counter, bit: u64) {
-        self.status |= bit;
+    pub(super) fn late(&mut self, counter: Counter, warning: u64) {
+        self.warnings |= warning;
         self.statistics.late += 1;
         self.count(counter);
     }
 
-    /// Schedules the start that is waited for, or another look at it.
+    /// Schedules the start that is waited for, or another look at it; HPDWARN goes when half a period is left.
     pub(super) fn recheck(&mut self, world: &World) {
         let (start, what) = match (self.trx, self.transmission) {
             (Trx::TxWait, Some(t)) => {
@@ -137,11 +174,18 @@ impl Chip {
             _ => return,
         };
         let now = world.now();
-        let far = start - self.ticks(now) as f64 > FAR_TICKS as f64;
-        if far {
+        let ticks = self.ticks(now) as f64;
+        let (next, what) =
+            if start - ticks > HALF_PERIOD { (start - HALF_PERIOD, What::Recheck) } else { (start, what) };
+        if what != What::Recheck {
+            self.warnings &= !status::HPDWARN;
+        }
+        if next - ticks > FAR_TICKS as f64 {
             self.schedule(world, now.plus_ps(PS_PER_S / 10), What::Recheck);
         } else {
-            let at = self.time_of(start);
+            // One nanosecond more leaves no doubt that the instant is past; a start is exact.
+            let spare_ps = if what == What::Recheck { 1_000 } else { 0 };
+            let at = self.time_of(next).plus_ps(spare_ps);
             self.schedule(world, at, what);
         }
     }
@@ -160,6 +204,7 @@ impl Chip {
     pub(super) fn transmitter_on(&mut self, world: &World) {
         let Some(mut t) = self.transmission else { return };
         self.trx = Trx::Tx;
+        self.status &= !status::OF_TRANSMISSION;
         t.progress = status::TXFRB;
         let now = world.now();
         let marker = self.time_of(t.marker as f64 + self.tx_delay());
@@ -168,24 +213,37 @@ impl Chip {
             ranging: self.memory.u32(file::TX_FCTRL, 0) & (1 << 15) != 0,
             start: now,
             marker,
-            power_dbm: self.radiated_dbm(&t) + self.config.antenna_dbi,
+            power_dbm: self.radiated_dbm(&t.phy, t.length) + self.config.antenna_dbi,
             sender_ppm: self.clock.ppm_at(now),
         };
         t.frame = Some(world.air().transmit(world.kernel(), self.port, start));
         self.transmission = Some(t);
+        let sfd_ticks = u64::from(t.phy.sfd.symbols) * t.phy.prf.symbol_ticks();
+        let preamble_end = self.time_of((t.marker - sfd_ticks) as f64 + self.tx_delay());
+        self.schedule(world, preamble_end, What::PreambleSent);
         self.schedule(world, marker, What::Marker);
+    }
+
+    /// The transmission has come to a point that a status bit tells.
+    pub(super) fn sent_so_far(&mut self, bit: u64) {
+        if let Some(t) = &mut self.transmission {
+            t.progress |= bit;
+        }
     }
 
     pub(super) fn marker(&mut self, world: &World) {
         let Some(mut t) = self.transmission else { return };
-        t.progress |= status::TXPRS;
+        t.past_marker = true;
         self.transmission = Some(t);
         let antenna = u64::from(self.memory.u16(file::TX_ANTD, 0));
         let mut stamp = [0; 10];
         stamp[..5].copy_from_slice(&((t.marker + antenna) & MASK_40).to_le_bytes()[..5]);
         stamp[5..].copy_from_slice(&(t.marker & MASK_40).to_le_bytes()[..5]);
         self.memory.write(file::TX_TIME, 0, &stamp);
-        let ends = t.marker + t.phy.phr_ticks() + t.phy.payload_ticks(t.length);
+        let header_ends = t.marker + t.phy.phr_ticks();
+        let header_end = self.time_of(header_ends as f64 + self.tx_delay());
+        self.schedule(world, header_end, What::HeaderSent);
+        let ends = header_ends + t.phy.payload_ticks(t.length);
         let end = self.time_of(ends as f64 + self.tx_delay());
         if let Some(frame) = t.frame {
             let bytes = self.outgoing(&t);
@@ -200,7 +258,7 @@ impl Chip {
         let buffer = self.memory.file(file::TX_BUFFER);
         let byte = |i: usize| buffer.get(offset + i).copied().unwrap_or(0);
         let mut bytes: Vec<u8> = (0..t.length.max(1)).map(byte).collect();
-        if !t.suppress_check && t.length >= 2 {
+        if t.command & control::SFCST == 0 && t.length >= 2 {
             let body = t.length - 2;
             let check = check_of(&bytes[..body], self.configured(config::FCS_INIT2F));
             bytes[body..].copy_from_slice(&check.to_le_bytes());
@@ -210,11 +268,14 @@ impl Chip {
 
     pub(super) fn transmission_ends(&mut self, world: &World) {
         let Some(t) = self.transmission.take() else { return };
-        self.status |= t.progress | status::TXPHS | status::TXFRS;
+        self.status |= t.progress | status::TXFRS;
         self.count(Counter::Sent);
         self.trx = Trx::Idle;
-        if t.listen_after {
+        self.warnings = 0;
+        if t.command & control::WAIT4RESP != 0 {
             self.listen_after_sending(world);
+        } else if let Some(enable) = t.receive_after {
+            self.enable_receiver(world, enable);
         } else if self.memory.u32(file::PMSC, 4) & (1 << 11) != 0 {
             self.sleep(world);
         }
@@ -273,24 +334,6 @@ impl Chip {
         };
         Sfd { kind, symbols }
     }
-
-    /// Radiated power before the antenna's gain: the recommended gain of channel and PRF gives the legal limit.
-    fn radiated_dbm(&self, t: &Transmission) -> f64 {
-        let register = self.memory.u32(file::TX_POWER, 0);
-        let micros = t.phy.frame_ticks(t.length) as f64 / 63_897.6;
-        let smart = !self.configured(config::DIS_STXP) && t.phy.rate == Rate::Kbps6800;
-        // Smart: BOOSTNORM, BOOSTP500, BOOSTP250, BOOSTP125 by the frame's length. Manual: TXPOWPHR (and TXPOWSD).
-        let byte = match (smart, micros) {
-            (true, m) if m < 125.0 => 3,
-            (true, m) if m < 250.0 => 2,
-            (true, m) if m < 500.0 => 1,
-            (true, _) => 0,
-            (false, _) => 2,
-        };
-        let gain = gain_db((register >> (8 * byte)) as u8);
-        let wide_db = if Phy::is_wide(t.phy.channel) { 2.6 } else { 0.0 };
-        REFERENCE_DBM + wide_db + gain - gain_db(recommended_gain(t.phy.channel, t.phy.prf))
-    }
 }
 
 /// What two bits of TX_FCTRL or CHAN_CTRL say.
@@ -302,30 +345,6 @@ pub(super) fn prf(bits: u32) -> Option<Prf> {
     }
 }
 
-/// A byte of TX_POWER: 3 dB steps down from 18 dB in the upper three bits (111: off), half decibels up in the lower five.
-fn gain_db(byte: u8) -> f64 {
-    match byte >> 5 {
-        7 => -60.0,
-        coarse => 18.0 - 3.0 * f64::from(coarse) + 0.5 * f64::from(byte & 0x1F),
-    }
-}
-
-/// TX_POWER without smart power, one of its equal bytes (user manual, table 20).
-const fn recommended_gain(channel: u8, prf: Prf) -> u8 {
-    match (channel, prf) {
-        (1 | 2, Prf::Mhz16) => 0x75,
-        (1 | 2, Prf::Mhz64) => 0x67,
-        (3, Prf::Mhz16) => 0x6F,
-        (3, Prf::Mhz64) => 0x8B,
-        (4, Prf::Mhz16) => 0x5F,
-        (4, Prf::Mhz64) => 0x9A,
-        (7, Prf::Mhz16) => 0x92,
-        (7, Prf::Mhz64) => 0xD1,
-        (_, Prf::Mhz16) => 0x48,
-        (_, Prf::Mhz64) => 0x85,
-    }
-}
-
 /// The instant of `micros` chip units after `now`.
 pub(super) fn units_after(now: TrueTime, units: u64) -> TrueTime {
     now.plus_ps((units as f64 * super::UNIT_TICKS as f64 / TICKS_PER_PS) as u64)
@@ -334,15 +353,6 @@ pub(super) fn units_after(now: TrueTime, units: u64) -> TrueTime {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn smart_power_adds_three_decibels_a_step() {
-        // User manual, table 19, channel 5: 0x0E082848 at PRF 16, 0x25456585 at PRF 64, against the manual setting.
-        for (register, reference) in [(0x0E08_2848u32, 0x48), (0x2545_6585, 0x85)] {
-            let above: Vec<f64> = (0..4).map(|i| gain_db((register >> (8 * i)) as u8) - gain_db(reference)).collect();
-            assert_eq!(above, [0.0, 3.0, 6.0, 9.0]);
-        }
-    }
 
     #[test]
     fn check_bytes_of_a_known_frame() {

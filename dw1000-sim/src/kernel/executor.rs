@@ -111,6 +111,11 @@ impl Executor {
         drop(future);
     }
 
+    /// Whether a task is being polled.
+    pub(super) fn is_polling(&self) -> bool {
+        self.current.get().is_some()
+    }
+
     pub(crate) fn is_idle(&self) -> bool {
         self.ready.borrow().is_empty() && !self.inbox.filled.load(Ordering::Relaxed)
     }

@@ -39,6 +39,8 @@ type Action = Box<dyn FnOnce(&World)>;
 pub(crate) struct Kernel {
     now: Cell<TrueTime>,
     horizon: Cell<TrueTime>,
+    /// Whether something runs that the world cannot go on without.
+    held: Cell<bool>,
     queue: RefCell<Queue>,
     timers: RefCell<Timers>,
     /// Actions to come, by number, and the next number.
@@ -51,6 +53,7 @@ impl Kernel {
         Self {
             now: Cell::new(TrueTime::ZERO),
             horizon: Cell::new(TrueTime::ZERO),
+            held: Cell::new(false),
             queue: RefCell::new(Queue::new()),
             timers: RefCell::new(Timers::default()),
             actions: RefCell::default(),
@@ -126,12 +129,48 @@ impl Kernel {
         Some(event)
     }
 
-    pub(crate) fn set_horizon(&self, horizon: TrueTime) {
-        self.horizon.set(horizon);
+    /// Lets time go on up to `horizon` until what is returned is dropped; then the horizon is again what it was.
+    ///
+    /// # Panics
+    /// Where the world waits for the caller: inside a task, or under [`Kernel::hold`].
+    pub(crate) fn enter(&self, caller: &str, horizon: TrueTime) -> Horizon<'_> {
+        let waits = self.executor.is_polling() || self.held.get();
+        assert!(
+            !waits,
+            "World::{caller} inside a task or an AirClient, for which the world waits: await there instead"
+        );
+        Horizon { kernel: self, before: self.horizon.replace(horizon) }
+    }
+
+    /// Refuses [`Kernel::enter`] until what is returned is dropped.
+    pub(crate) fn hold(&self) -> Hold<'_> {
+        self.held.set(true);
+        Hold(self)
     }
 
     /// Lets the time of the horizon come, after its last event.
     pub(crate) fn arrive_at_horizon(&self) {
         self.now.set(self.now.get().max(self.horizon.get()));
+    }
+}
+
+/// Restores the horizon of whoever lets the world run around this.
+pub(crate) struct Horizon<'a> {
+    kernel: &'a Kernel,
+    before: TrueTime,
+}
+
+impl Drop for Horizon<'_> {
+    fn drop(&mut self) {
+        self.kernel.horizon.set(self.before);
+    }
+}
+
+/// See [`Kernel::hold`].
+pub(crate) struct Hold<'a>(&'a Kernel);
+
+impl Drop for Hold<'_> {
+    fn drop(&mut self) {
+        self.0.held.set(false);
     }
 }

@@ -60,14 +60,8 @@ impl Host {
     }
 
     pub fn transact(&self, operations: &mut [Operation<'_, u8>]) {
-        let mut spi = self.spi();
+        let mut spi = self.node.peripherals().spi;
         self.world.block_on(spi.transaction(operations)).expect("a transaction ends").expect("and cannot fail");
-    }
-
-    fn spi(&self) -> dw1000_sim::SimSpi {
-        let spi = self.node.peripherals().spi;
-        spi.clock().set_hz(self.p.spi.clock().hz());
-        spi
     }
 
     pub fn read_u32(&self, file: u8, offset: u16) -> u32 {
