@@ -48,6 +48,24 @@ fn json_has_the_keys_of_the_contract_and_nothing_else_is_printed() {
     assert_eq!(run.stderr, "");
 }
 
+#[test]
+fn a_solver_is_what_the_tags_records_say() {
+    let folder = folder();
+    let run = |arguments: &str| folder.run(&format!("simulate --scenario hall.toml {arguments}"));
+    for name in ["robust", "b-wls", "b-wls-r", "bounding-box"] {
+        let by_solver = run(&format!("--solver {name}")).ok();
+        assert!(by_solver.column("method").iter().all(|method| *method == name), "{name}");
+        assert_eq!(by_solver.stdout, run(&format!("--method {name}")).ok().stdout);
+    }
+    let track = run("--solver track").ok();
+    assert_eq!(track.stdout, run("").ok().stdout);
+    assert!(track.column("method").iter().all(|method| *method == "track"));
+    assert_ne!(run("--solver nls").code, Some(0), "no node holds that method");
+    let listening = folder.run("simulate --mode listening --solver b-wls");
+    assert_eq!(listening.code, Some(2));
+    assert!(listening.stderr.starts_with("--solver: tags that only listen "), "{}", listening.stderr);
+}
+
 /// Beacons in the corners instead of anchors.
 const BEACONS: &str = "seconds = 4\nheight_m = 1.2\nlevel = \"air\"\n\
     [[beacon]]\nat = [0, 0, 2]\n[[beacon]]\nat = [6, 0, 2]\n[[beacon]]\nat = [6, 5, 2]\n[[beacon]]\nat = [0, 5, 2]\n\
