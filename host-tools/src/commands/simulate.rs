@@ -15,6 +15,7 @@ use host_tools::{Wrong, output};
 use node_record::{Scheme, Solver};
 use positioning_core::Method;
 use positioning_core::engine::NodeMethod;
+use sim::BoardProfile;
 use sim::scenario::{BluetoothSummary, Cover, Epoch, Level, Mode, Record, Scenario, Simulation, Summary, What};
 
 use super::PictureFile;
@@ -50,6 +51,13 @@ pub struct Arguments {
     /// How deep radios are simulated [default: the scenario's, or spi]
     #[arg(long, value_name = "LEVEL")]
     level: Option<LevelName>,
+    /// What the nodes run on that the scenario gives no board of their own: what code, bus and interrupts take, and what current
+    /// (instant: nothing but the bus) [default: the scenario's, or dwm1001]
+    #[arg(long, value_name = "BOARD", value_parser = board())]
+    board: Option<BoardProfile>,
+    /// How many times longer everything on the nodes takes than estimated, but the bytes on their buses [default: 1]
+    #[arg(long, value_name = "F", value_parser = slowdown)]
+    cpu_slowdown: Option<f64>,
     /// Positions a second that each tag wants [default: as many as it can get]
     #[arg(long, value_name = "HZ", value_parser = rate)]
     rate: Option<f64>,
@@ -106,7 +114,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", requires = "survey")]
     survey_rooms: Option<PathBuf>,
     /// Print JSON and no positions: tags, anchors, seconds, fixes, fixes_per_s, rmse_m, p50_m, p90_m, frames_sent,
-    /// frames_lost, collisions, airtime_share; with beacons also bluetooth
+    /// frames_lost, collisions, airtime_share, tag_mean_current_ma and charge_per_fix_uc (of the boards, without their DW1000; none
+    /// with --level air); with beacons also bluetooth
     #[arg(long)]
     json: bool,
 }
@@ -116,6 +125,7 @@ Examples:
   baliza simulate
   baliza simulate --solver b-wls --json
   baliza simulate --tags 15 --anchors 16 --loss 0.1 --plot room.png
+  baliza simulate --tags 1 --anchors 4 --board esp32c3 --cpu-slowdown 2
   baliza simulate --scenario office.toml --out run --pcap run.pcap
   baliza simulate --scenario office.toml --model nlos.model --classifier skewness
   baliza simulate --scenario examples/leaving.toml --plot leaving.png
@@ -188,6 +198,17 @@ fn rate(text: &str) -> Result<f64, String> {
     number(text, 0.01, 1000.0)
 }
 
+fn board() -> impl TypedValueParser<Value = BoardProfile> {
+    PossibleValuesParser::new(BoardProfile::ALL.map(|board| board.name)).map(|name| {
+        // One of them.
+        BoardProfile::named(&name).unwrap_or(BoardProfile::DWM1001)
+    })
+}
+
+fn slowdown(text: &str) -> Result<f64, String> {
+    number(text, 0.001, 1000.0)
+}
+
 fn height(text: &str) -> Result<f32, String> {
     number(text, -1e4, 1e4).map(|metres| metres as f32)
 }
@@ -221,6 +242,12 @@ impl Arguments {
             Some(LevelName::Air) => Level::Air,
             None => scenario.level,
         };
+        if let Some(board) = self.board {
+            scenario.board = board.slowed(scenario.board.slowdown);
+        }
+        if let Some(times) = self.cpu_slowdown {
+            scenario.slow_down(times);
+        }
         scenario.tag.rate_hz = self.rate.or(scenario.tag.rate_hz);
         scenario.tag.method = match self.solver {
             Some(solver) => firmware_tag::method(solver).map(NodeMethod::method),
@@ -452,6 +479,11 @@ fn told(summary: &Summary) -> String {
         summary.collisions,
         100.0 * summary.airtime_share
     );
+    if let Some(current_ma) = summary.tag_mean_current_ma {
+        let charge = summary.charge_per_fix_uc.map_or_else(|| "-".to_owned(), |charge_uc| format!("{charge_uc:.1} µC"));
+        let _ =
+            writeln!(text, "boards of tags, without their DW1000: {current_ma:.3} mA in the mean, {charge} a position");
+    }
     if let Some(bluetooth) = &summary.bluetooth {
         let BluetoothSummary { beacons, adverts_sent, adverts_heard, adverts_lost, by_anchors, by_beacons } = bluetooth;
         let _ = writeln!(

@@ -39,6 +39,8 @@ fn json_has_the_keys_of_the_contract_and_nothing_else_is_printed() {
         "frames_lost",
         "collisions",
         "airtime_share",
+        "tag_mean_current_ma",
+        "charge_per_fix_uc",
     ];
     let json = run.json();
     let object = json.as_object().expect("an object");

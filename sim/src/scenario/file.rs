@@ -462,6 +462,11 @@ mod tests {
         assert_eq!(scenario.anchors[0].board, None);
         assert_eq!(scenario.anchors[1].board, Some(BoardProfile::ESP32C6.slowed(2.0)));
         assert_eq!(scenario.tags[0].board, Some(BoardProfile::EVB1000.slowed(0.5)));
+        let mut slower = scenario;
+        slower.slow_down(4.0);
+        assert_eq!((slower.board.slowdown, slower.anchors[0].board), (8.0, None));
+        assert_eq!(slower.anchors[1].board, Some(BoardProfile::ESP32C6.slowed(8.0)));
+        assert_eq!(slower.tags[0].board, Some(BoardProfile::EVB1000.slowed(2.0)));
     }
 
     #[test]

@@ -62,6 +62,17 @@ pub struct Scenario {
     pub faults: Vec<Fault>,
 }
 
+impl Scenario {
+    /// Makes every node's processor so many times slower.
+    pub fn slow_down(&mut self, times: f64) {
+        let own = self.anchors.iter_mut().map(|anchor| &mut anchor.board);
+        let own = own.chain(self.tags.iter_mut().map(|tag| &mut tag.board)).flatten();
+        for board in own.chain([&mut self.board]) {
+            *board = board.slowed(times);
+        }
+    }
+}
+
 /// How deep the radios are simulated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Level {
