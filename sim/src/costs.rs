@@ -187,12 +187,15 @@ pub struct Charged<T> {
     costs: &'static Costs,
     /// Of a radio: the receiver stayed on after the last operation.
     listens: bool,
+    /// Of a machine: the last step reported a round, which goes to the engine before the next.
+    hands_over: bool,
 }
 
 impl<T> Charged<T> {
     /// Charges `processor` for what `inner` does.
     pub fn new(inner: T, processor: &Processor) -> Self {
-        Self { inner, processor: processor.clone(), costs: Costs::of(processor.board().core), listens: false }
+        let costs = Costs::of(processor.board().core);
+        Self { inner, processor: processor.clone(), costs, listens: false, hands_over: false }
     }
 }
 
@@ -241,13 +244,15 @@ impl MachineCosts {
 
 impl<M: Machine> Machine for Charged<M> {
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
+        // The node's loop reads the clock before it hands a round over, so that this is paid after the step that reports it.
+        let handover = if core::mem::take(&mut self.hands_over) { self.costs.tag.handover } else { 0 };
         let action = self.inner.step(now, event);
-        let handover = match &action {
-            Action::Report(Report::Round(_) | Report::Differences(_)) => self.costs.tag.handover,
+        self.hands_over = match &action {
+            Action::Report(Report::Round(_) | Report::Differences(_)) => true,
             Action::Report(Report::Link(_))
             | Action::Transmit { .. }
             | Action::Receive { .. }
-            | Action::WaitUntil(_) => 0,
+            | Action::WaitUntil(_) => false,
         };
         self.processor.charge(self.costs.machine.of_step(&event, &action) + handover);
         action

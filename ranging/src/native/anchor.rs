@@ -151,7 +151,7 @@ impl Anchor {
             Message::Request(request) if everyone => {
                 if let Some(network) = &mut self.network {
                     network.request(Member { tag: told.source, share: request.share });
-                    network.wish(request.wish);
+                    network.wish(told.source, request.wish);
                 }
             }
             Message::Beacon(beacon) if everyone => self.hear_beacon(told.source, &beacon, frame),
@@ -213,7 +213,7 @@ impl Anchor {
         // Who has no network knows no layout, and so not when to answer.
         let Some(network) = &mut self.network else { return };
         network.hear_tag(tag);
-        network.wish(poll.wish);
+        network.wish(tag, poll.wish);
         let timing = network.course.timing;
         let named = |place: &usize| poll.anchors.get(*place).is_some_and(|asked| asked.address == self.config.address);
         let Some(slot) = (0..poll.anchors.len()).find(named) else { return };

@@ -206,9 +206,9 @@ impl Coordination {
         self.wishes.note(beacon.wish);
     }
 
-    /// A node asks this of the layout.
-    pub fn wish(&mut self, wish: Layout) {
-        self.wishes.note(wish);
+    /// A tag asks this of the layout.
+    pub fn wish(&mut self, tag: u16, wish: Layout) {
+        self.wishes.note_tag(tag, wish, self.course.membership.members());
     }
 
     /// A tag asks for slots.
@@ -241,6 +241,7 @@ impl Coordination {
         }
         let superframes = begun.min(u8::MAX.into()) as u8;
         self.wishes.advance(begun);
+        self.wishes.keep(self.course.membership.members());
         self.listened = self.listened.saturating_add(begun);
         for (owner, unheard) in self.heard_owners.iter_mut().chain(&mut self.told_owners) {
             *unheard = unheard.saturating_add(superframes);

@@ -14,11 +14,11 @@ const MARGIN: RadioDuration = RadioDuration::from_micros(30);
 /// … and this part of it.
 const MARGIN_SHARE: i64 = 8;
 /// The part of its distance to a shorter sample by which a high quantile sinks.
-const DECAY: i64 = 256;
+const DECAY: i64 = 64;
 /// A sample longer than this is no measure of a board.
 const LONGEST: RadioDuration = RadioDuration::from_micros(10_000);
 
-/// A high quantile of durations: it rises to a longer sample at once and sinks slowly, so that one of some hundred samples is longer.
+/// A high quantile of durations: it rises to a longer sample at once and sinks slowly, so that one of some dozens of samples is longer.
 #[derive(Clone, Copy, Debug)]
 struct Quantile {
     ticks: i64,
@@ -188,11 +188,11 @@ mod tests {
         assert_eq!(meter.lead().as_micros(), 930);
         meter.led(us(0), false);
         assert_eq!(meter.lead().as_micros(), 930);
-        for _ in 0..256 {
+        for _ in 0..64 {
             meter.led(us(200), true);
         }
-        // 200 + 600 · (1 − 1/256)^256 = 200 + 600/e = 420.5 µs; 420.5 · 9/8 + 30 = 503.
-        assert!((500..=506).contains(&meter.lead().as_micros()), "{:?}", meter.lead());
+        // 200 + 600 · (1 − 1/64)^64 = 200 + 600 · 0.365 = 419 µs; 419 · 9/8 + 30 = 501.
+        assert!((499..=504).contains(&meter.lead().as_micros()), "{:?}", meter.lead());
     }
 
     #[test]

@@ -1,10 +1,14 @@
 //! What nodes ask of the layout, collected over the last superframes: the coordinator lays the slots out by it, other anchors pass it on.
 
-use super::layout::Layout;
+use heapless::Vec;
 
-/// Wishes are kept for one to two times this many superframes: a tag that ranges seldom asks again with each poll, at most 127
-/// superframes apart.
-const KEPT_SUPERFRAMES: u16 = 130;
+use super::layout::Layout;
+use super::plan::{Members, lists};
+use crate::frame::native::MAX_MEMBERS;
+
+/// Wishes of anchors, and of tags that are no members, are kept for one to two times this many superframes: anchors repeat them in
+/// their beacons. Those of members are kept until they ask for something else, or leave.
+const KEPT_SUPERFRAMES: u16 = 10;
 /// A layout may be made shorter from this superframe of a network on, or of an anchor's coordination: until then not all were heard.
 const SETTLED_AFTER: u16 = 5;
 /// A layout is made shorter only where it is longer than what is asked by more than this many steps (of 3 to 6 % each): it would change
@@ -12,8 +16,10 @@ const SETTLED_AFTER: u16 = 5;
 const SPARE_STEPS: u8 = 3;
 
 /// The longest of what was asked for lately.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Wishes {
+    /// Tags that are members, and the byte by which they asked last.
+    members: Vec<(u16, u8), MAX_MEMBERS>,
     current: Layout,
     former: Layout,
     /// Superframes that `current` was collected in.
@@ -25,12 +31,34 @@ pub struct Wishes {
 impl Wishes {
     /// Nobody has asked for anything.
     pub const fn new() -> Self {
-        Self { current: Layout::LEAST, former: Layout::LEAST, superframes: 0, is_settled: false }
+        Self { members: Vec::new(), current: Layout::LEAST, former: Layout::LEAST, superframes: 0, is_settled: false }
     }
 
     /// Somebody asks for this.
     pub fn note(&mut self, wish: Layout) {
         self.current = self.current.max(wish);
+    }
+
+    /// A tag asks for this, in place of what it asked for before.
+    pub fn note_tag(&mut self, tag: u16, wish: Layout, members: &Members) {
+        if !lists(members, tag) {
+            return self.note(wish);
+        }
+        match self.members.iter_mut().find(|(known, _)| *known == tag) {
+            Some((_, byte)) => *byte = wish.tag_byte(),
+            None => {
+                if self.members.is_full() {
+                    self.members.retain(|(known, _)| lists(members, *known));
+                }
+                // There are no more members than places.
+                let _ = self.members.push((tag, wish.tag_byte()));
+            }
+        }
+    }
+
+    /// These are the members now.
+    pub fn keep(&mut self, members: &Members) {
+        self.members.retain(|(tag, _)| lists(members, *tag));
     }
 
     /// `superframes` have begun.
@@ -45,7 +73,8 @@ impl Wishes {
 
     /// What serves all who asked.
     pub fn all(&self) -> Layout {
-        self.current.max(self.former)
+        let of_members = self.members.iter().map(|(_, byte)| Layout::from_tag_byte(*byte));
+        of_members.fold(self.current.max(self.former), Layout::max)
     }
 
     /// The layout to change to, where the one that counts does not serve all, or serves all by far.
@@ -77,6 +106,7 @@ mod tests {
     use super::super::{Scheme, Span};
     use super::*;
     use crate::RadioDuration;
+    use crate::frame::native::{Member, Share};
 
     fn layout(answer_us: u32) -> Layout {
         let span = |micros| Span::at_least(RadioDuration::from_micros(micros));
@@ -112,6 +142,23 @@ mod tests {
         assert_eq!(silent.better_than(layout(900)), None);
         silent.note(Layout { answer: Span::default(), ..layout(300) });
         assert_eq!(silent.better_than(layout(900)), None);
+    }
+
+    #[test]
+    fn a_member_that_ranges_seldom_is_not_forgotten_until_it_leaves() {
+        let member = |tag| Member { tag, share: Share::OneIn(100) };
+        let members: Members = [member(1), member(2)].into_iter().collect();
+        let mut wishes = Wishes::new();
+        wishes.note_tag(2, layout(0), &members);
+        wishes.note_tag(3, layout(300), &members);
+        wishes.note_tag(2, Layout { scheme: Scheme::DoubleSided, ..layout(0) }, &members);
+        for _ in 0..30 {
+            wishes.advance(KEPT_SUPERFRAMES);
+        }
+        // Tags ask for no answer.
+        assert_eq!(wishes.all(), Layout { scheme: Scheme::DoubleSided, answer: Span::default(), ..layout(0) });
+        wishes.keep(&[member(1)].into_iter().collect());
+        assert_eq!(wishes.all(), Layout::LEAST);
     }
 
     #[test]
