@@ -1,22 +1,29 @@
-//! Puts the board's memory map where the linker finds it.
+//! Puts the board's memory map where the linker finds it: `map-….x`, or the DWM1001's `memory.x`, which stands at the top of the
+//! repository and serves all Cortex-M images (see there).
 
 use std::path::PathBuf;
 use std::{env, error, fs};
 
 fn main() -> Result<(), Box<dyn error::Error>> {
     println!("cargo::rerun-if-changed=memory");
+    println!("cargo::rerun-if-changed=../memory.x");
     let enabled = |board: &str| env::var_os(format!("CARGO_FEATURE_{}", board.to_uppercase())).is_some();
     let processor = env::var("CARGO_CFG_TARGET_ARCH")?;
-    let map = match ["dwm1001", "evk1000", "simulated"].into_iter().find(|board| enabled(board)) {
-        Some("simulated") if ["arm", "riscv32"].contains(&processor.as_str()) => Some(format!("simulated-{processor}")),
+    let board =
+        ["dwm1001", "evk1000", "esp32c3", "esp32c6", "esp32", "simulated"].into_iter().find(|board| enabled(board));
+    let (map, name) = match (board, processor.as_str()) {
+        (Some("dwm1001" | "evk1000" | "simulated"), "arm") => ("../memory.x".to_owned(), "memory.x".to_owned()),
+        (Some("simulated"), "riscv32") => {
+            ("memory/simulated-riscv32.x".to_owned(), "map-simulated-riscv32.x".to_owned())
+        }
+        (Some(esp @ ("esp32c3" | "esp32c6" | "esp32")), "riscv32" | "xtensa") => {
+            (format!("memory/{esp}.x"), format!("map-{esp}.x"))
+        }
         // On a desktop there is no map to be had.
-        Some("simulated") | None => None,
-        Some(board) => Some(board.to_owned()),
+        _ => return Ok(()),
     };
-    if let Some(map) = map {
-        let out = PathBuf::from(env::var_os("OUT_DIR").ok_or("cargo sets OUT_DIR")?);
-        fs::copy(format!("memory/{map}.x"), out.join("memory.x"))?;
-        println!("cargo::rustc-link-search={}", out.display());
-    }
+    let out = PathBuf::from(env::var_os("OUT_DIR").ok_or("cargo sets OUT_DIR")?);
+    fs::copy(map, out.join(name))?;
+    println!("cargo::rustc-link-search={}", out.display());
     Ok(())
 }

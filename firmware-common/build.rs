@@ -6,9 +6,11 @@ use std::process::Command;
 use std::{env, fs};
 
 /// All that an image is made of, from the repository's root.
-const SOURCES: [&str; 12] = [
+const SOURCES: [&str; 14] = [
+    ".cargo/config.toml",
     "Cargo.toml",
     "Cargo.lock",
+    "memory.x",
     "positioning-core",
     "ranging",
     "telemetry",

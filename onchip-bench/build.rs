@@ -5,19 +5,22 @@ use std::{env, fs};
 
 fn main() -> std::io::Result<()> {
     println!("cargo::rerun-if-changed=build.rs");
-    let memory = match env::var("CARGO_CFG_TARGET_ARCH").as_deref() {
-        Ok("arm") => include_str!("memory-cortex-m4f.x"),
+    println!("cargo::rerun-if-changed=memory-riscv32.x");
+    println!("cargo::rerun-if-changed=../memory.x");
+    let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
+    match env::var("CARGO_CFG_TARGET_ARCH").as_deref() {
+        Ok("arm") => {
+            // The DWM1001's map, with the flash of QEMU's mps2-an386.
+            fs::copy("../memory.x", out.join("memory.x"))?;
+            println!("cargo::rustc-link-arg-bins=--defsym=_flash_length=4M");
+        }
         Ok("riscv32") => {
-            println!("cargo::rustc-link-arg-bins=-Tmemory.x");
-            include_str!("memory-riscv32.x")
+            fs::copy("memory-riscv32.x", out.join("map-riscv32.x"))?;
+            println!("cargo::rustc-link-arg-bins=-Tmap-riscv32.x");
         }
         Ok(_) | Err(_) => return Ok(()),
-    };
-    let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
-    fs::write(out.join("memory.x"), memory)?;
+    }
     println!("cargo::rustc-link-search={}", out.display());
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
-    println!("cargo::rerun-if-changed=memory-cortex-m4f.x");
-    println!("cargo::rerun-if-changed=memory-riscv32.x");
     Ok(())
 }

@@ -69,6 +69,8 @@ impl Board {
         let reset = reset_cause::nrf52(reset, cortex::ram_survived());
         let crash = crash::take();
         let telemetry = rtt::start();
+        // Off after a reset. Without it each branch out of the flash's last line waits for up to two cycles.
+        pac::NVMC.icachecnf().write(|cache| cache.set_cacheen(true));
 
         let mut config = Config::default();
         config.hfclk_source = HfclkSource::ExternalXtal;
@@ -142,7 +144,7 @@ impl Board {
 #[cfg(feature = "ble")]
 pub fn models() -> &'static [u8] {
     let at = const { node_record::Pages::DWM1001.models_address().unwrap() };
-    // SAFETY: flash of the chip that the linker gives to nothing else (`memory/dwm1001.x`), and that no program writes while it runs.
+    // SAFETY: flash of the chip that the linker gives to nothing else (`memory.x`), and that no program writes while it runs.
     unsafe { core::slice::from_raw_parts(at as *const u8, node_record::MODELS_BYTES) }
 }
 

@@ -1,9 +1,12 @@
 //! The DW1000's bus, interrupt and reset line.
 
+use core::sync::atomic::{Ordering, compiler_fence};
+
 use embassy_nrf::Peri;
 use embassy_nrf::gpio::{AnyPin, Flex, Input, Output, OutputDrive};
 use embassy_nrf::pac::{SPIM2, spim::vals::Frequency};
 use embassy_nrf::spim::{Error, Spim};
+use embedded_hal::spi::SpiBus;
 use embedded_hal_async::spi::{ErrorType, Operation, SpiDevice};
 use ranging::dw1000::{ClockedSpi, ResetLine, SpiClock};
 
@@ -30,14 +33,14 @@ const CYCLES: u32 = 64;
 
 /// SPI to the DW1000. Transactions are not awaited.
 pub struct Bus {
-    spi: Spim<'static>,
+    spi: Master,
     select: Output<'static>,
 }
 
 impl Bus {
     /// `spi` is SPIM2.
     pub(super) fn new(spi: Spim<'static>, select: Output<'static>) -> Self {
-        Self { spi, select }
+        Self { spi: Master { _owned: spi }, select }
     }
 }
 
@@ -48,6 +51,74 @@ impl ErrorType for Bus {
 impl SpiDevice for Bus {
     async fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Error> {
         spi::transact(&mut self.spi, &mut self.select, CYCLES, operations)
+    }
+}
+
+/// The longest transfer of the nRF52832's EasyDMA: its counters have eight bits.
+const LONGEST: usize = 255;
+/// Where the RAM begins, which is all that the DMA reads.
+const RAM: usize = 0x2000_0000;
+
+/// SPIM2 by its registers, while the processor waits: one start an operation and no interrupt.
+///
+/// `Spim` sets the peripheral up and owns it. Its own transfers each begin with one of no bytes and wait for two interrupts: a remedy
+/// for anomaly 109, by which the first byte of a transfer may be wrong that starts while the processor sleeps, its 64 MHz clock off.
+/// Here it starts the transfer itself and does not sleep until its end.
+struct Master {
+    _owned: Spim<'static>,
+}
+
+impl Master {
+    /// Sends and receives, as many bytes as each has; the shorter is filled up.
+    fn exchange(&mut self, sent: *const [u8], received: *mut [u8]) -> Result<(), Error> {
+        let (from, to) = (sent.cast::<u8>(), received.cast::<u8>());
+        if sent.len() > 0 && (from as usize) < RAM {
+            return Err(Error::BufferNotInRAM);
+        }
+        let mut done = 0;
+        while done < sent.len().max(received.len()) {
+            let part = |length: usize| length.saturating_sub(done).min(LONGEST) as u8;
+            SPIM2.dma().tx().ptr().write_value(from.wrapping_add(done) as u32);
+            SPIM2.dma().tx().maxcnt().write(|w| w.set_maxcnt(part(sent.len())));
+            SPIM2.dma().rx().ptr().write_value(to.wrapping_add(done) as u32);
+            SPIM2.dma().rx().maxcnt().write(|w| w.set_maxcnt(part(received.len())));
+            SPIM2.events_end().write_value(0);
+            // What is to be sent is in memory before, and what was received is read after.
+            compiler_fence(Ordering::SeqCst);
+            SPIM2.tasks_start().write_value(1);
+            while SPIM2.events_end().read() == 0 {}
+            compiler_fence(Ordering::SeqCst);
+            done += LONGEST;
+        }
+        Ok(())
+    }
+}
+
+impl embedded_hal::spi::ErrorType for Master {
+    type Error = Error;
+}
+
+impl SpiBus for Master {
+    fn read(&mut self, words: &mut [u8]) -> Result<(), Error> {
+        self.exchange(&[], words)
+    }
+
+    fn write(&mut self, words: &[u8]) -> Result<(), Error> {
+        self.exchange(words, &mut [])
+    }
+
+    fn transfer(&mut self, read: &mut [u8], write: &[u8]) -> Result<(), Error> {
+        self.exchange(write, read)
+    }
+
+    fn transfer_in_place(&mut self, words: &mut [u8]) -> Result<(), Error> {
+        // The DMA sends each byte before it writes the one that came for it.
+        let words: *mut [u8] = words;
+        self.exchange(words, words)
+    }
+
+    fn flush(&mut self) -> Result<(), Error> {
+        Ok(())
     }
 }
 

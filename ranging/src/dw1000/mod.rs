@@ -16,9 +16,10 @@
 //! | …with another wait in the chip's timer | +1 | +3 |
 //! | …between a wait the timer can hold (67 ms) and a longer one | +1 | +3 |
 //! | …at an instant | +3 | +15 |
-//! | receive a frame | 8 | 44 |
-//! | …and keep listening | 9 | 47 |
+//! | receive a frame | 6 | 38 |
+//! | …and keep listening | 7 | 41 |
 //! | …one frame in sixteen of these | +1 | +6 |
+//! | …give its buffer back, in the next operation | +2 | +6 |
 //! | the end of a window, by the chip's timer | 4 | 17 |
 //! | …by the delay | 6 | 22 |
 //! | switch a receiver off that listens | 2 | 7 |
@@ -27,7 +28,8 @@
 //! | measure temperature and supply, once it is off: 1 ms | 7 | 19 |
 //!
 //! Every transaction is one operation on one buffer. Of a transmission at an instant, all up to the command must be done in time:
-//! the frame, the instant, the command; with a receiver that was listening, its end before them. A frame's two check bytes are
+//! the frame, the instant, the command; with a receiver that was listening, its end before them. The buffer of the frame that is
+//! answered goes back after the command. A frame's two check bytes are
 //! neither written nor read. The configuration is written by [`Dw1000::init`] and
 //! [`Dw1000::configure`] only. The tests count all of this.
 //!
@@ -37,7 +39,7 @@
 //! re-enabling can spoil the next time stamp (and Decawave's software avoids it). Upon a frame the driver reads the
 //! status and the six bytes that are not double-buffered (carrier integrator, unsaturated preamble count), and switches
 //! the receiver on: three transactions, 16 bytes, 16 µs at 8 MHz. Only then it reads the frame, the time stamp and the
-//! quality, of which each buffer has its own, and gives the buffer back. With one buffer all must be read before. On
+//! quality, of which each buffer has its own, and the next operation gives the buffer back. With one buffer all must be read before. On
 //! simulated chips with the DWM1001's bus, frames of 27 bytes from several senders are heard with their whole preambles
 //! from 250 µs after one another on; with one buffer, from 330 µs on.
 //!
@@ -196,6 +198,8 @@ pub struct Dw1000<S, I, R, D> {
     rx_timer_on: bool,
     /// What the chip's maker measured on it.
     factory: startup::Factory,
+    /// Whether the last frame's buffer is still the host's.
+    holds_buffer: bool,
     /// What the last operation measured of the node.
     pace: Pace,
     /// Frames after which the receiver was switched on again: one of [`receive::PACE_EVERY`] is timed.
@@ -222,6 +226,7 @@ where
             rx_timer: 0,
             rx_timer_on: false,
             factory: startup::Factory::default(),
+            holds_buffer: false,
             pace: Pace::default(),
             kept_listening: 0,
         }
@@ -249,6 +254,7 @@ where
             Transceiver::Unknown => self.stop().await,
             Transceiver::Listening => {
                 self.cut_reception().await?;
+                self.give_buffer_back().await?;
                 let flags = self.status().await?;
                 match self.clear_reception(flags).await? {
                     Receiver::Sound => self.transceiver = Transceiver::Off,
@@ -256,7 +262,7 @@ where
                 }
                 Ok(())
             }
-            Transceiver::Off => Ok(()),
+            Transceiver::Off => self.give_buffer_back().await,
         }
     }
 
@@ -266,6 +272,7 @@ where
     async fn stop(&mut self) -> Result<(), Error<S::Error>> {
         self.transceiver = Transceiver::Unknown;
         self.bus.write(reg::SYS_CTRL, &[reg::sys_ctrl::TRXOFF]).await?;
+        self.give_buffer_back().await?;
         self.reset_receiver().await?;
         let [pointers] = self.bus.read(reg::SYS_STATUS.plus(3)).await?;
         if receive::buffers_differ(u32::from(pointers) << 24) {

@@ -69,6 +69,7 @@ where
         self.pace = Pace::default();
         let already_on = self.transceiver == Transceiver::Listening && start == Start::Now;
         let patience_us = if already_on {
+            self.give_buffer_back().await?;
             micros(window)
         } else {
             self.ensure_off().await?;
@@ -216,7 +217,7 @@ where
             Some(bytes) => bytes,
             None => {
                 // The next frame may be in the other buffer, whose flags are to be cleared too.
-                self.give_buffer_back().await?;
+                self.holds_buffer = true;
                 self.stop().await?;
                 return Err(ReceiveError::Corrupt);
             }
@@ -224,7 +225,7 @@ where
         bytes.copy_from_slice(self.bus.read_slice(reg::RX_BUFFER, bytes.len()).await?);
         let [t0, t1, t2, t3, t4, first_path @ ..]: [u8; 9] = self.bus.read(reg::RX_TIME).await?;
         let quality = self.bus.read(reg::RX_FQUAL).await?;
-        self.give_buffer_back().await?;
+        self.holds_buffer = true;
         self.transceiver = if keep_listening { Transceiver::Listening } else { Transceiver::Off };
         Ok(RxFrame {
             bytes,
@@ -233,11 +234,15 @@ where
         })
     }
 
-    /// Clears the flags of the host's buffer, and only these, for the next frame may be in the other one by now; then the chip may
-    /// fill it again.
-    async fn give_buffer_back(&mut self) -> Result<(), Error<S::Error>> {
-        self.bus.write(reg::SYS_STATUS.plus(1), &[status::RECEIVED_IN_BYTE_1]).await?;
-        self.change_buffer().await
+    /// Gives the buffer of the last frame back, if that has not been done. Clears its flags, and only these, for the next frame may
+    /// be in the other buffer by now; then the chip may fill it again.
+    pub(super) async fn give_buffer_back(&mut self) -> Result<(), Error<S::Error>> {
+        if self.holds_buffer {
+            self.bus.write(reg::SYS_STATUS.plus(1), &[status::RECEIVED_IN_BYTE_1]).await?;
+            self.change_buffer().await?;
+            self.holds_buffer = false;
+        }
+        Ok(())
     }
 }
 

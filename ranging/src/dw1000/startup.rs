@@ -100,6 +100,7 @@ where
     /// Resets the chip, whatever it does or sleeps, and writes the configuration: 9 ms. May be called at any time.
     pub async fn init(&mut self) -> Result<(), Error<S::Error>> {
         self.transceiver = Transceiver::NotReady;
+        self.holds_buffer = false;
         self.bus.spi.set_clock(SpiClock::Slow)?;
         self.reset.pull_low();
         self.delay.delay_us(100).await;

@@ -35,12 +35,12 @@ where
             _ => return Err(TransmitError::TooLong),
         };
         self.pace = Pace::default();
-        // Of a receiver that listens nothing more is needed before the start than that it is off.
+        // Of a receiver that listens nothing more is needed before the start than that it is off, of one that is off nothing.
         let listened = self.transceiver == Transceiver::Listening;
-        if listened {
-            self.cut_reception().await?;
-        } else {
-            self.ensure_off().await?;
+        match self.transceiver {
+            Transceiver::Listening => self.cut_reception().await?,
+            Transceiver::Off => {}
+            Transceiver::NotReady | Transceiver::Unknown => self.ensure_off().await?,
         }
         self.transceiver = Transceiver::Unknown;
         self.load(frame, length).await?;
@@ -78,8 +78,8 @@ where
         Ok(())
     }
 
-    /// Starts the transmitter, and clears what was heard before where the receiver `listened`: there is time once the command is
-    /// in, and the next reception has not begun.
+    /// Starts the transmitter, gives the last frame's buffer back, and clears what came after that frame where the receiver
+    /// `listened`: there is time once the command is in, and the next reception has not begun.
     async fn start_transmitter(
         &mut self,
         start: Start,
@@ -90,6 +90,7 @@ where
         match start {
             Start::Now => {
                 self.bus.write(reg::SYS_CTRL, &[sys_ctrl::TXSTRT | listen]).await?;
+                self.give_buffer_back().await?;
                 if !listened {
                     return Ok(Receiver::Sound);
                 }
@@ -99,6 +100,7 @@ where
                 let command = sys_ctrl::TXSTRT | sys_ctrl::TXDLYS | listen;
                 self.bus.write(reg::SYS_CTRL, &[command]).await?;
                 self.pace.armed = Some(self.clock().await?);
+                self.give_buffer_back().await?;
             }
         }
         let [flags @ .., byte_4] = self.bus.read::<5>(reg::SYS_STATUS).await?;

@@ -69,6 +69,14 @@ fn takes(elf: &File<'_>, memory: Memory) -> Takes {
 fn check(elf: &File<'_>, board: Board) -> Result<()> {
     let memory = board.memory();
     let ram = memory.ram_origin..=memory.ram_origin + memory.ram_bytes;
+    // An image that was linked by another board's map has something elsewhere.
+    for section in elf.sections().filter(|section| is_loaded(section.flags()) && section.size() > 0) {
+        let (name, address, bytes) = (section.name()?, section.address(), section.size());
+        ensure!(
+            memory.holds(address, bytes),
+            "{bytes} bytes of {name} at {address:#x} are outside the board's memories"
+        );
+    }
     if board.target().is_cortex_m() {
         let table = elf.section_by_name(".vector_table").context("no vector table")?;
         ensure!(Some(table.address()) == memory.flash_origin, "the vector table is at {:#x}", table.address());
@@ -76,6 +84,8 @@ fn check(elf: &File<'_>, board: Board) -> Result<()> {
         let stack = word(words, 0).context("the vector table is cut short")?;
         let reset = word(words, 1).context("the vector table is cut short")?;
         ensure!(ram.contains(&stack.into()), "the stack begins at {stack:#x}, outside the RAM");
+        let code = memory.holds((reset & !1).into(), 2) && !ram.contains(&reset.into());
+        ensure!(code, "the reset vector {reset:#x} is outside the flash");
         ensure!(reset & 1 == 1, "the reset vector {reset:#x} is no Thumb code");
     }
     if board.espflash_chip().is_some() {

@@ -20,8 +20,12 @@ pub enum Board {
 pub struct Memory {
     /// Where the image begins; an ESP's bootloader loads it from anywhere.
     pub flash_origin: Option<u64>,
+    /// Where flash is seen: first address, bytes.
+    pub flash: &'static [(u64, u64)],
     pub ram_origin: u64,
     pub ram_bytes: u64,
+    /// Other views of the RAM, and other RAM.
+    pub other_ram: &'static [(u64, u64)],
 }
 
 impl Board {
@@ -62,19 +66,63 @@ impl Board {
 
     pub fn memory(self) -> Memory {
         match self {
-            // nRF52832: 512 KiB, 64 KiB.
-            Self::Dwm1001 => Memory { flash_origin: Some(0), ram_origin: 0x2000_0000, ram_bytes: 64 << 10 },
-            // STM32F105RC: 256 KiB, 64 KiB.
-            Self::Evk1000 => Memory { flash_origin: Some(0x0800_0000), ram_origin: 0x2000_0000, ram_bytes: 64 << 10 },
-            // Internal SRAM as data (technical reference manuals, "System and Memory"): 384 KiB after the cache's 16; 512 KiB.
-            Self::Esp32C3 => Memory { flash_origin: None, ram_origin: 0x3FC8_0000, ram_bytes: 384 << 10 },
-            Self::Esp32C6 => Memory { flash_origin: None, ram_origin: 0x4080_0000, ram_bytes: 512 << 10 },
+            // nRF52832: 512 KiB, of which the last four pages are the node's; 64 KiB.
+            Self::Dwm1001 => Memory {
+                flash_origin: Some(0),
+                flash: &[(0, 496 << 10)],
+                ram_origin: 0x2000_0000,
+                ram_bytes: 64 << 10,
+                other_ram: &[],
+            },
+            // STM32F105RC: 256 KiB, of which the last two pages are the node's; 64 KiB.
+            Self::Evk1000 => Memory {
+                flash_origin: Some(0x0800_0000),
+                flash: &[(0x0800_0000, 252 << 10)],
+                ram_origin: 0x2000_0000,
+                ram_bytes: 64 << 10,
+                other_ram: &[],
+            },
+            // Internal SRAM as data (technical reference manuals, "System and Memory"): 384 KiB after the cache's 16; 512 KiB. Flash by
+            // the cache, as instructions and as data; SRAM as instructions; RTC memory.
+            Self::Esp32C3 => Memory {
+                flash_origin: None,
+                flash: &[(0x4200_0000, 8 << 20), (0x3C00_0000, 8 << 20)],
+                ram_origin: 0x3FC8_0000,
+                ram_bytes: 384 << 10,
+                other_ram: &[(0x4037_C000, 400 << 10), (0x5000_0000, 8 << 10)],
+            },
+            Self::Esp32C6 => Memory {
+                flash_origin: None,
+                flash: &[(0x4200_0000, 16 << 20)],
+                ram_origin: 0x4080_0000,
+                ram_bytes: 512 << 10,
+                other_ram: &[(0x5000_0000, 16 << 10)],
+            },
             // QEMU's mps2-an386 and virt, as the images are linked.
-            Self::SimulatedCortexM4F => {
-                Memory { flash_origin: Some(0), ram_origin: 0x2000_0000, ram_bytes: 4096 << 10 }
-            }
-            Self::SimulatedRiscV32 => Memory { flash_origin: None, ram_origin: 0x8000_0000, ram_bytes: 4096 << 10 },
+            Self::SimulatedCortexM4F => Memory {
+                flash_origin: Some(0),
+                flash: &[(0, 4 << 20)],
+                ram_origin: 0x2000_0000,
+                ram_bytes: 64 << 10,
+                other_ram: &[],
+            },
+            Self::SimulatedRiscV32 => Memory {
+                flash_origin: None,
+                flash: &[],
+                ram_origin: 0x8000_0000,
+                ram_bytes: 4096 << 10,
+                other_ram: &[],
+            },
         }
+    }
+}
+
+impl Memory {
+    /// Whether so many bytes from an address on lie in one of the memories.
+    pub fn holds(&self, address: u64, bytes: u64) -> bool {
+        let ram = [(self.ram_origin, self.ram_bytes)];
+        let mut places = self.flash.iter().chain(&ram).chain(self.other_ram);
+        places.any(|&(origin, length)| address >= origin && address + bytes <= origin + length)
     }
 }
 
@@ -111,14 +159,14 @@ impl Image {
         format!("firmware-{}", self.role)
     }
 
-    /// The binary.
-    pub fn binary(&self) -> String {
-        format!("{}-{}", self.role, self.board.name())
+    /// The binary: each role's crate has one by the name of the board.
+    pub fn binary(&self) -> &'static str {
+        self.board.name()
     }
 
-    /// The binary with its variant: the file's name in `target/firmware`.
+    /// Role, board and variant: the file's name in `target/firmware`.
     pub fn name(&self) -> String {
-        let mut name = self.binary();
+        let mut name = format!("{}-{}", self.role, self.board.name());
         if self.board.is_simulated() {
             name = format!("{name}-{}", if self.board.target().is_cortex_m() { "arm" } else { "riscv" });
         }
@@ -145,14 +193,16 @@ const ESP_BLE: Budget = Budget { flash: Some(444 << 10), ram: None, heap: Some(8
 
 /// The whole matrix.
 pub const IMAGES: [Image; 16] = [
-    Image::new("anchor", Board::Dwm1001, &[], missed(64, 68, 12)),
-    Image::new("anchor", Board::Evk1000, &[], missed(64, 78, 12)),
+    // Driver, state machines and buses optimised for speed take 3 KiB more of an anchor than for size and 5 KiB more of a tag: as much as
+    // the budgets were raised by for them.
+    Image::new("anchor", Board::Dwm1001, &[], missed(64, 71, 12)),
+    Image::new("anchor", Board::Evk1000, &[], missed(64, 83, 12)),
     Image::new("anchor", Board::Esp32C3, &[], NONE),
     Image::new("anchor", Board::Esp32C6, &[], NONE),
     // What they are spent on: `cargo xtask sizes`.
-    Image::new("tag", Board::Dwm1001, &[], missed(96, 137, 20)),
+    Image::new("tag", Board::Dwm1001, &[], missed(96, 138, 20)),
     // Some 6 KiB are a map of levels and a model of rooms.
-    Image::new("tag", Board::Dwm1001, &["ble"], missed(208, 226, 30)),
+    Image::new("tag", Board::Dwm1001, &["ble"], missed(208, 227, 30)),
     Image::new("tag", Board::Evk1000, &[], NONE),
     Image::new("tag", Board::Esp32C3, &[], NONE),
     Image::new("tag", Board::Esp32C3, &["ble"], ESP_BLE),

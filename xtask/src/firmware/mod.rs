@@ -93,14 +93,14 @@ pub fn elf(name: &str) -> Result<PathBuf> {
 fn build(image: &Image, toolchain: &Toolchain) -> Result<PathBuf> {
     let name = image.name();
     let mut cargo = toolchain.cargo_image("build")?;
-    cargo.args(["--package", &image.package(), "--bin", &image.binary(), "--features", &image.feature_list()]);
+    cargo.args(["--package", &image.package(), "--bin", image.binary(), "--features", &image.feature_list()]);
     // Part of the build id: images of one source are told apart.
     cargo.env("BALIZA_IMAGE", &name);
     println!("building {name}");
     succeed(cargo.arg("--quiet"))?;
     let file = directory().join(format!("{name}.elf"));
     fs::create_dir_all(directory())?;
-    fs::copy(toolchain.binary(&image.binary()), &file).with_context(|| format!("cannot write {}", file.display()))?;
+    fs::copy(toolchain.binary(image.binary()), &file).with_context(|| format!("cannot write {}", file.display()))?;
     Ok(file)
 }
 
@@ -136,7 +136,7 @@ fn lint(image: &Image) -> Result<()> {
         return Ok(());
     }
     let mut cargo = toolchain.cargo("clippy");
-    cargo.args(["--package", &image.package(), "--bin", &image.binary(), "--features", &image.feature_list()]);
+    cargo.args(["--package", &image.package(), "--bin", image.binary(), "--features", &image.feature_list()]);
     println!("looking at {}", image.name());
     succeed(cargo.args(["--quiet", "--", "-D", "warnings"]))
 }

@@ -57,8 +57,8 @@ pub struct Bus {
 }
 
 impl Bus {
-    /// Not inlined: the driver has some forty transactions.
-    #[inline(never)]
+    /// In RAM, as the peripheral's driver is, and so not inlined either: the driver of the DW1000 has some forty transactions.
+    #[esp_hal::ram]
     fn transact(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Error> {
         self.select.set_low();
         let result = operations.iter_mut().try_for_each(|operation| self.operate(operation));
@@ -66,6 +66,7 @@ impl Bus {
         result
     }
 
+    #[esp_hal::ram]
     fn operate(&mut self, operation: &mut Operation<'_, u8>) -> Result<(), Error> {
         match operation {
             Operation::Read(words) => self.spi.read(words),

@@ -109,6 +109,11 @@ fn frames_without_a_place_are_refused() {
     assert_eq!(bus.seen()[1], write(&[0x88, 0x7F, 0xC0]));
 }
 
+/// What gives the buffer of a frame back: LDEDONE, RXDFR, RXFCG, RXFCE cleared; HRBPT.
+fn giving_back() -> [Seen; 2] {
+    [write(&[0xCF, 0x01, 0xE4]), write(&[0xCD, 0x03, 0x01])]
+}
+
 #[test]
 fn receives_with_time_and_quality() {
     let (mut radio, bus, delay) = fast(true);
@@ -134,11 +139,11 @@ fn receives_with_time_and_quality() {
             read(&[0x11], 3),
             read(&[0x15], 9),
             read(&[0x12], 8),
-            // LDEDONE, RXDFR, RXFCG, RXFCE; HRBPT.
-            write(&[0xCF, 0x01, 0xE4]),
-            write(&[0xCD, 0x03, 0x01]),
         ]
     );
+    // Its buffer goes back with the next operation.
+    block_on(radio.idle()).unwrap();
+    assert_eq!(bus.seen(), giving_back());
     // The delay's deadline lies behind the chip's.
     assert_eq!(*delay.waits.borrow(), [1200]);
 }
@@ -168,12 +173,37 @@ fn keep_listening_is_on_again_before_the_frame_is_read() {
     assert_eq!(on_again - first + 1, 3);
     assert_eq!(seen[first..=on_again].iter().map(bytes).sum::<usize>(), 16);
 
-    // The next reception finds the receiver on: it begins with the status, and the delay alone times it.
+    // The next reception finds the receiver on: it gives the buffer back and begins with the status, and the delay alone times it.
     put_frame(&bus);
     delay.waits.borrow_mut().clear();
     block_on(radio.receive(&mut buffer, Start::Now, WINDOW, false)).unwrap();
-    assert_eq!(bus.seen()[0], read(&[0x0F], 4));
+    let seen = bus.seen();
+    assert_eq!((&seen[..2], &seen[2]), (&giving_back()[..], &read(&[0x0F], 4)));
     assert_eq!(*delay.waits.borrow(), [1000]);
+}
+
+#[test]
+fn an_answer_goes_before_the_buffer_of_the_frame_that_it_answers() {
+    let mut buffer = [0; MAX_FRAME];
+    for (keep, start) in [(true, Start::At(RadioInstant::from_ticks(1 << 32))), (true, Start::Now), (false, Start::Now)]
+    {
+        let (mut radio, bus, _) = fast(true);
+        put_frame(&bus);
+        block_on(radio.receive(&mut buffer, Start::Now, WINDOW, keep)).unwrap();
+        bus.seen();
+        bus.forget_answers();
+        bus.answer(SYS_STATUS, &[0x81]);
+        block_on(radio.transmit(&[1], start, true)).unwrap();
+        let seen = bus.seen();
+        let command =
+            seen.iter().position(|s| matches!(s, Seen::Write(b) if b[0] == 0x8D && b[1] & 0x02 != 0)).unwrap();
+        let back = seen.windows(2).position(|two| *two == giving_back()).unwrap();
+        let sent = seen.iter().position(|s| *s == read(&[0x0F], 1)).unwrap();
+        assert!(command < back && back < sent, "{seen:x?}");
+        // Once is enough.
+        block_on(radio.idle()).unwrap();
+        assert!(!bus.seen().contains(&giving_back()[1]));
+    }
 }
 
 /// Traffic of an operation.
@@ -203,8 +233,9 @@ fn costs_are_those_of_the_table() {
     let mut hear = |radio: &mut Driver, start, window, keep| {
         cost(radio, async |r| assert!(r.receive(&mut buffer, start, window, keep).await.is_ok()))
     };
-    // A first wait: timer and its enabling; a second; another window; one the timer cannot hold, and back.
-    assert_eq!(hear(&mut radio, Start::Now, WINDOW, false), (8 + 1 + 2, 3 + 44 + 3 + 6));
+    // A first wait: timer and its enabling; a second, which gives the buffer of the first back; another window; one the timer cannot
+    // hold, and back.
+    assert_eq!(hear(&mut radio, Start::Now, WINDOW, false), (6 + 1 + 2, 3 + 38 + 3 + 6));
     assert_eq!(hear(&mut radio, Start::Now, WINDOW, false), (8 + 1, 3 + 44 + 3));
     assert_eq!(hear(&mut radio, Start::Now, RadioDuration::from_micros(900), false), (8 + 2, 3 + 44 + 6));
     assert_eq!(hear(&mut radio, Start::Now, long, false), (8 + 2, 3 + 44 + 6));
@@ -216,7 +247,11 @@ fn costs_are_those_of_the_table() {
         assert_eq!(hear(&mut radio, Start::Now, long, true), (9, 3 + 47));
     }
     assert_eq!(hear(&mut radio, Start::Now, long, true), (9 + 1, 3 + 47 + 6));
-    // Switching it off, before a transmission and else.
+    // Switching it off, before a transmission and else; a buffer to be given back costs the same whatever is done next.
+    bus.forget_answers();
+    bus.answer(SYS_STATUS, &[0x81]);
+    assert_eq!(cost(&mut radio, async |r| r.idle().await.unwrap()), (2 + 2, 7 + 6));
+    radio.transceiver = Transceiver::Listening;
     bus.forget_answers();
     bus.answer(SYS_STATUS, &[0x81]);
     assert_eq!(cost(&mut radio, async |r| send(r, 25, far).await), (7 + 1, 25 + 25 + 2));

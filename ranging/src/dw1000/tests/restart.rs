@@ -30,7 +30,7 @@ fn the_bus_may_fail_anywhere() {
         // It begins by switching off what it does not know.
         assert_eq!(bus.seen()[0], write(&[0x8D, 0x40]));
     }
-    for transactions in 0..12 {
+    for transactions in 0..10 {
         let (mut radio, bus, _) = fast(true);
         bus.answer(SYS_STATUS, &[0x01, 0x6F, 0x00, 0x80]);
         bus.answer(&[0x10], &[5, 0, 0, 0]);
