@@ -3,7 +3,7 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use telemetry::{Decoder, Diagnostics, Fix, MAX_FRAME, Message, Outcome, Range, encode};
+use telemetry::{Decoder, Diagnostics, Fix, MAX_FRAME, Message, Outcome, Range, Solver, encode};
 
 const FRAMES: u32 = 1000;
 
