@@ -103,7 +103,7 @@ impl Board {
                 flash_origin: Some(0),
                 flash: &[(0, 4 << 20)],
                 ram_origin: 0x2000_0000,
-                ram_bytes: 64 << 10,
+                ram_bytes: 4096 << 10,
                 other_ram: &[],
             },
             Self::SimulatedRiscV32 => Memory {
