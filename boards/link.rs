@@ -22,8 +22,14 @@ fn main() {
         Some("esp32") => &[&["-Tmap-esp32.x", "-Talias.x", "-Tesp32.x", "-Thal-defaults.x", "-Tdefmt.x"]],
         Some("simulated") => match env::var("CARGO_CFG_TARGET_ARCH").as_deref() {
             Ok("riscv32") => &[&["--nmagic", "-Tmap-simulated-riscv32.x", "-Tlink.x", "-Tdefmt.x"]],
-            // QEMU's mps2-an386 has 4 MiB of flash.
-            _ => &[&["--nmagic", "--defsym=_flash_length=4M", "-Tlink.x", "-Tdefmt.x"]],
+            // QEMU's mps2-an386 has 4 MiB of flash, and as much RAM, from whose end the stack grows.
+            _ => &[&[
+                "--defsym=_flash_length=4M",
+                "--defsym=_stack_start=0x20400000",
+                "--nmagic",
+                "-Tlink.x",
+                "-Tdefmt.x",
+            ]],
         },
         _ => &[],
     };

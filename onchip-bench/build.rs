@@ -10,9 +10,10 @@ fn main() -> std::io::Result<()> {
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     match env::var("CARGO_CFG_TARGET_ARCH").as_deref() {
         Ok("arm") => {
-            // The DWM1001's map, with the flash of QEMU's mps2-an386.
+            // The DWM1001's map, with the flash of QEMU's mps2-an386, and the stack at the end of its RAM.
             fs::copy("../memory.x", out.join("memory.x"))?;
             println!("cargo::rustc-link-arg-bins=--defsym=_flash_length=4M");
+            println!("cargo::rustc-link-arg-bins=--defsym=_stack_start=0x20400000");
         }
         Ok("riscv32") => {
             fs::copy("memory-riscv32.x", out.join("map-riscv32.x"))?;
