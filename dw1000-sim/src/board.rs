@@ -71,8 +71,9 @@ impl BoardProfile {
     /// * 1.5 cycles an instruction: with its cache the chip has 3.36 CoreMark/MHz (product specification), as a Cortex-M4 without
     ///   wait states, which takes about 1.25 cycles for an instruction of compiled code; a cache of 2 KB does not hold a
     ///   driver, and each line that is missed waits two or three cycles for the flash. Without the cache, as after reset, it is near 2.
-    /// * SPI by embassy-nrf's SPIM with the work-around for anomaly 109, each operation started twice: 280 instructions by the
-    ///   disassembly and two exceptions. [`DWM1001_LEAN`](Self::DWM1001_LEAN) is without it.
+    /// * SPI by the SPIM's own registers, one start an operation, and a look at the end's event until it is there: about 40
+    ///   instructions, counted by hand, and half a microsecond from the start to the first bit and from the last to the event.
+    ///   (embassy-nrf's transfers, each started twice for anomaly 109, take 280 and two exceptions.)
     /// * Interrupts: 3 µs from sleep to running (product specification, POWER: tIDLE2CPU), 12 cycles of stacking. Handler of all pins
     ///   and executor: about 200 instructions by the sources, not counted.
     /// * TIMER1 counts microseconds.
@@ -86,9 +87,9 @@ impl BoardProfile {
         slowdown: 1.0,
         spi_hz: 2_000_000,
         spi_fast_hz: 8_000_000,
-        transaction_instructions: 30,
-        operation_instructions: 280,
-        operation_ns: 1_000,
+        transaction_instructions: 20,
+        operation_instructions: 40,
+        operation_ns: 500,
         byte_instructions: 0,
         interrupt_latency_ns: 3_200,
         wake_instructions: 250,
@@ -100,12 +101,6 @@ impl BoardProfile {
         wait_ma: 0.6,
         sleep_ma: 0.0019,
     };
-
-    /// The DWM1001 with an SPI path that writes the SPIM's registers itself: pointers, counts, start, and a look at the end's event until
-    /// it is there. About 40 instructions an operation, counted by hand; half a microsecond from the start to the first bit and from the
-    /// last to the event.
-    pub const DWM1001_LEAN: Self =
-        Self { transaction_instructions: 20, operation_instructions: 40, operation_ns: 500, ..Self::DWM1001 };
 
     /// EVK1000's EVB1000: STM32F105 at 72 MHz.
     ///
@@ -256,8 +251,8 @@ mod tests {
 
     #[test]
     fn each_operation_is_set_up() {
-        // (30 + 2 · 280) · 1.5 / 64 MHz = 13.828125 µs, and twice 1 µs.
-        assert_eq!(BoardProfile::DWM1001.setup_ps(2), 15_828_125);
+        // (20 + 2 · 40) · 1.5 / 64 MHz = 2.34375 µs, and twice half a microsecond.
+        assert_eq!(BoardProfile::DWM1001.setup_ps(2), 3_343_750);
         assert_eq!(BoardProfile::INSTANT.setup_ps(2), 0);
     }
 

@@ -95,8 +95,9 @@ fn a_transaction_takes_eight_clocks_a_byte_and_the_setting_up_of_its_operations(
     let slow = Host { world: world.clone(), p: node.peripherals(), node };
     let before = world.now();
     slow.status();
-    // Six bytes at 2 MHz; (30 + 2 · 280) instructions · 1.5 / 64 MHz and twice 1 µs for the header's operation and the status'.
-    assert_eq!(world.now() - before, Duration::from_nanos(24_000 + 13_828 + 2_000));
+    // Six bytes at 2 MHz; (20 + 2 · 40) instructions · 1.5 / 64 MHz and twice half a microsecond for the header's operation and the
+    // status'.
+    assert_eq!(world.now() - before, Duration::from_nanos(24_000 + 2_343 + 1_000));
 }
 
 #[test]

@@ -60,8 +60,10 @@ const FRAME_SEEN: (u64, usize) = (2, 13);
 const LISTEN_AGAIN: (u64, usize) = (1, 3);
 const FRAME_READ: (u64, usize) = (6, 31);
 const WINDOW_OVER: (u64, usize) = (4, 17);
-/// A receiver that listens is switched off.
+/// A receiver that listens is switched off: by itself, before a frame that is sent at once, and before one at an instant.
 const STOP: (u64, usize) = (2, 7);
+const STOP_AND_SEND: (u64, usize) = (2, 8);
+const STOP_AND_SEND_AT: (u64, usize) = (1, 2);
 /// The chip's clock, read.
 const CLOCK: (u64, usize) = (1, 6);
 /// What the end of a window takes at least, ticks (1 µs): a node that asks again for what is left must not stop time.
@@ -280,9 +282,10 @@ impl AirClient for State {
 
 impl Direct {
     /// Switches off a receiver that is on, as the driver does before anything else.
-    async fn stop(&self) {
-        if self.antenna.state.borrow().listening {
-            self.antenna.bus(STOP).await;
+    async fn stop(&self, takes: (u64, usize)) {
+        let listens = self.antenna.state.borrow().listening;
+        if listens {
+            self.antenna.bus(takes).await;
         }
         self.antenna.switch_off();
     }
@@ -310,12 +313,12 @@ impl Radio for Direct {
         if frame.len() > MAX_FRAME {
             return Err(TransmitError::TooLong);
         }
-        self.stop().await;
-        let antenna = &self.antenna;
-        let (load, sent_by) = match start {
-            Start::Now => (LOAD_NOW, SENT_NOW),
-            Start::At(_) => (LOAD_AT, SENT_AT),
+        let (stop, load, sent_by) = match start {
+            Start::Now => (STOP_AND_SEND, LOAD_NOW, SENT_NOW),
+            Start::At(_) => (STOP_AND_SEND_AT, LOAD_AT, SENT_AT),
         };
+        self.stop(stop).await;
+        let antenna = &self.antenna;
         antenna.bus((load.0, load.1 + frame.len())).await;
         let shr = antenna.phy.shr_ticks() as i64;
         let soonest = antenna.ticks_now() + LEAD_TICKS + shr;
@@ -381,7 +384,7 @@ impl Radio for Direct {
                 self.antenna.ticks_now()
             }
             Start::At(at) => {
-                self.stop().await;
+                self.stop(STOP).await;
                 let begin = self.antenna.unwrap(at);
                 self.antenna.bus(LISTEN).await;
                 if begin < self.antenna.ticks_now() {
@@ -429,7 +432,7 @@ impl Radio for Direct {
     }
 
     async fn idle(&mut self) -> Result<(), Infallible> {
-        self.stop().await;
+        self.stop(STOP).await;
         Ok(())
     }
 

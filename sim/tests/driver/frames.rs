@@ -49,8 +49,8 @@ fn responses_of_a_round_are_all_heard() {
 
 #[test]
 fn responses_of_several_anchors_are_heard_from_their_first_symbol_on() {
-    // Frames of 27 bytes take 194 µs; 280 µs after one another leave 86 µs to be on again: 9 µs of interrupt, three transactions
-    // of 8.3 µs and 16 bytes, 16 µs for the receiver to start.
+    // Frames of 27 bytes take 194 µs; 250 µs after one another leave 56 µs to be on again: 9 µs of interrupt, three transactions
+    // of 1.9 µs and 16 bytes, 16 µs for the receiver to start.
     let world = World::new(7, AirConfig::ideal());
     let tag = node_at(&world, 0.0, 0.0);
     for number in 0..5_u8 {
@@ -61,7 +61,7 @@ fn responses_of_several_anchors_are_heard_from_their_first_symbol_on() {
         world.spawn(async move {
             anchor.init().await.unwrap();
             for round in 0..4 {
-                let at = us(30_000 + 280 * (5 * round + u32::from(number)));
+                let at = us(30_000 + 250 * (5 * round + u32::from(number)));
                 let at = RadioInstant::from_ticks(0).plus(at);
                 anchor.transmit(&[number; 25], Start::At(at), false).await.unwrap();
             }
