@@ -7,10 +7,12 @@ fn main() -> Result<(), Box<dyn error::Error>> {
     println!("cargo::rerun-if-changed=memory");
     let enabled = |board: &str| env::var_os(format!("CARGO_FEATURE_{}", board.to_uppercase())).is_some();
     let processor = env::var("CARGO_CFG_TARGET_ARCH")?;
-    let map = match ["dwm1001", "evk1000", "simulated"].into_iter().find(|board| enabled(board)) {
-        Some("simulated") if ["arm", "riscv32"].contains(&processor.as_str()) => Some(format!("simulated-{processor}")),
+    let map = match ["dwm1001", "evk1000", "simulated", "wired"].into_iter().find(|board| enabled(board)) {
+        Some("simulated" | "wired") if ["arm", "riscv32"].contains(&processor.as_str()) => {
+            Some(format!("simulated-{processor}"))
+        }
         // On a desktop there is no map to be had.
-        Some("simulated") | None => None,
+        Some("simulated" | "wired") | None => None,
         Some(board) => Some(board.to_owned()),
     };
     if let Some(map) = map {

@@ -13,7 +13,7 @@ fn main() {
         &["--nmagic", "--icf=all", "-Tlink.x", "-Tdefmt.x"]
     } else if ["esp32c3", "esp32c6", "esp32"].iter().any(|board| enabled(board)) {
         &["-Tlinkall.x", "-Tdefmt.x"]
-    } else if enabled("simulated") {
+    } else if ["simulated", "wired"].iter().any(|board| enabled(board)) {
         match env::var("CARGO_CFG_TARGET_ARCH").as_deref() {
             // The memory map is a script of its own there.
             Ok("riscv32") => &["--nmagic", "-Tmemory.x", "-Tlink.x", "-Tdefmt.x"],
