@@ -70,7 +70,7 @@ fn seal(mut message: Message) -> Message {
 }
 
 /// Takes the first bytes off.
-fn take<'a, const N: usize>(bytes: &mut &'a [u8]) -> Result<[u8; N], Fault> {
+fn take<const N: usize>(bytes: &mut &[u8]) -> Result<[u8; N], Fault> {
     let (first, rest) = bytes.split_first_chunk().ok_or(Fault::Malformed)?;
     *bytes = rest;
     Ok(*first)
