@@ -9,11 +9,11 @@ fn main() -> Result<(), Box<dyn error::Error>> {
     println!("cargo::rerun-if-changed=../memory.x");
     let enabled = |board: &str| env::var_os(format!("CARGO_FEATURE_{}", board.to_uppercase())).is_some();
     let processor = env::var("CARGO_CFG_TARGET_ARCH")?;
-    let board =
-        ["dwm1001", "evk1000", "esp32c3", "esp32c6", "esp32", "simulated"].into_iter().find(|board| enabled(board));
+    let boards = ["dwm1001", "evk1000", "esp32c3", "esp32c6", "esp32", "simulated", "wired"];
+    let board = boards.into_iter().find(|board| enabled(board));
     let (map, name) = match (board, processor.as_str()) {
-        (Some("dwm1001" | "evk1000" | "simulated"), "arm") => ("../memory.x".to_owned(), "memory.x".to_owned()),
-        (Some("simulated"), "riscv32") => {
+        (Some("dwm1001" | "evk1000" | "simulated" | "wired"), "arm") => ("../memory.x".to_owned(), "memory.x".to_owned()),
+        (Some("simulated" | "wired"), "riscv32") => {
             ("memory/simulated-riscv32.x".to_owned(), "map-simulated-riscv32.x".to_owned())
         }
         (Some(esp @ ("esp32c3" | "esp32c6" | "esp32")), "riscv32" | "xtensa") => {

@@ -10,7 +10,7 @@ fn main() {
     if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
         return;
     }
-    let boards = ["dwm1001", "evk1000", "esp32c3", "esp32c6", "esp32", "simulated"];
+    let boards = ["dwm1001", "evk1000", "esp32c3", "esp32c6", "esp32", "simulated", "wired"];
     let enabled = |board: &&str| env::var_os(format!("CARGO_FEATURE_{}", board.to_uppercase())).is_some();
     let arguments: &[&[&str]] = match boards.into_iter().find(enabled) {
         Some("dwm1001") => &[&CORTEX_M],
@@ -20,7 +20,7 @@ fn main() {
         Some("esp32c3") => &[&["-Tmap-esp32c3.x", "-Tesp32c3.x", "-Thal-defaults.x", "-Tdefmt.x"]],
         Some("esp32c6") => &[&["-Tmap-esp32c6.x", "-Tesp32c6.x", "-Thal-defaults.x", "-Tdefmt.x"]],
         Some("esp32") => &[&["-Tmap-esp32.x", "-Talias.x", "-Tesp32.x", "-Thal-defaults.x", "-Tdefmt.x"]],
-        Some("simulated") => match env::var("CARGO_CFG_TARGET_ARCH").as_deref() {
+        Some("simulated" | "wired") => match env::var("CARGO_CFG_TARGET_ARCH").as_deref() {
             Ok("riscv32") => &[&["--nmagic", "-Tmap-simulated-riscv32.x", "-Tlink.x", "-Tdefmt.x"]],
             // QEMU's mps2-an386 has 4 MiB of flash, and as much RAM, from whose end the stack grows.
             _ => &[&[

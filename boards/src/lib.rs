@@ -29,3 +29,5 @@ pub mod node;
 mod rtt;
 #[cfg(all(feature = "simulated", target_os = "none"))]
 pub mod simulated;
+#[cfg(all(feature = "wired", target_os = "none"))]
+pub mod wired;

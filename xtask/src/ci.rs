@@ -11,7 +11,7 @@ use crate::root;
 /// What a step proves, its command, and what is added to its environment.
 type Step = (&'static str, &'static [&'static str], &'static [(&'static str, &'static str)]);
 
-const STEPS: [Step; 11] = [
+const STEPS: [Step; 12] = [
     ("lock file", &["cargo", "fetch", "--locked"], &[]),
     ("tests", &["cargo", "test"], &[]),
     ("formatting", &["cargo", "fmt", "--all", "--check"], &[]),
@@ -22,6 +22,7 @@ const STEPS: [Step; 11] = [
     ("firmware", &["cargo", "xtask", "firmware"], &[]),
     ("lints of the boards", &["cargo", "xtask", "firmware", "--lint"], &[]),
     ("tag in QEMU", &["cargo", "xtask", "qemu", "tag"], &[]),
+    ("network in QEMU", &["cargo", "xtask", "qemu", "network", "--seconds", "1.5"], &[]),
     ("cost on the chip", &["cargo", "xtask", "bench", "--check"], &[]),
 ];
 

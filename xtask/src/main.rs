@@ -9,6 +9,7 @@ mod ci;
 mod document;
 mod fingerprints;
 mod firmware;
+mod network;
 mod onchip;
 mod qemu;
 mod qemu_tag;
@@ -22,7 +23,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
 use anyhow::{Context, Result, bail};
-use clap::{Parser, Subcommand, ValueEnum};
+use clap::{Parser, Subcommand};
 
 use chip::Chip;
 use toolchain::Toolchain;
@@ -59,11 +60,9 @@ enum Chore {
     Firmware(firmware::Arguments),
     /// Print what the flash of images is spent on: driver, exchanges, engine, solvers, telemetry, Bluetooth and so on.
     Sizes(sizes::Arguments),
-    /// Run a node's images in QEMU, and compare what they find with what the same app finds on the desktop.
-    Qemu {
-        /// Which node.
-        node: Node,
-    },
+    /// Run nodes' images in QEMU.
+    #[command(subcommand)]
+    Qemu(Qemu),
     /// Remake the tables and figures of docs/performance.md and docs/simulation.md that simulations, recordings and QEMU make: all, or those
     /// that are named. `cargo xtask firmware --document` makes that of the images.
     ///
@@ -79,10 +78,13 @@ enum Chore {
     },
 }
 
-/// Nodes with images for QEMU.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum Node {
+/// What runs in QEMU.
+#[derive(Subcommand)]
+enum Qemu {
+    /// A tag and its air: it finds the same positions as the same app on the desktop.
     Tag,
+    /// A tag and four anchors on simulated DW1000s: they range as often, and come as late, as in `baliza simulate`.
+    Network(network::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -101,7 +103,8 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::NoStd => no_std(),
         Chore::Firmware(arguments) => firmware::run(arguments),
         Chore::Sizes(arguments) => sizes::run(arguments),
-        Chore::Qemu { node: Node::Tag } => qemu_tag::run(),
+        Chore::Qemu(Qemu::Tag) => qemu_tag::run(),
+        Chore::Qemu(Qemu::Network(arguments)) => network::run(arguments),
         Chore::Bench { check: true, .. } => onchip::check(),
         Chore::Bench { check: false, tables } => bench::run(tables),
     }

@@ -58,7 +58,8 @@ fn name(command: &Command) -> String {
     command.get_program().to_string_lossy().into_owned()
 }
 
-fn install(chip: Chip) -> &'static str {
+/// How to get QEMU for a chip.
+pub fn install(chip: Chip) -> &'static str {
     match chip {
         Chip::CortexM4F | Chip::CortexM3 => "on Debian `apt-get install qemu-system-arm`",
         Chip::RiscV32 => "on Debian `apt-get install qemu-system-misc`",

@@ -101,6 +101,14 @@ impl Hardware {
         }
     }
 
+    /// The board, where there is one.
+    pub(super) fn board(&self) -> Option<&Node> {
+        match self {
+            Self::Board(node) => Some(node),
+            Self::Bare(_) => None,
+        }
+    }
+
     /// Does a fault to the node.
     pub(super) fn suffer(&self, fault: FaultKind) {
         match (self, fault) {

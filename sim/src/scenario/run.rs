@@ -28,7 +28,7 @@ use crate::air::{Path, PortId, Sniffed};
 use crate::bluetooth::Bluetooth;
 use crate::costs::Charged;
 use crate::random::{Purpose, stream};
-use crate::{AirConfig, ClockConfig, Interrupts, Processor, SimDelay, TrueTime, World};
+use crate::{AirConfig, ClockConfig, Interrupts, Node, Processor, SimDelay, TrueTime, World};
 
 /// Rounds a second of a DecaRanging tag that nobody told.
 const DECARANGING_HZ: f64 = 20.0;
@@ -130,6 +130,11 @@ impl Simulation {
     /// The node that sends on a port.
     pub fn address(&self, port: PortId) -> Option<u16> {
         self.addresses.get(&port).copied()
+    }
+
+    /// The node of an address: its chip and its processor. `None`: there is no such node, or it has no board.
+    pub fn node(&self, address: u16) -> Option<&Node> {
+        self.nodes.get(&address).and_then(Hardware::board)
     }
 
     /// The figures so far.

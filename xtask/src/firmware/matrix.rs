@@ -1,5 +1,6 @@
 //! Every image that is built: role, board, variant, and what it may take.
 
+use crate::chip::Chip;
 use crate::target::Target;
 
 /// A board, as far as its images differ in building.
@@ -9,10 +10,10 @@ pub enum Board {
     Evk1000,
     Esp32C3,
     Esp32C6,
-    /// QEMU with a simulated radio, on a Cortex-M4F.
-    SimulatedCortexM4F,
-    /// The same on RISC-V.
-    SimulatedRiscV32,
+    /// QEMU with a radio and its air within the image.
+    Simulated(Chip),
+    /// QEMU with a simulated DW1000 behind a pipe.
+    Wired(Chip),
 }
 
 /// Where a chip's memories are.
@@ -36,16 +37,18 @@ impl Board {
             Self::Evk1000 => "evk1000",
             Self::Esp32C3 => "esp32c3",
             Self::Esp32C6 => "esp32c6",
-            Self::SimulatedCortexM4F | Self::SimulatedRiscV32 => "simulated",
+            Self::Simulated(_) => "simulated",
+            Self::Wired(_) => "wired",
         }
     }
 
     pub fn target(self) -> Target {
         match self {
-            Self::Dwm1001 | Self::SimulatedCortexM4F => Target::CortexM4F,
+            Self::Dwm1001 => Target::CortexM4F,
             Self::Evk1000 => Target::CortexM3,
-            Self::Esp32C3 | Self::SimulatedRiscV32 => Target::RiscV32Imc,
+            Self::Esp32C3 => Target::RiscV32Imc,
             Self::Esp32C6 => Target::RiscV32Imac,
+            Self::Simulated(chip) | Self::Wired(chip) => chip.target(),
         }
     }
 
@@ -53,14 +56,15 @@ impl Board {
     pub fn espflash_chip(self) -> Option<&'static str> {
         match self {
             Self::Esp32C3 | Self::Esp32C6 => Some(self.name()),
-            Self::Dwm1001 | Self::Evk1000 | Self::SimulatedCortexM4F | Self::SimulatedRiscV32 => None,
+            Self::Dwm1001 | Self::Evk1000 | Self::Simulated(_) | Self::Wired(_) => None,
         }
     }
 
-    pub fn is_simulated(self) -> bool {
+    /// The kind of chip that QEMU stands in for.
+    pub fn in_qemu(self) -> Option<Chip> {
         match self {
-            Self::SimulatedCortexM4F | Self::SimulatedRiscV32 => true,
-            Self::Dwm1001 | Self::Evk1000 | Self::Esp32C3 | Self::Esp32C6 => false,
+            Self::Simulated(chip) | Self::Wired(chip) => Some(chip),
+            Self::Dwm1001 | Self::Evk1000 | Self::Esp32C3 | Self::Esp32C6 => None,
         }
     }
 
@@ -99,14 +103,14 @@ impl Board {
                 other_ram: &[(0x5000_0000, 16 << 10)],
             },
             // QEMU's mps2-an386 and virt, as the images are linked.
-            Self::SimulatedCortexM4F => Memory {
+            Self::Simulated(Chip::CortexM4F | Chip::CortexM3) | Self::Wired(Chip::CortexM4F | Chip::CortexM3) => Memory {
                 flash_origin: Some(0),
                 flash: &[(0, 4 << 20)],
                 ram_origin: 0x2000_0000,
                 ram_bytes: 4096 << 10,
                 other_ram: &[],
             },
-            Self::SimulatedRiscV32 => Memory {
+            Self::Simulated(Chip::RiscV32) | Self::Wired(Chip::RiscV32) => Memory {
                 flash_origin: None,
                 flash: &[],
                 ram_origin: 0x8000_0000,
@@ -167,8 +171,11 @@ impl Image {
     /// Role, board and variant: the file's name in `target/firmware`.
     pub fn name(&self) -> String {
         let mut name = format!("{}-{}", self.role, self.board.name());
-        if self.board.is_simulated() {
-            name = format!("{name}-{}", if self.board.target().is_cortex_m() { "arm" } else { "riscv" });
+        match self.board.in_qemu() {
+            Some(Chip::CortexM4F) => name += "-arm",
+            Some(Chip::CortexM3) => name += "-arm-m3",
+            Some(Chip::RiscV32) => name += "-riscv",
+            None => {}
         }
         self.features.iter().fold(name, |name, feature| format!("{name}-{feature}"))
     }
@@ -192,7 +199,7 @@ const NONE: Budget = Budget { flash: None, ram: None, heap: None, missed: None }
 const ESP_BLE: Budget = Budget { flash: Some(456 << 10), ram: None, heap: Some(80 << 10), missed: Some(420 << 10) };
 
 /// The whole matrix.
-pub const IMAGES: [Image; 16] = [
+pub const IMAGES: [Image; 22] = [
     // State machines and buses optimised for speed take 3 KiB (EVK1000: 6) more of an image than for size, the driver, with the apps that it
     // is compiled with, 9 (7) KiB more; for these the budgets were raised by 12 to 13 KiB, to what the images take.
     Image::new("anchor", Board::Dwm1001, &[], missed(64, 80, 12)),
@@ -211,6 +218,12 @@ pub const IMAGES: [Image; 16] = [
     Image::new("tag", Board::Esp32C6, &["ble"], NONE),
     Image::new("beacon", Board::Esp32C3, &[], NONE),
     Image::new("beacon", Board::Esp32C6, &[], NONE),
-    Image::new("tag", Board::SimulatedCortexM4F, &[], NONE),
-    Image::new("tag", Board::SimulatedRiscV32, &[], NONE),
+    Image::new("tag", Board::Simulated(Chip::CortexM4F), &[], NONE),
+    Image::new("tag", Board::Simulated(Chip::RiscV32), &[], NONE),
+    Image::new("anchor", Board::Wired(Chip::CortexM4F), &[], NONE),
+    Image::new("anchor", Board::Wired(Chip::CortexM3), &[], NONE),
+    Image::new("anchor", Board::Wired(Chip::RiscV32), &[], NONE),
+    Image::new("tag", Board::Wired(Chip::CortexM4F), &[], NONE),
+    Image::new("tag", Board::Wired(Chip::CortexM3), &[], NONE),
+    Image::new("tag", Board::Wired(Chip::RiscV32), &[], NONE),
 ];

@@ -94,7 +94,7 @@ fn build(image: &Image, toolchain: &Toolchain) -> Result<PathBuf> {
     let name = image.name();
     // QEMU's has its stack far from its variables.
     let mut cargo =
-        if image.board.is_simulated() { toolchain.cargo("build") } else { toolchain.cargo_image("build")? };
+        if image.board.in_qemu().is_some() { toolchain.cargo("build") } else { toolchain.cargo_image("build")? };
     cargo.args(["--package", &image.package(), "--bin", image.binary(), "--features", &image.feature_list()]);
     // Part of the build id: images of one source are told apart.
     cargo.env("BALIZA_IMAGE", &name);

@@ -1,0 +1,117 @@
+//! A board in QEMU whose DW1000 is simulated outside: every transaction on the bus, every interrupt and every wait is asked of a
+//! simulated world over a pipe ([`qemu_link`]), which lets the time of the instructions pass that were executed in between.
+//!
+//! As on a DWM1001 there are two executors: ranging in the upper one; engine, telemetry and the rest in the lower one. A step of the
+//! lower one is executed at once, but its time passes while the upper one waits, and until it has passed there is no other step.
+
+mod clock;
+// RISC-V's comes with its crate.
+#[cfg(target_arch = "arm")]
+#[path = "cortex/critical.rs"]
+mod critical;
+mod executor;
+mod lines;
+mod pipe;
+mod timers;
+
+use embassy_executor::Spawner;
+use node_record::Record;
+use qemu_link::{Request, Start};
+use telemetry::ResetCause;
+
+use crate::node::{self, Reporter};
+use crate::rtt::{self, TelemetryChannel};
+use executor::Executors;
+use pipe::PIPE;
+
+pub use clock::uptime_us;
+pub use lines::{Bus, Interrupt, Reset};
+pub use timers::Delay;
+
+/// As telemetry calls it.
+pub const KIND: telemetry::Board = telemetry::Board::Simulated;
+
+defmt::timestamp!("{=u64:us}", uptime_us());
+
+/// The parts of the DW1000.
+pub struct Uwb {
+    /// SPI with the chip's select line.
+    pub bus: Bus,
+    /// High while the chip has something to tell.
+    pub interrupt: Interrupt,
+    /// RSTn.
+    pub reset: Reset,
+    /// For the driver's waits.
+    pub delay: Delay,
+}
+
+/// The board, taken.
+pub struct Board {
+    /// The DW1000's parts.
+    pub uwb: Uwb,
+    /// For the exchange's waits.
+    pub delay: Delay,
+    /// What the node is told.
+    pub start: node::Start,
+    /// What runs the node's tasks.
+    pub care: Care,
+}
+
+/// The executors, and telemetry's way out.
+pub struct Care {
+    executors: Executors,
+    telemetry: TelemetryChannel,
+}
+
+impl Board {
+    /// Takes the board; once a program.
+    pub fn take() -> Self {
+        clock::start();
+        let telemetry = rtt::start();
+        let record = PIPE.open(|pipe| {
+            pipe.ask(Request::Start, |answer| {
+                let Start { instruction_ps, record } = Start::decode(answer.body).expect("the world says how to start");
+                clock::set_instruction_ps(instruction_ps);
+                node_record::decode(record).map(|(record, _): (Record, u32)| record)
+            })
+        });
+        let [delay, driver_delay] = Delay::take();
+        Self {
+            uwb: Uwb { bus: Bus, interrupt: Interrupt, reset: Reset, delay: driver_delay },
+            delay,
+            // The record has its address.
+            start: node::Start { record, eui: 0xDECA_0000_0000_0000, reset: ResetCause::PowerOn, crash: None },
+            care: Care { executors: Executors::take(), telemetry },
+        }
+    }
+}
+
+impl Care {
+    /// Of ranging's tasks.
+    pub fn ranging(&self) -> Spawner {
+        self.executors.ranging()
+    }
+
+    /// Of all other tasks.
+    pub fn background(&self) -> Spawner {
+        self.executors.background()
+    }
+
+    /// Runs what was spawned until the world ends, and then the program and QEMU with it.
+    pub fn run(mut self, reporter: &Reporter) -> ! {
+        self.executors.run(|| {
+            reporter.journal.drain(|frame| {
+                // Nobody reads the channel: it is full soon, as on a board without a probe.
+                self.telemetry.write(frame);
+                PIPE.ask(Request::Telemetry(frame), |_| ());
+                true
+            });
+        });
+        reporter.journal.counters(reporter.counts.told(reporter.now_us(), reporter.journal.dropped()));
+        reporter.journal.drain(|frame| {
+            PIPE.ask(Request::Telemetry(frame), |_| ());
+            true
+        });
+        semihosting::process::exit(0)
+    }
+}

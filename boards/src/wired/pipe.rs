@@ -1,0 +1,77 @@
+//! The pipe to the world: QEMU's standard input and output, opened by semihosting.
+
+use core::cell::{Cell, RefCell};
+
+use critical_section::Mutex;
+use qemu_link::{Answer, MAX_MESSAGE, Request};
+use semihosting::fs::File;
+use semihosting::io::{Read, Write};
+
+use super::clock::{self, Pause};
+
+/// The pipe, once it is open.
+pub struct Pipe {
+    to: File,
+    from: File,
+    buffer: [u8; MAX_MESSAGE],
+}
+
+/// The one pipe, and what was last answered.
+pub struct Shared {
+    pipe: Mutex<RefCell<Option<Pipe>>>,
+    flags: Mutex<Cell<u8>>,
+}
+
+/// The one.
+pub static PIPE: Shared = Shared { pipe: Mutex::new(RefCell::new(None)), flags: Mutex::new(Cell::new(0)) };
+
+impl Shared {
+    /// Opens it, and does something with it.
+    pub fn open<R>(&self, first: impl FnOnce(&Self) -> R) -> R {
+        let to = File::create(c"/dev/stdout").expect("QEMU's standard output is a pipe");
+        let from = File::open(c"/dev/stdin").expect("QEMU's standard input is a pipe");
+        critical_section::with(|token| {
+            *self.pipe.borrow_ref_mut(token) = Some(Pipe { to, from, buffer: [0; MAX_MESSAGE] });
+        });
+        first(self)
+    }
+
+    /// Asks the world; `take` has the answer.
+    pub fn ask<R>(&self, request: Request<'_>, take: impl FnOnce(&Answer<'_>) -> R) -> R {
+        let _pause = Pause::begin();
+        let spent = clock::take_spent();
+        critical_section::with(|token| {
+            let mut pipe = self.pipe.borrow_ref_mut(token);
+            let pipe = pipe.as_mut().expect("the pipe is open");
+            let message = request.encode(spent).expect("requests are short");
+            // The world is gone: there is nothing to run for.
+            if pipe.to.write_all(&message).is_err() {
+                semihosting::process::exit(1);
+            }
+            let answer = pipe.read();
+            self.flags.borrow(token).set(answer.flags);
+            let result = take(&answer);
+            clock::set(answer.now_ns);
+            result
+        })
+    }
+
+    /// Whether the last answer had this flag.
+    pub fn says(&self, flag: u8) -> bool {
+        critical_section::with(|token| self.flags.borrow(token).get() & flag != 0)
+    }
+}
+
+impl Pipe {
+    fn read(&mut self) -> Answer<'_> {
+        let mut length = [0; 2];
+        if self.from.read_exact(&mut length).is_err() {
+            semihosting::process::exit(1);
+        }
+        let body = self.buffer.get_mut(..usize::from(u16::from_le_bytes(length))).expect("answers are short");
+        if self.from.read_exact(body).is_err() {
+            semihosting::process::exit(1);
+        }
+        Answer::decode(body).expect("the world answers")
+    }
+}

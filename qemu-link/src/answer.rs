@@ -1,0 +1,97 @@
+//! What the world answers.
+
+use crate::{Fault, Message, begin, put, seal, take};
+
+/// An answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Answer<'a> {
+    /// The world's time, nanoseconds.
+    pub now_ns: u64,
+    /// [`Answer::IRQ_IS_HIGH`] and so on.
+    pub flags: u8,
+    /// The bytes received, or what the node is to be ([`Start`]).
+    pub body: &'a [u8],
+}
+
+/// What the node is to be: the body of the answer to [`Request::Start`](crate::Request::Start).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Start<'a> {
+    /// What an instruction takes, picoseconds.
+    pub instruction_ps: u32,
+    /// The beginning of a record's page.
+    pub record: &'a [u8],
+}
+
+impl<'a> Answer<'a> {
+    /// The chip's interrupt line is high.
+    pub const IRQ_IS_HIGH: u8 = 1 << 0;
+    /// The background's work has not passed yet: no more of it now.
+    pub const BACKGROUND_IS_BUSY: u8 = 1 << 1;
+    /// The world ends: send the last telemetry, and end.
+    pub const END: u8 = 1 << 2;
+
+    /// As a message.
+    ///
+    /// # Errors
+    /// [`Fault::TooLong`].
+    pub fn encode(&self) -> Result<Message, Fault> {
+        let mut message = begin();
+        put(&mut message, &self.now_ns.to_le_bytes())?;
+        put(&mut message, &[self.flags])?;
+        put(&mut message, self.body)?;
+        Ok(seal(message))
+    }
+
+    /// A message without its length.
+    ///
+    /// # Errors
+    /// [`Fault::Malformed`].
+    pub fn decode(mut bytes: &'a [u8]) -> Result<Self, Fault> {
+        let now_ns = u64::from_le_bytes(take(&mut bytes)?);
+        let [flags] = take(&mut bytes)?;
+        Ok(Self { now_ns, flags, body: bytes })
+    }
+}
+
+impl<'a> Start<'a> {
+    /// As a body: `into` is overwritten.
+    ///
+    /// # Errors
+    /// [`Fault::TooLong`].
+    pub fn encode(&self, into: &mut Message) -> Result<(), Fault> {
+        into.clear();
+        put(into, &self.instruction_ps.to_le_bytes())?;
+        put(into, self.record)
+    }
+
+    /// Of an answer's body.
+    ///
+    /// # Errors
+    /// [`Fault::Malformed`].
+    pub fn decode(mut body: &'a [u8]) -> Result<Self, Fault> {
+        Ok(Self { instruction_ps: u32::from_le_bytes(take(&mut body)?), record: body })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_answer_is_these_bytes() {
+        let answer = Answer { now_ns: 0x0A0B, flags: Answer::IRQ_IS_HIGH | Answer::END, body: &[7, 8] };
+        let message = answer.encode().unwrap();
+        assert_eq!(message, [11, 0, 0x0B, 0x0A, 0, 0, 0, 0, 0, 0, 5, 7, 8]);
+        assert_eq!(Answer::decode(&message[2..]), Ok(answer));
+        assert_eq!(Answer::decode(&message[2..10]), Err(Fault::Malformed));
+    }
+
+    #[test]
+    fn a_start_goes_through_a_body() {
+        let start = Start { instruction_ps: 20_000, record: &[1, 2, 3] };
+        let mut body = Message::new();
+        start.encode(&mut body).unwrap();
+        assert_eq!(Start::decode(&body), Ok(start));
+        assert_eq!(Start::decode(&[0; 3]), Err(Fault::Malformed));
+    }
+}

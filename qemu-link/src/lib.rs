@@ -1,0 +1,77 @@
+//! What a node's image in QEMU and the simulated world around it say to each other.
+//!
+//! The image asks, the world answers, one after the other. A request carries the instructions that the image has executed since the
+//! last answer, so that the world can let the time of the image's processor pass before it does what is asked. An answer carries the
+//! world's time. All numbers are little-endian; a message begins with the number of bytes that follow, 16 bits.
+//!
+//! | request | byte 0 | bytes 1–4, 5–8 | body |
+//! |---|---|---|---|
+//! | all | kind | instructions of ranging, of the background | |
+//! | [`Request::Start`] | 0 | | |
+//! | [`Request::Transaction`] | 1 | | operations (1), for each its kind (1) and length or nanoseconds (4); the bytes sent |
+//! | [`Request::Clock`] | 2 | | 1 where the bus is fast (1) |
+//! | [`Request::Reset`] | 3 | | 1 where the line is low (1) |
+//! | [`Request::Wait`] | 4 | | until, nanoseconds (8); bit 0: or an interrupt, bit 1: or the background's end (1) |
+//! | [`Request::Telemetry`] | 5 | | frames |
+//!
+//! An answer is the world's time in nanoseconds (8), [`Answer::IRQ_IS_HIGH`] and so on (1), and a body: for a transaction the bytes
+//! received, for a start the time of an instruction in picoseconds (4) and the node's record.
+#![no_std]
+#![forbid(unsafe_code)]
+
+mod answer;
+mod request;
+
+pub use answer::{Answer, Start};
+pub use request::{Asked, MAX_OPERATIONS, Operation, Request, Spent};
+
+/// The longest message, with its length.
+pub const MAX_MESSAGE: usize = 2048;
+
+/// A message: its length, then its bytes.
+pub type Message = heapless::Vec<u8, MAX_MESSAGE>;
+
+/// Why a message cannot be written or read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// It is longer than [`MAX_MESSAGE`], or has more than [`MAX_OPERATIONS`].
+    TooLong,
+    /// It ends too early, or says what nobody says.
+    Malformed,
+}
+
+impl core::fmt::Display for Fault {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::TooLong => "the message is too long",
+            Self::Malformed => "the message is malformed",
+        })
+    }
+}
+
+impl core::error::Error for Fault {}
+
+/// Writes a message: room for the length, which [`seal`] fills in.
+fn begin() -> Message {
+    let mut message = Message::new();
+    // Two of more than a thousand bytes.
+    let _ = message.extend_from_slice(&[0; 2]);
+    message
+}
+
+fn put(message: &mut Message, bytes: &[u8]) -> Result<(), Fault> {
+    message.extend_from_slice(bytes).map_err(|_| Fault::TooLong)
+}
+
+fn seal(mut message: Message) -> Message {
+    let length = (message.len().saturating_sub(2) as u16).to_le_bytes();
+    message.iter_mut().zip(length).for_each(|(byte, length)| *byte = length);
+    message
+}
+
+/// Takes the first bytes off.
+fn take<const N: usize>(bytes: &mut &[u8]) -> Result<[u8; N], Fault> {
+    let (first, rest) = bytes.split_first_chunk().ok_or(Fault::Malformed)?;
+    *bytes = rest;
+    Ok(*first)
+}

@@ -1,0 +1,104 @@
+//! `cargo xtask qemu network`: a tag and its anchors as images in QEMU, on simulated DW1000s, beside `baliza simulate`.
+//!
+//! The simulation takes a table's word for what a node's code costs. Here the code itself runs, as compiled for each chip, and its
+//! instructions are counted as it goes. Clock, cycles an instruction, and what bus and interrupts take are the same in both.
+
+mod figures;
+mod guest;
+mod node;
+mod scene;
+mod steps;
+
+use anyhow::{Result, ensure};
+use dw1000_sim::BoardProfile;
+use sim::scenario::Scenario;
+
+use crate::chip::Chip;
+use crate::firmware;
+use figures::Figures;
+use node::Work;
+use scene::{Images, Lived, Outcome};
+
+/// What `cargo xtask qemu network` is asked for.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Seconds of the world's time.
+    #[arg(long, default_value_t = 3.0)]
+    seconds: f64,
+    /// Only this board: dwm1001, evk1000 or esp32c3.
+    #[arg(long)]
+    board: Option<String>,
+    /// All that the processors do takes so many times as long.
+    #[arg(long, default_value_t = 1.0)]
+    cpu_slowdown: f64,
+    /// Print what the instructions of the tag and of the first anchor went to.
+    #[arg(long)]
+    steps: bool,
+    /// How far images and simulation may be apart, in percent.
+    #[arg(long, default_value_t = 10.0)]
+    tolerance: f64,
+}
+
+/// Runs both, and compares.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let mut disagreements = Vec::new();
+    let mut ran = false;
+    for chip in Chip::SIMULATED {
+        let (name, board) = match chip {
+            Chip::CortexM4F => ("arm", BoardProfile::DWM1001),
+            Chip::CortexM3 => ("arm-m3", BoardProfile::EVB1000),
+            Chip::RiscV32 => ("riscv", BoardProfile::ESP32C3),
+        };
+        if arguments.board.as_ref().is_some_and(|wanted| wanted != board.name) {
+            continue;
+        }
+        ran = true;
+        let scenario = Scenario {
+            seconds: arguments.seconds,
+            board: board.slowed(arguments.cpu_slowdown),
+            ..Scenario::rooms(4, 1)
+        };
+        let images = Images {
+            tag: firmware::elf(&format!("tag-wired-{name}"))?,
+            anchor: firmware::elf(&format!("anchor-wired-{name}"))?,
+        };
+        let outcome = scene::run(chip, &images, &scenario)?;
+        let (images, simulation) = (Figures::of_images(&outcome, scenario.seconds), Figures::of_simulation(&scenario));
+        println!("\n{} as {}, {} s\n", chip.title(), board.name, scenario.seconds);
+        println!("{}\n{}", images.table(&simulation), spent(&outcome));
+        if arguments.steps {
+            for (role, lives) in [("tag", &outcome.tags), ("anchor", &outcome.anchors)] {
+                let tables = lives.first().map(|Lived { life, .. }| life.steps.table());
+                println!("Instructions of the {role}:\n{}", tables.unwrap_or_default());
+            }
+        }
+        let found = images.disagreements(&simulation, arguments.tolerance / 100.0);
+        disagreements.extend(found.into_iter().map(|what| format!("{}: {what}", chip.title())));
+    }
+    ensure!(ran, "there are images for dwm1001, evk1000 and esp32c3");
+    ensure!(disagreements.is_empty(), "images and simulation do not agree:\n{}", disagreements.join("\n"));
+    println!("images and simulation agree within {} %", arguments.tolerance);
+    Ok(())
+}
+
+/// What the images' instructions went to.
+fn spent(outcome: &Outcome) -> String {
+    let mut text = String::new();
+    let mut messages = 0;
+    for (role, lives) in [("tag", &outcome.tags), ("anchor", &outcome.anchors)] {
+        for Lived { life, .. } in lives {
+            let Work { messages: asked, transactions, ranging, background, .. } = life.work;
+            messages += asked;
+            let frames = life.frames();
+            let each = |count: u64, of: u64| count.checked_div(of).unwrap_or(0);
+            text += &format!(
+                "{role}: {transactions} transactions, {frames} frames; instructions of ranging {} a transaction, {} a frame; of the rest {} a frame\n",
+                each(ranging, transactions),
+                each(ranging, frames),
+                each(background, frames),
+            );
+        }
+    }
+    let rate = messages as f64 / outcome.took.as_secs_f64();
+    text + &format!("{messages} messages in {:.1} s: {rate:.0} a second\n", outcome.took.as_secs_f64())
+}

@@ -1,0 +1,139 @@
+//! The room of `baliza simulate`, with images in QEMU as its nodes.
+
+use std::cell::RefCell;
+use std::path::PathBuf;
+use std::rc::Rc;
+use std::sync::mpsc;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+use dw1000_sim::{AirConfig, AirStatistics, ChipConfig, ClockConfig, NodeConfig, Path, TrueTime, World};
+use node_record::{Identity, Record, Role, Solver};
+use rand::Rng;
+use sim::scenario::Scenario;
+
+use super::guest::Guest;
+use super::node::{Life, Node};
+use crate::chip::Chip;
+
+/// The images of a chip.
+pub struct Images {
+    /// Of tags.
+    pub tag: PathBuf,
+    /// Of anchors.
+    pub anchor: PathBuf,
+}
+
+/// What came of it.
+pub struct Outcome {
+    /// The tags.
+    pub tags: Vec<Lived>,
+    /// The anchors.
+    pub anchors: Vec<Lived>,
+    /// Of the air.
+    pub air: AirStatistics,
+    /// What the run took.
+    pub took: Duration,
+}
+
+/// A node at the end.
+pub struct Lived {
+    /// Its chip and its processor.
+    pub node: dw1000_sim::Node,
+    /// What it did and told.
+    pub life: Life,
+}
+
+/// The images take this long at most for a second of the world's.
+const PATIENCE_A_SECOND: Duration = Duration::from_secs(120);
+
+/// A node, and what becomes of it.
+type Running = (dw1000_sim::Node, Rc<RefCell<Life>>);
+
+/// Lets the scenario happen: a world as [`sim::scenario::Simulation`] makes it, but for the processors.
+pub fn run(chip: Chip, images: &Images, scenario: &Scenario) -> Result<Outcome> {
+    let air = AirConfig { loss: scenario.loss, walls: scenario.walls.clone(), ..AirConfig::default() };
+    let world = World::new(scenario.seed, air);
+    let end = TrueTime::from_secs_f64(scenario.seconds);
+    let mut machines = Vec::new();
+    let mut add = |address: u16, path: Path, role: Role, image: &PathBuf| -> Result<Running> {
+        let offset_ppm = world.random(u64::from(address)).random_range(-1.0..=1.0) * scenario.clock_ppm;
+        let config = ChipConfig { clock: ClockConfig::crystal(offset_ppm), ..ChipConfig::default() };
+        let guest = Guest::start(chip, image)?;
+        machines.push(guest.machine());
+        let life = Rc::new(RefCell::new(Life::new()));
+        let record = record(scenario, address, role)?;
+        let node = RefCell::new(Some(Node { guest, record, end, life: life.clone() }));
+        let hardware = world.add_node(NodeConfig { path, chip: config, board: scenario.board });
+        hardware.boot(move |peripherals| {
+            let node = node.take();
+            async {
+                if let Some(node) = node {
+                    node.run(peripherals).await;
+                }
+            }
+        });
+        Ok((hardware, life))
+    };
+    let mut anchors = Vec::new();
+    for anchor in &scenario.anchors {
+        let role = Role::Anchor { position_m: Some(anchor.at.map(|metres| metres as f32)) };
+        anchors.push(add(anchor.address, Path::Fixed(anchor.at), role, &images.anchor)?);
+    }
+    let mut tags = Vec::new();
+    for tag in &scenario.tags {
+        let walk = tag.walk.clone();
+        let path = Path::Function(Rc::new(move |seconds| walk.at(seconds)));
+        let role = Role::Tag(node_record::Tag {
+            height_m: scenario.tag.height_m,
+            rate_chz: None,
+            still_rate_chz: None,
+            sleep: false,
+            anchors_per_round: scenario.tag.anchors_per_round,
+            tell_distances: false,
+            scan: None,
+            report_ranges: true,
+            solver: Solver::Track,
+            scheme: None,
+        });
+        tags.push(add(tag.address, path, role, &images.tag)?);
+    }
+    let start = Instant::now();
+    let (done, watch) = mpsc::channel::<()>();
+    let patience = PATIENCE_A_SECOND.mul_f64(scenario.seconds.max(1.0));
+    let watchdog = thread::spawn(move || {
+        let hung = watch.recv_timeout(patience) == Err(mpsc::RecvTimeoutError::Timeout);
+        if hung {
+            machines.iter().for_each(super::guest::Machine::kill);
+        }
+        hung
+    });
+    // What is said last is said at the end.
+    world.run_until(end + Duration::from_millis(1));
+    drop(done);
+    if watchdog.join().ok().context("the watchdog panicked")? {
+        bail!("the images did not end in {} s", patience.as_secs());
+    }
+    let lived = |running: Vec<Running>| -> Result<Vec<Lived>> {
+        let each = running.into_iter().map(|(node, life)| (node, life.replace(Life::new())));
+        each.map(|(node, mut life)| life.failure.take().map_or(Ok(Lived { node, life }), Err)).collect()
+    };
+    Ok(Outcome { tags: lived(tags)?, anchors: lived(anchors)?, air: world.statistics(), took: start.elapsed() })
+}
+
+/// What a node of the scenario is told, as the beginning of a record's page.
+fn record(scenario: &Scenario, address: u16, role: Role) -> Result<Vec<u8>> {
+    let network = scenario.networks.first().context("the scenario has a network")?;
+    // Its network is the scenarios' as well: channel 5, the fastest frames.
+    let like = small_air::room::record(Solver::Track);
+    let record = Record {
+        identity: Identity { eui: None, address: Some(address) },
+        role,
+        network: node_record::Network { pan: network.pan, ..like.network },
+        ..like
+    };
+    anyhow::ensure!(record.network()?.phy == network.phy, "the scenario's frames are others");
+    let mut page = [0; node_record::MAX_BYTES];
+    Ok(node_record::encode(&record, 0, &mut page).to_vec())
+}
