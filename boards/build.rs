@@ -12,7 +12,9 @@ fn main() -> Result<(), Box<dyn error::Error>> {
     let boards = ["dwm1001", "evk1000", "esp32c3", "esp32c6", "esp32", "simulated", "wired"];
     let board = boards.into_iter().find(|board| enabled(board));
     let (map, name) = match (board, processor.as_str()) {
-        (Some("dwm1001" | "evk1000" | "simulated" | "wired"), "arm") => ("../memory.x".to_owned(), "memory.x".to_owned()),
+        (Some("dwm1001" | "evk1000" | "simulated" | "wired"), "arm") => {
+            ("../memory.x".to_owned(), "memory.x".to_owned())
+        }
         (Some("simulated" | "wired"), "riscv32") => {
             ("memory/simulated-riscv32.x".to_owned(), "map-simulated-riscv32.x".to_owned())
         }

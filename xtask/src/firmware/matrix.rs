@@ -103,13 +103,15 @@ impl Board {
                 other_ram: &[(0x5000_0000, 16 << 10)],
             },
             // QEMU's mps2-an386 and virt, as the images are linked.
-            Self::Simulated(Chip::CortexM4F | Chip::CortexM3) | Self::Wired(Chip::CortexM4F | Chip::CortexM3) => Memory {
-                flash_origin: Some(0),
-                flash: &[(0, 4 << 20)],
-                ram_origin: 0x2000_0000,
-                ram_bytes: 4096 << 10,
-                other_ram: &[],
-            },
+            Self::Simulated(Chip::CortexM4F | Chip::CortexM3) | Self::Wired(Chip::CortexM4F | Chip::CortexM3) => {
+                Memory {
+                    flash_origin: Some(0),
+                    flash: &[(0, 4 << 20)],
+                    ram_origin: 0x2000_0000,
+                    ram_bytes: 4096 << 10,
+                    other_ram: &[],
+                }
+            }
             Self::Simulated(Chip::RiscV32) | Self::Wired(Chip::RiscV32) => Memory {
                 flash_origin: None,
                 flash: &[],
