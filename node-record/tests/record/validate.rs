@@ -222,7 +222,7 @@ fn the_network_in_the_other_crates_words() {
     let old = PhyConfig::new(Channel::Ch2, Prf::Mhz16, DataRate::Kbps110, PreambleLength::Symbols1024).unwrap();
     assert_eq!(beacon().phy(), Ok(old.with_preamble_code(4).unwrap()));
     let network = anchor().network().unwrap();
-    assert_eq!((network.pan, network.turnaround), (0xDECA, ranging::native::Turnaround::DWM1001));
+    assert_eq!((network.pan, network.pinned), (0xDECA, None));
 }
 
 #[test]
