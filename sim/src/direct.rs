@@ -397,6 +397,8 @@ impl Radio for Direct {
         let antenna = &self.antenna;
         antenna.listen();
         let until = antenna.time_of(begin + window.ticks().max(0) + WINDOW_END_TICKS);
+        // What was charged is done while the frame is waited for, and not after it.
+        antenna.processor.settle(antenna.world.now());
         let heard = antenna.next(until).await;
         antenna.wake().await;
         match heard {

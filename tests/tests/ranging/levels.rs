@@ -1,4 +1,4 @@
-//! The same scenario on chips and straight on the air, on boards slower and quicker than the network is told of: the same rounds.
+//! The same scenario on chips and straight on the air, on slow boards and on one that costs nothing: the same rounds.
 
 use sim::BoardProfile;
 use sim::scenario::{Level, Record, Scenario, Simulation};
@@ -31,26 +31,28 @@ fn rounds(scenario: Scenario) -> Rounds {
     }
 }
 
-/// Both within three in a hundred.
-fn alike(a: &Rounds, b: &Rounds) -> bool {
-    let near = |a: f64, b: f64| (a - b).abs() <= 0.03 * b;
-    near(a.fixes_per_s, b.fixes_per_s) && near(a.heard, b.heard)
+/// As many ranges within three in a hundred, and as many rounds: within three in a hundred where the processor costs nothing. Where it costs
+/// time, the air counts the driver's transactions by a table and the chips make them: the slots that the nodes ask for then differ by a step or
+/// two, and the rounds by ten in a hundred at most.
+fn alike(board: &BoardProfile, a: &Rounds, b: &Rounds) -> bool {
+    let near = |a: f64, b: f64, share: f64| (a - b).abs() <= share * b;
+    let share = if *board == BoardProfile::INSTANT { 0.03 } else { 0.10 };
+    near(a.fixes_per_s, b.fixes_per_s, share) && near(a.heard, b.heard, 0.03)
 }
 
 #[test]
 fn chips_and_air_make_the_same_rounds_on_every_board() {
-    // The network's turnaround is a DWM1001's; the other two have read a frame long before.
     for board in [BoardProfile::DWM1001, BoardProfile::EVB1000, BoardProfile::INSTANT] {
         for (anchors, tags) in [(4, 1), (8, 1), (8, 3)] {
             let of = |level, loss| rounds(Scenario { level, board, loss, ..Scenario::rooms(anchors, tags) });
             let (chips, air) = (of(Level::Spi, 0.0), of(Level::Air, 0.0));
-            assert!(alike(&air, &chips), "{board:?}, {anchors} anchors, {tags} tags: {air:?} and {chips:?}");
+            assert!(alike(&board, &air, &chips), "{board:?}, {anchors} anchors, {tags} tags: {air:?} and {chips:?}");
             for all in [&chips, &air] {
                 assert!((all.heard - all.asked).abs() < 1e-9, "{board:?}: an answer is missed: {all:?}");
                 assert_eq!(all.collisions, 0, "{board:?}: {all:?}");
             }
             let (chips, air) = (of(Level::Spi, 0.1), of(Level::Air, 0.1));
-            assert!(alike(&air, &chips), "{board:?}, {anchors} anchors, {tags} tags: {air:?} and {chips:?}");
+            assert!(alike(&board, &air, &chips), "{board:?}, {anchors} anchors, {tags} tags: {air:?} and {chips:?}");
         }
     }
 }
@@ -60,7 +62,7 @@ fn who_only_listens_hears_the_last_answer_too() {
     for board in [BoardProfile::DWM1001, BoardProfile::EVB1000] {
         let of = |level| rounds(Scenario { level, board, ..Scenario::listening(5, 2) });
         let (chips, air) = (of(Level::Spi), of(Level::Air));
-        assert!(alike(&air, &chips), "{board:?}: {air:?} and {chips:?}");
+        assert!(alike(&board, &air, &chips), "{board:?}: {air:?} and {chips:?}");
         for all in [&chips, &air] {
             // The reference comes with the differences.
             assert!((all.heard - all.asked - 1.0).abs() < 0.01, "{board:?}: an answer is missed: {all:?}");
