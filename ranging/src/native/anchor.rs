@@ -292,7 +292,8 @@ impl Anchor {
         }
         if until_pulse <= 0 {
             // Awaited, and missed: there is another chance in this superframe. Else the slot was picked when it had passed.
-            if self.wake_at.take().is_some() {
+            if let Some(wake) = self.wake_at.take() {
+                self.meter.overslept(present.since(wake));
                 network.was_late();
             } else {
                 network.skip();
@@ -320,6 +321,9 @@ impl Anchor {
         // Woken for a round, the anchor makes it as long as its instant lies ahead.
         let spare = |pulse: RadioDuration| RadioDuration::from_ticks(pulse.ticks() - passed.ticks() - lead.ticks());
         let planned = self.pulse_at.take().map(|pulse| pulse.since(phase.start));
+        if let Some(wake) = self.wake_at.filter(|_| planned.is_some_and(|pulse| pulse <= passed)) {
+            self.meter.overslept(phase.at(passed).since(wake));
+        }
         let planned = planned.filter(|pulse| *pulse > passed && spare(*pulse) <= SHORTEST_WAIT);
         let Some(pulse) = planned.or_else(|| self.asking.next(&timing, phase, in_time)) else {
             return Self::listen(rest);

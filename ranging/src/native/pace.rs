@@ -108,6 +108,11 @@ impl Meter {
         }
     }
 
+    /// The node came to its decision this long after the instant at which it was to wake, when it was too late for a transmission.
+    pub fn overslept(&mut self, after: RadioDuration) {
+        self.lead.take(RadioDuration::from_ticks(self.lead.ticks.saturating_add(after.ticks().max(0))));
+    }
+
     /// An answer came too late, and the radio does not measure by how much.
     pub fn answer_was_late(&mut self) {
         self.answer.grow();
@@ -226,6 +231,15 @@ mod tests {
         assert_eq!(meter.wish(Scheme::SingleSided), Layout::LEAST);
         // 500 · 9/8 + 30 = 592.5 µs, rounded up to (16 + 3) · 2⁵ = 608.
         assert_eq!(meter.first_layout().answer.duration(), us(608));
+    }
+
+    #[test]
+    fn who_woke_too_late_to_send_wakes_earlier_by_as_much() {
+        let mut meter = Meter::new(None);
+        meter.led(us(120), true);
+        meter.overslept(us(200));
+        // 320 + 40 + 30.
+        assert_eq!(meter.lead().as_micros(), 390);
     }
 
     #[test]

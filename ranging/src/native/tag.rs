@@ -315,6 +315,9 @@ impl Tag {
         if until_pulse <= 0 {
             // This superframe's instant has passed.
             network.request_from = number.wrapping_add(1);
+            if let Some(wake) = self.wake_at.take() {
+                self.meter.overslept(phase.at(passed).since(wake));
+            }
             return Self::listen(rest);
         }
         // Whoever collides waits longer each time, one not as long as the other.
@@ -342,6 +345,9 @@ impl Tag {
         // Woken for a round, the tag makes it as long as its instant lies ahead.
         let spare = |pulse: RadioDuration| RadioDuration::from_ticks(pulse.ticks() - passed.ticks() - lead.ticks());
         let planned = self.pulse_at.take().map(|pulse| pulse.since(phase.start));
+        if let Some(wake) = self.wake_at.filter(|_| planned.is_some_and(|pulse| pulse <= passed)) {
+            self.meter.overslept(phase.at(passed).since(wake));
+        }
         let planned = planned.filter(|pulse| *pulse > passed && spare(*pulse) <= SHORTEST_WAIT);
         if let Some(pulse) = planned.or_else(|| after(in_time)) {
             let pulse_at = phase.at(pulse);
