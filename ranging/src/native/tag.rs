@@ -2,14 +2,14 @@
 
 use super::following::{Following, Heard};
 use super::layout::Scheme;
-use super::neighbours::Neighbours;
+use super::neighbours::{Neighbours, Refused};
 use super::pace::Meter;
 use super::plan::{Rate, lists, next_round, owned_slots, share_of};
 use super::round::Exchange;
 use super::timing::{BEACON_SLOTS, SUPERFRAME, Timing, end_of};
 use super::{Network, SHORTEST_WAIT, spread};
 use crate::exchange::{Action, Event, Guidance, Link, Machine, Report};
-use crate::frame::native::{Beacon, Frame, MAX_MEMBERS, Message, Position, RESPONSE_BYTES, Request, Share};
+use crate::frame::native::{Beacon, Frame, MAX_MEMBERS, Message, RESPONSE_BYTES, Request, Share};
 use crate::frame::{BROADCAST, FrameBuffer};
 use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
 
@@ -159,6 +159,11 @@ impl Tag {
         self.dozes = true;
     }
 
+    /// What was heard and not believed since the tag was made.
+    pub fn refused(&self) -> Refused {
+        self.neighbours.refused
+    }
+
     /// How many anchors are heard.
     pub fn anchors_heard(&self) -> usize {
         self.neighbours.len()
@@ -202,17 +207,16 @@ impl Tag {
                     *network = Followed::begin(network.following.clone());
                     Heard::Anew
                 }
-                heard @ (Heard::Ignored | Heard::Followed | Heard::Changed) => heard,
+                heard @ (Heard::Ignored | Heard::Refused | Heard::Followed | Heard::Changed) => heard,
             },
         };
         match heard {
             Heard::Ignored => return,
+            Heard::Refused => return self.neighbours.refuse_coordinator(),
             Heard::Followed => {}
             Heard::Changed | Heard::Anew => self.link = Some(Link::Synchronised(beacon.coordinator)),
         }
-        if let Some(anchor) = self.neighbours.hear(source, frame.diagnostics.rx_power_dbm) {
-            anchor.position_m = beacon.position.map(Position::metres);
-        }
+        self.neighbours.hear_beacon(source, beacon, frame.diagnostics.rx_power_dbm);
     }
 
     /// The responses are there, or will not come, or the final has left: what is to be done then.
@@ -250,16 +254,14 @@ impl Tag {
             if present.since(since) <= patience {
                 return Self::listen(superframe);
             }
-            self.network = None;
-            return Action::Report(Report::Link(Link::Unsynchronised));
+            return self.lose_network();
         }
         // A superframe begins for us as early as we must decide what to send first in it.
         let early = RadioDuration::from_ticks(lead.ticks() + SHORTEST_WAIT.ticks());
         let begun = network.following.advance(present.plus(early));
         self.neighbours.advance(begun);
         if network.following.silent() > LOST_AFTER {
-            self.network = None;
-            return Action::Report(Report::Link(Link::Unsynchronised));
+            return self.lose_network();
         }
         let Following { course, .. } = &network.following;
         let timing = course.timing;
@@ -281,6 +283,13 @@ impl Tag {
             self.round.set_team(self.neighbours.choose(self.config.anchors.into(), self.position_m));
         }
         self.among_rounds(passed)
+    }
+
+    /// Nobody was heard for too long.
+    fn lose_network(&mut self) -> Action<'static> {
+        self.network = None;
+        self.neighbours.end_session();
+        Action::Report(Report::Link(Link::Unsynchronised))
     }
 
     /// In the beacon slots: listening, and asking for slots where those of the list are not those wanted.
