@@ -9,7 +9,7 @@
 //! - at once, in the first [`YOUNG`] superframes of a network, when several anchors have just been switched on, and by an anchor that is
 //!   alone: there is nothing to lose;
 //! - else only after patience: its beacons must come in [`NEAR_PATIENCE`] superframes, [`FAR_PATIENCE`] where it is more than one term
-//!   ahead, without a pause of [`PAUSE`]. That is how two networks that have worked for long, and come to hear each other, merge.
+//!   ahead, with none but single ones missing in between. That is how two networks that have worked for long, and come to hear each other, merge.
 
 use super::prevails;
 use super::timing::HOLDOVER_SUPERFRAMES;
@@ -23,8 +23,8 @@ const YOUNG: u16 = 10;
 const NEAR_PATIENCE: u8 = 10;
 /// … and of one that is farther ahead.
 const FAR_PATIENCE: u8 = 100;
-/// After this many superframes without its beacon the patience begins anew.
-const PAUSE: u8 = 3;
+/// After more than so many superframes without its beacon the patience begins anew.
+const PAUSE: u8 = 1;
 
 /// The coordinator that is followed, and the one that may come after it.
 #[derive(Clone, Copy, Debug)]
@@ -89,7 +89,7 @@ impl Election {
         if let Some(candidate) = &mut self.candidate {
             candidate.unheard = candidate.unheard.saturating_add(few);
         }
-        self.candidate = self.candidate.filter(|candidate| candidate.unheard <= PAUSE);
+        self.candidate = self.candidate.filter(|candidate| candidate.unheard <= PAUSE + 1);
     }
 
     /// A beacon came. `is_alone`: nobody would be left behind.
@@ -211,12 +211,12 @@ mod tests {
         assert_eq!(patience(settled(), &beacon(3, 2)), Some(9));
         assert_eq!(patience(settled(), &beacon(5, 2)), Some(99));
         assert_eq!(patience(settled(), &beacon(2, 2)), None);
-        // One beacon in five superframes, or another coordinator each time: never.
+        // One beacon in three superframes, or another coordinator each time: never.
         let (mut seldom, mut changing) = (settled(), settled());
         for i in 0..1000 {
             superframe(&mut seldom);
             superframe(&mut changing);
-            assert!(i % 5 > 0 || seldom.hear(&beacon(4, 9), false) == Choice::Refused);
+            assert!(i % 3 > 0 || seldom.hear(&beacon(4, 9), false) == Choice::Refused);
             assert_eq!(changing.hear(&beacon(4, 100 + i), false), Choice::Refused);
         }
     }

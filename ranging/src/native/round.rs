@@ -261,8 +261,10 @@ impl Former {
         let answer = self.answers.iter_mut().find(|answer| answer.range.peer == anchor)?;
         let (round2, reply2) = (heard.after_response, final_tx.since(answer.rx_time));
         let flight = double_sided_asymmetric(answer.round1, answer.reply1, round2, reply2)?;
-        // A response that was another frame's, or a clock that began anew in between, shows here: both differ by far more than this.
-        if single_sided_corrected(answer.round1, answer.reply1, 0.0).apart_from(flight) > IMPLAUSIBLE_M {
+        // A response that was another frame's, a clock that began anew in between, a forged one: both differ by more than clocks explain.
+        let reply_m = answer.reply1.ticks() as f32 * METRES_PER_TICK as f32;
+        let explained_m = 0.5 * reply_m * REPLY_DRIFT + STAMPS_M;
+        if single_sided_corrected(answer.round1, answer.reply1, 0.0).apart_from(flight) > explained_m {
             return None;
         }
         answer.range.distance_m = flight.metres() - answer.bias_m;
@@ -271,8 +273,10 @@ impl Former {
     }
 }
 
-/// Both kinds of range of one response differ by the clocks' drift over the reply, 40 ppm of 4 ms at most: 24 m.
-const IMPLAUSIBLE_M: f32 = 30.0;
+/// Both kinds of range of one response differ by half of the clocks' drift over the reply, a fraction of it …
+const REPLY_DRIFT: f32 = 50e-6;
+/// … and by the noise of their stamps, metres.
+const STAMPS_M: f32 = 0.5;
 
 /// Standard deviation of an asymmetric double-sided range, metres. With a and b the parts of the final's and of the response's reply
 /// in both together, the flight moves by a/2 of the stamp of the poll, ½ of that of the response, b/2 of that of the final: the

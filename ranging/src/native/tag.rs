@@ -60,11 +60,11 @@ enum Doing {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Ended {
     /// A final is to be sent.
-    WithFinal,
+    Final,
     /// There are ranges to report.
-    WithReport,
+    Report,
     /// It was the first of its kind, whose ranges come with the next.
-    WithNothing,
+    Nothing,
 }
 
 /// The tag's side of native mode. Its reports are rounds of ranges to anchors, and changes of its link to the network.
@@ -117,6 +117,8 @@ struct Followed {
     /// Rounds begun in this superframe.
     rounds: u32,
     joined: bool,
+    /// That the network is full was reported.
+    is_full: bool,
 }
 
 impl Tag {
@@ -226,11 +228,11 @@ impl Tag {
         {
             self.doing = Doing::Ending;
             self.write(Message::Final { round });
-            return Ended::WithFinal;
+            return Ended::Final;
         }
         self.doing = Doing::Nothing;
         self.round.close(&mut self.neighbours);
-        if self.round.has_report() { Ended::WithReport } else { Ended::WithNothing }
+        if self.round.has_report() { Ended::Report } else { Ended::Nothing }
     }
 
     fn write(&mut self, message: Message) {
@@ -272,8 +274,12 @@ impl Tag {
         network.plan(&self.config, &timing);
         let course = &network.following.course;
         let listed = course.membership.in_force().is_some_and(|members| lists(members, self.config.address));
+        if self.rate.is_some() && !network.is_full && network.is_full_without(self.config.address) {
+            network.is_full = true;
+            return Action::Report(Report::Link(Link::NetworkFull));
+        }
         if listed && !network.joined {
-            network.joined = true;
+            (network.joined, network.is_full) = (true, false);
             let slots = network.owned.count_ones().max(1) as u8;
             return Action::Report(Report::Link(Link::Joined(slots)));
         }
@@ -303,7 +309,7 @@ impl Tag {
         let share = rate.map_or(Share::Release, |rate| share_of(rate, &timing));
         let listed = course.membership.members().iter().find(|member| member.tag == address);
         let settled = listed.map_or(Share::Release, |member| member.share) == share;
-        let full = listed.is_none() && course.membership.members().len() == MAX_MEMBERS;
+        let full = network.is_full_without(address);
         if settled {
             network.requests = 0;
         }
@@ -392,7 +398,13 @@ impl Followed {
     /// Nothing asked for, nothing owned.
     fn begin(following: Following) -> Self {
         let request_from = following.course.phase.number;
-        Self { following, request_from, requests: 0, planned: None, owned: 0, rounds: 0, joined: false }
+        Self { following, request_from, requests: 0, planned: None, owned: 0, rounds: 0, joined: false, is_full: false }
+    }
+
+    /// Whether all places are taken, none by this tag.
+    fn is_full_without(&self, tag: u16) -> bool {
+        let members = self.following.course.membership.members();
+        members.len() == MAX_MEMBERS && !lists(members, tag)
     }
 
     /// In how many superframes the next one with slots of ours begins, as far as that is settled, or how long a doze may be.
@@ -512,11 +524,11 @@ impl Machine for Tag {
         }
         if is_over {
             match self.end_round() {
-                Ended::WithFinal => {
+                Ended::Final => {
                     return Action::Transmit { frame: self.out.bytes(), start: Start::Now, listen: false };
                 }
-                Ended::WithReport => return Action::Report(Report::Round(self.round.report())),
-                Ended::WithNothing => {}
+                Ended::Report => return Action::Report(Report::Round(self.round.report())),
+                Ended::Nothing => {}
             }
         }
         match self.link.take() {
