@@ -92,6 +92,7 @@ impl<M: RawMutex, const BYTES: usize> Journal<M, BYTES> {
                 log!(error, StateLine(is));
             }
             Condition::RadioFailed(_)
+            | Condition::NetworkFull
             | Condition::ScannerRestarted(_)
             | Condition::Unused(..)
             | Condition::BeaconElsewhere(_)
@@ -124,6 +125,7 @@ impl<M: RawMutex, const BYTES: usize> Journal<M, BYTES> {
             Link::Lost(_) | Link::Unsynchronised => Condition::Searching,
             Link::Synchronised(coordinator) => Condition::Synchronised(coordinator),
             Link::Joined(slots) => Condition::Joined(slots),
+            Link::NetworkFull => Condition::NetworkFull,
             Link::Coordinating => Condition::Coordinating,
             Link::Following(coordinator) => Condition::Following(coordinator),
         };

@@ -163,6 +163,7 @@ text!(StateLine, |this| this.0;
     Condition::Paired(peer) => ("paired with {:04x}", peer),
     Condition::Synchronised(coordinator) => ("synchronised with the network of {:04x}", coordinator),
     Condition::Joined(slots) => ("joined, {} slots a superframe", slots),
+    Condition::NetworkFull => ("network full: all places are taken, no slots for this tag"),
     Condition::Coordinating => ("coordinating"),
     Condition::Following(coordinator) => ("following {:04x}", coordinator),
     Condition::RadioFailed(times) => ("radio failed, {} in a row; starting it again", times),

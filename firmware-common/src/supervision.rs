@@ -58,7 +58,7 @@ pub struct Lit {
 /// | no record, or a wrong one | fault | on and off, each half a second |
 /// | radio failed | fault | on and off, each a tenth of a second |
 /// | searching | state | a flash of 50 ms a second |
-/// | synchronised | state | two flashes a second |
+/// | synchronised, network-full | state | two flashes a second |
 /// | paired, joined, coordinating, following, advertising | state | on |
 ///
 /// A restarted scanner changes nothing, and neither does a map that is not used.
@@ -92,6 +92,7 @@ impl Lights {
             | Condition::Searching
             | Condition::Paired(_)
             | Condition::Synchronised(_)
+            | Condition::NetworkFull
             | Condition::Joined(_)
             | Condition::Coordinating
             | Condition::Following(_)
@@ -112,7 +113,7 @@ impl Lights {
             | Condition::BeaconElsewhere(_)
             | Condition::BeaconDoubled(_)
             | Condition::BeaconBelieved(_) => (ms < 50, false),
-            Condition::Synchronised(_) => (ms < 50 || (200..250).contains(&ms), false),
+            Condition::Synchronised(_) | Condition::NetworkFull => (ms < 50 || (200..250).contains(&ms), false),
             Condition::Paired(_)
             | Condition::Joined(_)
             | Condition::Coordinating
@@ -165,6 +166,7 @@ mod tests {
         assert_eq!(lit(Condition::RadioFailed(3)), (0, 10));
         assert_eq!(lit(Condition::Searching), (1, 0));
         assert_eq!(lit(Condition::Synchronised(1)), (2, 0));
+        assert_eq!(lit(Condition::NetworkFull), (2, 0));
         assert_eq!(lit(Condition::Joined(1)), (20, 0));
     }
 

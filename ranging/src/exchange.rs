@@ -173,6 +173,8 @@ pub enum Link {
     Unsynchronised,
     /// Native: the tag is a member and owns this many slots a superframe (as an average, rounded up).
     Joined(u8),
+    /// Native: the tag wants slots, and all places of the network are taken. Once, until it joins or searches again.
+    NetworkFull,
     /// Native: this anchor has become the coordinator of its network.
     Coordinating,
     /// Native: this anchor follows another coordinator again.

@@ -21,12 +21,15 @@
 //! All nodes of a network are built with one [`Network`]; all times follow from it and from the layout.
 
 mod anchor;
+mod anchor_position;
 mod asking;
 mod clock;
 mod coordination;
 mod course;
+mod election;
 mod following;
 mod layout;
+mod leases;
 mod listening;
 mod neighbours;
 mod pace;
@@ -40,6 +43,7 @@ pub use anchor::{Anchor, AnchorConfig};
 pub use clock::{ClockModel, STAMP_DEVIATION_TICKS};
 pub use layout::{Layout, Scheme, Span};
 pub use listening::{ListeningTag, ListeningTagConfig};
+pub use neighbours::Refused;
 pub use plan::{NOTICE_SUPERFRAMES, Rate};
 pub use tag::{Tag, TagConfig};
 pub use timing::{Network, Timing, Turnaround};

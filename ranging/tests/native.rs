@@ -452,6 +452,25 @@ fn a_tag_gives_its_slots_back() {
 }
 
 #[test]
+fn a_tag_that_finds_a_full_network_says_so_once_and_joins_when_a_place_is_free() {
+    let mut air = Air::new(NETWORK.phy, 39);
+    room(&mut air, 4);
+    let period = Rate::Every(RadioDuration::from_micros(100_000));
+    let tags: Vec<usize> = (0..24).map(|i| air.add([1.0, 2.0, 1.0], 0.0, tag(0x100 + i, period))).collect();
+    air.run_until(15.0);
+    let joined = |air: &Air, node: usize| air.links(node).iter().any(|(_, link)| matches!(link, Link::Joined(_)));
+    assert!(tags.iter().all(|&node| joined(&air, node)));
+    let late = air.add([1.0, 1.0, 1.0], 0.0, tag(0x200, period));
+    air.run_until(18.0);
+    let links: Vec<Link> = air.links(late).into_iter().map(|(_, link)| link).collect();
+    assert!(matches!(links[..], [Link::Synchronised(_), Link::NetworkFull]), "{links:?}");
+    air.switch_off(tags[3]);
+    air.run_until(23.0);
+    let links: Vec<Link> = air.links(late).into_iter().map(|(_, link)| link).collect();
+    assert!(matches!(links[..], [Link::Synchronised(_), Link::NetworkFull, Link::Joined(1)]), "{links:?}");
+}
+
+#[test]
 fn anchors_are_told_their_distances() {
     let mut air = Air::new(NETWORK.phy, 20);
     let anchors = room(&mut air, 4);

@@ -332,6 +332,8 @@ pub enum Condition {
     BeaconDoubled(BeaconWord),
     /// A listed beacon that was doubted agrees again.
     BeaconBelieved(BeaconWord),
+    /// Native: the tag gets no slots, because all places of the network are taken.
+    NetworkFull,
 }
 
 /// What a tag knows of beacons' levels on the spot.

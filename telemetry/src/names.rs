@@ -93,6 +93,7 @@ impl Condition {
             Self::BeaconElsewhere(_) => "beacon-elsewhere",
             Self::BeaconDoubled(_) => "beacon-doubled",
             Self::BeaconBelieved(_) => "beacon-believed",
+            Self::NetworkFull => "network-full",
         }
     }
 }

@@ -33,7 +33,12 @@ impl SharedPanel {
     pub fn link(&self, link: Link) {
         match link {
             Link::Lost(_) | Link::Unsynchronised => self.0.lock(|panel| panel.borrow_mut().lost()),
-            Link::Paired(_) | Link::Synchronised(_) | Link::Joined(_) | Link::Coordinating | Link::Following(_) => {}
+            Link::Paired(_)
+            | Link::Synchronised(_)
+            | Link::Joined(_)
+            | Link::NetworkFull
+            | Link::Coordinating
+            | Link::Following(_) => {}
         }
     }
 }

@@ -282,7 +282,11 @@ impl Object {
                 beacon = Some(format!("{}-{}", of.major, of.minor));
                 for_s = Some(of.seconds);
             }
-            Condition::WrongRecord | Condition::Searching | Condition::Coordinating | Condition::Advertising => {}
+            Condition::WrongRecord
+            | Condition::Searching
+            | Condition::NetworkFull
+            | Condition::Coordinating
+            | Condition::Advertising => {}
         }
         let (t_s, state) = (seconds(state.t_us), state.is.as_str());
         Self::State {

@@ -133,6 +133,7 @@ fn colour(message: &Message) -> &'static str {
         Message::State(state) => match state.is {
             Condition::NoRecord(_) | Condition::WrongRecord => RED,
             Condition::RadioFailed(_)
+            | Condition::NetworkFull
             | Condition::ScannerRestarted(_)
             | Condition::Unused(..)
             | Condition::BeaconElsewhere(_)

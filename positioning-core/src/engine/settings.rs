@@ -115,7 +115,7 @@ pub struct Settings<T> {
     pub iterations: u8,
     /// A measurement beyond so many deviations is refused.
     pub gate: T,
-    /// So many refused measurements of one source that are alike reopen its gate.
+    /// So many refused measurements of one source that are alike reopen its gate; ranges shorter than the way to the anchor do not.
     pub patience: u8,
     /// Deviation of the unknown velocity at the start, metres a second and axis.
     pub speed: T,

@@ -102,8 +102,9 @@ impl<T: Real> Filter<T> {
         let innovation = Innovation::of(&self.state, &model);
         let s = innovation.predicted + white;
         let (value, predicted) = (innovation.value, innovation.predicted);
+        let excess = value + self.state.mean.get(Links::<T>::state(place)).copied().unwrap_or(T::ZERO);
         let Some(link) = self.links.at(place) else { return Fate::Refused };
-        let passage = link.gate.judge(value, s, settings.gate, settings.patience);
+        let passage = link.gate.judge_range(value, excess, s, settings.gate, settings.patience);
         if passage == Passage::Open {
             link.shown.learn(&settings.noise, value, predicted, s);
         }

@@ -24,6 +24,16 @@ pub(crate) struct Gate<T> {
 }
 
 impl<T: Real> Gate<T> {
+    /// As [`judge`](Self::judge), of a range that is `excess` longer than the way to the anchor: one that is shorter than that, by more
+    /// than `limit` deviations, never reopens the gate. Walls and detours lengthen a range; what shortens it is a fault or a forgery.
+    pub(crate) fn judge_range(&mut self, innovation: T, excess: T, s: T, limit: T, patience: u8) -> Passage {
+        let is_short = excess < T::ZERO && excess.squared() > limit.squared() * s;
+        match self.judge(innovation, s, limit, patience) {
+            Passage::Reopens if is_short => Passage::Shut,
+            passage @ (Passage::Open | Passage::Shut | Passage::Reopens) => passage,
+        }
+    }
+
     /// Judges an innovation of variance `s`: refused beyond `limit` deviations, unless the `patience`-th of its kind.
     pub(crate) fn judge(&mut self, innovation: T, s: T, limit: T, patience: u8) -> Passage {
         let bound = limit.squared() * s;
@@ -57,6 +67,21 @@ mod tests {
         let heard = [0.29, 1.0, 1.1, 0.9, 1.0, 0.0].map(|innovation| judge(&mut gate, innovation));
         use Passage::{Open, Reopens, Shut};
         assert_eq!(heard, [Open, Shut, Shut, Reopens, Shut, Open]);
+    }
+
+    #[test]
+    fn a_range_shorter_than_the_way_never_reopens_its_gate() {
+        let range = |gate: &mut Gate<f64>, innovation, excess| gate.judge_range(innovation, excess, 0.01, 3.0, 3);
+        let mut gate = Gate::default();
+        for _ in 0..100 {
+            assert_eq!(range(&mut gate, -1.0, -1.0), Passage::Shut);
+        }
+        // One that is too long still does, and one that agrees passes.
+        let heard = [1.0, 1.0, 1.0, -0.1].map(|innovation| range(&mut gate, innovation, innovation));
+        assert_eq!(heard, [Passage::Shut, Passage::Shut, Passage::Reopens, Passage::Open]);
+        // A wall that made it 2 m longer, and was expected to, is gone: shorter than expected, and as long as the way.
+        let heard = [-2.0; 3].map(|innovation| range(&mut gate, innovation, 0.0));
+        assert_eq!(heard, [Passage::Shut, Passage::Shut, Passage::Reopens]);
     }
 
     #[test]

@@ -5,6 +5,9 @@
 //! of the anchor was from the truth (ticks), and the rate (a fraction). Its noises: that of a reception's stamp; the tag's
 //! motion between polls, which changes the flight; the wander of both crystals. The carrier integrator gives the rate alone,
 //! twenty times coarser, but with the first response already; as measurements of one state both weigh in by their variances.
+//!
+//! The carrier also tells whose frame it is: crystals differ by some millionths. Once an anchor's is known, a frame with another is not
+//! the anchor's ([`expects`](ClockModel::expects)).
 
 use crate::{RadioDuration, RadioInstant};
 
@@ -24,6 +27,17 @@ const RATE_WANDER: f32 = 2.5e-15;
 const FLIGHT_WANDER: f32 = 454.0;
 /// An innovation beyond this many standard deviations is a jump.
 const GATE: f32 = 5.0;
+/// A carrier this far off is that of the same crystal in any case: what a crystal gains while it warms up.
+const SAME_CRYSTAL: f32 = 3e-6;
+/// The spread of carriers before any was measured.
+const UNKNOWN_SPREAD: f32 = 2e-6;
+/// Weights of a new carrier in the spread of carriers: it rises quickly and sinks slowly, so that it is rather too large.
+const RISING: f32 = 0.2;
+const SINKING: f32 = 0.03;
+/// Carriers are gated once this many were taken.
+const SETTLED_AFTER: u8 = 20;
+/// A carrier that was refused this many times in a row, always alike, is that of the anchor: it was replaced, or is much colder.
+pub const RECOVERS_AFTER: u8 = 50;
 /// Ticks a second.
 const TICKS_PER_SECOND: f32 = crate::time::TICKS_PER_SECOND as f32;
 
@@ -40,6 +54,14 @@ pub struct ClockModel {
     offset_variance: f32,
     covariance: f32,
     rate_variance: f32,
+    /// Mean square of what carriers differed from the rate by.
+    spread: f32,
+    /// Carriers taken, at most [`SETTLED_AFTER`].
+    carriers: u8,
+    /// The rate by the last carrier that was refused …
+    refused_rate: f32,
+    /// … and how many in a row were refused that were like it.
+    refused: u8,
 }
 
 impl Default for ClockModel {
@@ -58,7 +80,36 @@ impl ClockModel {
             offset_variance: STAMP_DEVIATION_TICKS * STAMP_DEVIATION_TICKS,
             covariance: 0.0,
             rate_variance: UNKNOWN_RATE_DEVIATION * UNKNOWN_RATE_DEVIATION,
+            spread: UNKNOWN_SPREAD * UNKNOWN_SPREAD,
+            carriers: 0,
+            refused_rate: 0.0,
+            refused: 0,
         }
+    }
+
+    /// Whether a frame with this carrier, in parts per million, can be the anchor's: not where it is more than 5 deviations and 3 ppm
+    /// from the rate of a clock that is known. One that insists is believed, and the clock is begun with anew.
+    ///
+    /// To be asked before [`poll`](Self::poll) and [`carrier`](Self::carrier), which are for the anchor's frames.
+    pub fn expects(&mut self, clock_offset_ppm: f32) -> bool {
+        let measured = clock_offset_ppm * 1e-6;
+        if self.carriers < SETTLED_AFTER || measured.is_nan() {
+            return true;
+        }
+        let variance = self.spread + self.rate_variance;
+        let is_far = |off: f32| off * off > GATE * GATE * variance && off.abs() > SAME_CRYSTAL;
+        if !is_far(measured - self.rate) {
+            self.refused = 0;
+            return true;
+        }
+        let is_alike = self.refused > 0 && !is_far(measured - self.refused_rate);
+        self.refused = if is_alike { self.refused.saturating_add(1) } else { 1 };
+        self.refused_rate = measured;
+        let insists = self.refused >= RECOVERS_AFTER;
+        if insists {
+            *self = Self::new();
+        }
+        insists
     }
 
     /// The anchor's clock against the tag's, as a fraction, positive where it is faster.
@@ -115,6 +166,12 @@ impl ClockModel {
             return;
         }
         let innovation = measured - self.rate;
+        if self.carriers > 0 {
+            // The first one has nothing to differ from.
+            let excess = innovation * innovation - self.spread;
+            self.spread += excess * if excess > 0.0 { RISING } else { SINKING };
+        }
+        self.carriers = self.carriers.saturating_add(1).min(SETTLED_AFTER);
         let variance = self.rate_variance + CARRIER_DEVIATION * CARRIER_DEVIATION;
         let gain = self.rate_variance / variance;
         let offset_gain = self.covariance / variance;
@@ -237,6 +294,53 @@ mod tests {
             polling.poll(&mut model, 0.2);
             assert!((f64::from(model.rate()) + 10e-6).abs() < 30e-9, "{}", model.rate());
         }
+    }
+
+    /// A model that has followed an anchor of this rate by 100 polls.
+    fn settled(rate: f64, carrier_deviation_ppm: f64) -> (ClockModel, Polling) {
+        let mut model = ClockModel::new();
+        let mut polling = Polling::new(rate, 2.5e-3);
+        for _ in 0..100 {
+            assert!(model.expects(polling.normal(rate * 1e6, carrier_deviation_ppm) as f32));
+            polling.poll(&mut model, carrier_deviation_ppm);
+        }
+        (model, polling)
+    }
+
+    #[test]
+    fn a_frame_of_another_crystal_is_not_the_anchors() {
+        let (mut model, _) = settled(20e-6, 0.2);
+        // 2 ppm by warmth pass; 5 ppm are another crystal, until it has insisted.
+        assert!(model.expects(22.0));
+        for _ in 0..3 * RECOVERS_AFTER {
+            assert!(!model.expects(15.0));
+            assert!(!model.expects(25.0));
+        }
+        // The anchor's own frames in between: never.
+        for _ in 0..3 * RECOVERS_AFTER {
+            assert!(!model.expects(15.0));
+            assert!(model.expects(20.1));
+        }
+    }
+
+    #[test]
+    fn an_anchor_with_another_crystal_is_followed_once_it_insists() {
+        let (mut model, mut polling) = settled(20e-6, 0.2);
+        polling.rate = -5e-6;
+        polling.anchor_start = 77;
+        let refused = (0..200).take_while(|_| !model.expects(-5.0)).count();
+        assert_eq!(refused, usize::from(RECOVERS_AFTER) - 1);
+        for _ in 0..100 {
+            polling.poll(&mut model, 0.2);
+        }
+        assert!((f64::from(model.rate()) + 5e-6).abs() < 50e-9, "{}", model.rate());
+    }
+
+    #[test]
+    fn a_radio_whose_carrier_tells_nothing_is_not_refused() {
+        let (mut model, mut polling) = settled(5e-6, 10.0);
+        let refused = (0..1000).filter(|_| !model.expects(polling.normal(5.0, 10.0) as f32)).count();
+        assert_eq!(refused, 0);
     }
 
     #[test]

@@ -3,32 +3,30 @@
 //! Every anchor repeats in its beacon what it knows of the coordinator's word, with the number of superframes since that left
 //! the coordinator (`age`) and of hops. Who hears younger word follows it; its clock follows senders nearer to the coordinator
 //! only. Word that grows too old means that the coordinator is gone: the first anchor whose beacon slot comes then takes
-//! over, with a later term, the same time and the same list; those behind it hear that before their own slot. Of two
-//! coordinators the later term is right, then the lower address. A coordinator that comes back hears that first, and follows.
+//! over, with a later term, the same time and the same list; those behind it hear that before their own slot. Which of two
+//! coordinators is followed, and when, is in [`election`](super::election). A coordinator that comes back hears that first, and follows.
+//!
+//! Polls that others heard count where those others tell of them in beacon slots of their own, which they had before.
 //!
 //! A beacon slot is picked where nobody is heard or told of (each beacon tells whom its sender hears in which slot). Who
 //! learns that a neighbour hears somebody else in its slot picks another.
 
-use heapless::Vec;
-
+use super::anchor_position::{hash, is_own_slot};
 use super::course::Course;
+use super::election::{Choice, Election};
 use super::layout::Layout;
-use super::plan::Members;
+use super::leases::Leases;
+use super::spread;
 use super::timing::{HOLDOVER_SUPERFRAMES, SHARED_SLOTS};
 use super::wishes::Wishes;
-use super::{prevails, spread};
 use crate::exchange::Link;
-use crate::frame::native::{Beacon, MAX_MEMBERS, Member, OWNED_BEACON_SLOTS, Position, Share};
+use crate::frame::native::{Beacon, Member, OWNED_BEACON_SLOTS, Position};
 use crate::{PhyConfig, RadioInstant};
 
 /// Word of the coordinator older than this many superframes, and two more a hop, means that it is gone.
 const COORDINATOR_GONE: u8 = 3;
 /// An owner of a beacon slot not heard or told of for this many superframes has left it.
 const SLOT_LEFT: u8 = 5;
-/// A member of whom no poll was heard for this many of its turns loses its slots.
-const LEASE_TURNS: u16 = 10;
-/// Requests on their way.
-const MAX_REQUESTS: usize = 16;
 
 /// Owners of beacon slots: a byte of the address's hash (0: nobody) and superframes since the last sign of it.
 type Owners = [(u8, u8); OWNED_BEACON_SLOTS];
@@ -39,11 +37,8 @@ pub struct Coordination {
     /// Where we are in time, and what counts there.
     pub course: Course,
     address: u16,
-    term: u8,
-    coordinator: u16,
-    hops: u8,
-    /// Superframes since what we know left the coordinator.
-    age: u8,
+    /// Who coordinates.
+    election: Election,
     /// Superframes listened to.
     listened: u16,
     slot: Option<u8>,
@@ -51,9 +46,7 @@ pub struct Coordination {
     told_owners: Owners,
     /// Members of the newest list of whom a poll was heard, here or told by anchors farther from the coordinator.
     heard_members: u32,
-    /// As coordinator: superframes since a poll of each member.
-    unheard_members: [u16; MAX_MEMBERS],
-    requests: Vec<Member, MAX_REQUESTS>,
+    leases: Leases,
     /// What tags, and anchors farther from the coordinator, ask of the layout.
     wishes: Wishes,
     /// The last superframe whose beacon is done with.
@@ -83,6 +76,7 @@ impl Coordination {
     /// Into a network that was heard of, unless its layout is just changing.
     pub fn join(address: u16, phy: &PhyConfig, source: u16, beacon: &Beacon, rx_time: RadioInstant) -> Option<Self> {
         let mut joined = Self::of_course(address, Course::of_beacon(phy, beacon, rx_time)?);
+        joined.election = Election::joined(beacon);
         joined.follow(source, beacon);
         Some(joined)
     }
@@ -91,17 +85,13 @@ impl Coordination {
         Self {
             course,
             address,
-            term: 0,
-            coordinator: address,
-            hops: 0,
-            age: 0,
+            election: Election::founded(address),
             listened: 0,
             slot: None,
             heard_owners: [(0, 0); OWNED_BEACON_SLOTS],
             told_owners: [(0, 0); OWNED_BEACON_SLOTS],
             heard_members: 0,
-            unheard_members: [0; MAX_MEMBERS],
-            requests: Vec::new(),
+            leases: Leases::new(),
             wishes: Wishes::new(),
             told: None,
             late: None,
@@ -109,18 +99,15 @@ impl Coordination {
     }
 
     fn coordinates(&self) -> bool {
-        self.coordinator == self.address
+        self.election.coordinator == self.address
     }
 
     /// Takes a beacon's coordinator for its own.
     fn follow(&mut self, source: u16, beacon: &Beacon) {
-        (self.term, self.coordinator) = (beacon.term, beacon.coordinator);
+        self.election.follow(beacon);
         if beacon.coordinator == self.address {
             // Word of our own from before a restart: we go on as the coordinator, by a later term, and all who follow us stay.
-            self.term = self.term.wrapping_add(1);
-            (self.age, self.hops) = (0, 0);
-        } else {
-            (self.age, self.hops) = (beacon.age, beacon.hops.saturating_add(1));
+            self.election.take_over(self.address);
         }
         self.note_owners(source, beacon);
     }
@@ -140,39 +127,43 @@ impl Coordination {
     pub fn hear(&mut self, phy: &PhyConfig, source: u16, beacon: &Beacon, rx_time: RadioInstant) -> Heard {
         self.advance(rx_time);
         let in_step = self.course.in_step(beacon, rx_time);
-        let (told, followed) = ((beacon.term, beacon.coordinator), (self.term, self.coordinator));
-        if told == followed {
-            let Some(phase) = in_step else {
-                let deaf = u16::from(self.age) > HOLDOVER_SUPERFRAMES && !self.coordinates();
-                let followed = deaf && self.begin_anew(phy, source, beacon, rx_time);
-                return if followed { Heard::Followed } else { Heard::Ignored };
-            };
-            let hops = beacon.hops.saturating_add(1);
-            if (beacon.age, hops) <= (self.age, self.hops) && !self.coordinates() {
-                (self.age, self.hops) = (beacon.age, hops);
-            }
-            if beacon.hops < self.hops {
-                self.course.phase = phase;
-                self.course.membership.hear(beacon);
-            }
-            self.note_owners(source, beacon);
-            self.note_members(beacon);
-            return Heard::Followed;
+        let is_the_same = (beacon.term, beacon.coordinator) == (self.election.term, self.election.coordinator);
+        if is_the_same && in_step.is_none() {
+            let is_deaf = u16::from(self.election.age) > HOLDOVER_SUPERFRAMES && !self.coordinates();
+            let followed = is_deaf && self.begin_anew(phy, source, beacon, rx_time);
+            return if followed { Heard::Followed } else { Heard::Ignored };
         }
-        if !prevails(told, followed) {
-            return Heard::Ignored;
-        }
-        let link = if self.coordinates() { Link::Following(told.1) } else { Link::Synchronised(told.1) };
-        match in_step {
-            Some(phase) => {
-                self.course.phase = phase;
-                self.course.membership.hear(beacon);
-                self.follow(source, beacon);
+        let is_alone = self.coordinates()
+            && self.course.membership.members().is_empty()
+            && self.heard_owners.iter().all(|(owner, _)| *owner == 0);
+        match (self.election.hear(beacon, is_alone), in_step) {
+            (Choice::Same, Some(phase)) => {
+                if beacon.hops < self.election.hops {
+                    self.course.phase = phase;
+                    self.course.membership.hear(beacon);
+                }
+                self.note_members(source, beacon);
+                self.note_owners(source, beacon);
+                Heard::Followed
             }
-            None if self.begin_anew(phy, source, beacon, rx_time) => {}
-            None => return Heard::Ignored,
+            (Choice::Change, phase) => {
+                let link = match self.coordinates() {
+                    true => Link::Following(beacon.coordinator),
+                    false => Link::Synchronised(beacon.coordinator),
+                };
+                match phase {
+                    Some(phase) => {
+                        self.course.phase = phase;
+                        self.course.membership.hear(beacon);
+                        self.follow(source, beacon);
+                    }
+                    None if self.begin_anew(phy, source, beacon, rx_time) => {}
+                    None => return Heard::Ignored,
+                }
+                Heard::Changed(link)
+            }
+            (Choice::Same, None) | (Choice::Older | Choice::Refused, _) => Heard::Ignored,
         }
-        Heard::Changed(link)
     }
 
     fn note_owners(&mut self, source: u16, beacon: &Beacon) {
@@ -192,12 +183,15 @@ impl Coordination {
         }
     }
 
-    /// What an anchor farther from the coordinator tells of tags.
-    fn note_members(&mut self, beacon: &Beacon) {
-        if beacon.hops <= self.hops {
+    /// What an anchor farther from the coordinator tells of tags. What it says it heard counts where it speaks in its own slot, and did
+    /// so before: a beacon in a shared slot costs whoever forges it nothing.
+    fn note_members(&mut self, source: u16, beacon: &Beacon) {
+        if beacon.hops <= self.election.hops {
             return;
         }
-        if beacon.version == self.course.membership.version() {
+        let owner = self.heard_owners.get(usize::from(beacon.slot));
+        let is_known_relay = is_own_slot(source, beacon) && owner.is_some_and(|(owner, _)| *owner == hash(source));
+        if is_known_relay && beacon.version == self.course.membership.version() {
             self.heard_members |= beacon.heard;
         }
         if let Some(request) = beacon.request {
@@ -213,17 +207,7 @@ impl Coordination {
 
     /// A tag asks for slots.
     pub fn request(&mut self, request: Member) {
-        let listed = self.course.membership.members().iter().find(|member| member.tag == request.tag);
-        if listed.map_or(Share::Release, |member| member.share) == request.share {
-            return;
-        }
-        match self.requests.iter_mut().find(|known| known.tag == request.tag) {
-            Some(known) => *known = request,
-            // With too many on their way, the tag asks again.
-            None => {
-                let _ = self.requests.push(request);
-            }
-        }
+        self.leases.request(request, self.course.membership.members(), self.course.phase.number);
     }
 
     /// A tag's poll was heard.
@@ -249,10 +233,10 @@ impl Coordination {
                 *owner = 0;
             }
         }
+        self.election.advance(begun);
         if self.coordinates() {
+            self.election.age = 0;
             self.coordinate(begun);
-        } else {
-            self.age = self.age.saturating_add(superframes);
         }
         if self.slot.is_none() && self.listened > 1 {
             self.slot = self.pick_slot();
@@ -261,48 +245,10 @@ impl Coordination {
 
     /// The coordinator's work of a superframe: leases end, requests are granted, slots are laid out.
     fn coordinate(&mut self, begun: u16) {
-        let membership = &mut self.course.membership;
-        let members = membership.members();
-        for (place, unheard) in self.unheard_members.iter_mut().enumerate() {
-            let heard = self.heard_members >> place & 1 == 1;
-            *unheard = if heard { 0 } else { unheard.saturating_add(begun) };
-        }
-        self.heard_members = 0;
-        let expired = |place: usize, member: &Member| {
-            let turn = match member.share {
-                Share::OneIn(superframes) => u16::from(superframes),
-                Share::Release | Share::Slots(_) | Share::Greedy => 1,
-            };
-            self.unheard_members.get(place).is_none_or(|&unheard| unheard > LEASE_TURNS * turn)
-        };
-        if membership.countdown() > 0 {
-            return;
-        }
-        let kept = |&(place, member): &(usize, &Member)| {
-            !expired(place, member) && !self.requests.iter().any(|request| request.tag == member.tag)
-        };
-        let staying = members.iter().enumerate().filter(kept).map(|(_, member)| *member);
-        let mut unheard = [0; MAX_MEMBERS];
-        let joining = self.requests.iter().filter(|request| request.share != Share::Release).copied();
-        // In the order of their addresses; a library's sort takes five kilobytes.
-        let mut list = Members::new();
-        for member in staying.chain(joining) {
-            let place = list.iter().position(|other| other.tag > member.tag).unwrap_or(list.len());
-            // A full network takes nobody.
-            let _ = list.insert(place, member);
-        }
-        self.requests.clear();
+        let Course { membership, phase, .. } = &mut self.course;
         let layout = self.wishes.better_than(membership.layout()).unwrap_or(membership.layout());
-        if list == *members && layout == membership.layout() {
-            return;
-        }
-        for (place, member) in list.iter().enumerate() {
-            if let Some(before) = members.iter().position(|known| known.tag == member.tag) {
-                unheard[place] = self.unheard_members[before];
-            }
-        }
-        self.unheard_members = unheard;
-        membership.change(&list, layout);
+        let heard = core::mem::take(&mut self.heard_members);
+        self.leases.renew(membership, layout, heard, begun, phase.number);
     }
 
     fn pick_slot(&self) -> Option<u8> {
@@ -355,12 +301,11 @@ impl Coordination {
     pub fn tell(&mut self, slot: u8, position: Option<Position>, wish: Layout) -> (Beacon, bool) {
         self.skip();
         self.wishes.note(wish);
-        let gone = COORDINATOR_GONE.saturating_add(self.hops.saturating_mul(2));
-        let takes_over = !self.coordinates() && self.age > gone.min(u8::MAX - 1);
+        let gone = COORDINATOR_GONE.saturating_add(self.election.hops.saturating_mul(2));
+        let takes_over = !self.coordinates() && self.election.age > gone.min(u8::MAX - 1);
         if takes_over {
-            self.term = self.term.wrapping_add(1);
-            (self.coordinator, self.hops, self.age) = (self.address, 0, 0);
-            self.unheard_members = [0; MAX_MEMBERS];
+            self.election.take_over(self.address);
+            self.leases.take_over();
         }
         let mut slot_owners = self.heard_owners.map(|(owner, _)| owner);
         if let Some(own) = self.slot.and_then(|slot| slot_owners.get_mut(usize::from(slot))) {
@@ -371,16 +316,22 @@ impl Coordination {
         } else {
             // What is asked of the layout has its turn too.
             let passes_request_on = self.course.phase.number.is_multiple_of(2) || self.wishes.all() == Layout::LEAST;
-            let request = if passes_request_on { self.requests.pop() } else { None };
-            (request, core::mem::take(&mut self.heard_members))
+            let request = if passes_request_on { self.leases.pass_on() } else { None };
+            let heard = self.heard_members;
+            // In a shared slot it does not count: it is told again.
+            if usize::from(slot) < OWNED_BEACON_SLOTS {
+                self.heard_members = 0;
+            }
+            (request, heard)
         };
+        let Election { term, age, hops, coordinator, .. } = self.election;
         let membership = &self.course.membership;
         let beacon = Beacon {
             superframe: self.course.phase.number,
-            term: self.term,
-            age: self.age,
-            hops: self.hops,
-            coordinator: self.coordinator,
+            term,
+            age,
+            hops,
+            coordinator,
             slot,
             slot_owners,
             request,
@@ -395,9 +346,4 @@ impl Coordination {
         };
         (beacon, takes_over)
     }
-}
-
-/// A byte that stands for an address; never 0.
-fn hash(address: u16) -> u8 {
-    (address % 255) as u8 + 1
 }

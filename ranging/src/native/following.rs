@@ -1,8 +1,8 @@
 //! How a tag follows the network that it hears: where it is in time, whose word counts, who may range when.
 
 use super::course::Course;
+use super::election::{Choice, Election};
 use super::plan::Members;
-use super::prevails;
 use super::timing::HOLDOVER_SUPERFRAMES;
 use crate::frame::native::Beacon;
 use crate::{PhyConfig, RadioInstant};
@@ -13,8 +13,7 @@ pub struct Following {
     /// Where it is, and what counts there.
     pub course: Course,
     /// Who coordinates.
-    pub coordinator: u16,
-    term: u8,
+    pub election: Election,
     /// Since when the phase is not known any more, after a doze: the next beacon tells it.
     pub adrift: Option<RadioInstant>,
     /// The superframe of the last beacon heard.
@@ -26,6 +25,8 @@ pub struct Following {
 pub enum Heard {
     /// Nothing: of a network that does not prevail, or a repetition.
     Ignored,
+    /// Nothing: of a coordinator that prevails, while the one followed is heard.
+    Refused,
     /// The network is followed as before.
     Followed,
     /// It has another coordinator now.
@@ -38,38 +39,51 @@ impl Following {
     /// The network that this beacon tells of; `None` in the middle of a change of its layout.
     pub fn new(phy: &PhyConfig, beacon: &Beacon, rx_time: RadioInstant) -> Option<Self> {
         let course = Course::of_beacon(phy, beacon, rx_time)?;
-        let (coordinator, term, heard) = (beacon.coordinator, beacon.term, course.phase.number);
-        Some(Self { course, coordinator, term, adrift: None, heard })
+        let heard = course.phase.number;
+        Some(Self { course, election: Election::joined(beacon), adrift: None, heard })
     }
 
     /// A beacon came.
     pub fn hear(&mut self, phy: &PhyConfig, beacon: &Beacon, rx_time: RadioInstant) -> Heard {
-        let told = (beacon.term, beacon.coordinator);
-        let followed = (self.term, self.coordinator);
+        let is_the_same = (beacon.term, beacon.coordinator) == (self.election.term, self.election.coordinator);
         if self.adrift.is_none() {
             self.advance(rx_time);
-            if let Some(phase) = self.course.in_step(beacon, rx_time).filter(|_| prevails(told, followed)) {
-                self.course.phase = phase;
-                self.heard = phase.number;
-                (self.term, self.coordinator) = told;
-                self.course.membership.hear(beacon);
-                return if told.1 == followed.1 { Heard::Followed } else { Heard::Changed };
-            }
+            let in_step = self.course.in_step(beacon, rx_time);
             let is_lost = self.silent() > HOLDOVER_SUPERFRAMES;
-            let is_replaced = told != followed && prevails(told, followed);
-            if !is_lost && !is_replaced {
-                return Heard::Ignored;
+            // A beacon of the network that was repeated later says nothing of its coordinator.
+            let choice = match in_step {
+                None if is_the_same => Choice::Older,
+                None | Some(_) => self.election.hear(beacon, false),
+            };
+            match (choice, in_step) {
+                (Choice::Same | Choice::Change, Some(phase)) => {
+                    let followed = self.election.coordinator;
+                    self.course.phase = phase;
+                    self.heard = phase.number;
+                    if choice == Choice::Change {
+                        self.election.follow(beacon);
+                    }
+                    self.course.membership.hear(beacon);
+                    return if beacon.coordinator == followed { Heard::Followed } else { Heard::Changed };
+                }
+                (Choice::Same | Choice::Older, _) if !is_lost => return Heard::Ignored,
+                (Choice::Refused, _) if !is_lost => return Heard::Refused,
+                (Choice::Change, None) | (Choice::Same | Choice::Older | Choice::Refused, _) => {}
             }
         }
         let Some(anew) = Self::new(phy, beacon, rx_time) else { return Heard::Ignored };
-        let is_the_same = self.adrift.is_some() && told == followed;
+        let is_as_before = self.adrift.is_some() && is_the_same;
         *self = anew;
-        if is_the_same { Heard::Followed } else { Heard::Anew }
+        if is_as_before { Heard::Followed } else { Heard::Anew }
     }
 
     /// Goes on to the superframe that `now` is in; answers how many have begun since.
     pub fn advance(&mut self, now: RadioInstant) -> u16 {
-        self.course.advance(now)
+        let begun = self.course.advance(now);
+        if begun > 0 {
+            self.election.advance(begun);
+        }
+        begun
     }
 
     /// Superframes since a beacon was heard.

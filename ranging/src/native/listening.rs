@@ -18,19 +18,17 @@ use heapless::Vec;
 use positioning_core::Real;
 
 use super::following::{Following, Heard};
-use super::neighbours::Neighbours;
+use super::neighbours::{Neighbours, Refused};
 use super::pace::Meter;
 use super::plan::{Rate, owned_slots};
 use super::timing::{BEACON_SLOTS, SUPERFRAME, end_of};
 use super::{MAX_ROUND, Network, SHORTEST_WAIT, STAMP_DEVIATION_TICKS};
 use crate::exchange::{Action, Difference, Differences, Event, Guidance, Link, Machine, Report};
 use crate::frame::BROADCAST;
-use crate::frame::native::{Asked, Beacon, Frame, Message, Poll, Position, Response};
+use crate::frame::native::{Asked, Beacon, Frame, Message, Poll, Response};
 use crate::time::METRES_PER_TICK;
 use crate::{Diagnostics, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
 
-/// A response may come this much off its slot, ticks (10 µs): the ways of both frames, and the clocks' drift.
-const SLOT_TOLERANCE_TICKS: u64 = 640_000;
 /// Without a beacon for this many superframes there is no network here.
 const LOST_AFTER: u16 = 5;
 /// One stamp, metres.
@@ -94,6 +92,11 @@ impl ListeningTag {
         }
     }
 
+    /// What was heard and not believed since the start.
+    pub fn refused(&self) -> Refused {
+        self.neighbours.refused
+    }
+
     fn hear(&mut self, frame: &RxFrame<'_>) {
         let Some(told) = Frame::parse(frame.bytes).filter(|told| told.pan == self.config.network.pan) else { return };
         match told.message {
@@ -119,17 +122,18 @@ impl ListeningTag {
         };
         match heard {
             Heard::Ignored => return,
+            Heard::Refused => return self.neighbours.refuse_coordinator(),
             Heard::Followed => {}
             Heard::Changed | Heard::Anew => self.link = Some(Link::Synchronised(beacon.coordinator)),
         }
-        if let Some(anchor) = self.neighbours.hear(source, frame.diagnostics.rx_power_dbm) {
-            anchor.position_m = beacon.position.map(Position::metres);
-        }
+        self.neighbours.hear_beacon(source, beacon, frame.diagnostics.rx_power_dbm);
     }
 
     /// A round begins that serves us, where an anchor asks in a slot of its own and its place is known.
     fn hear_poll(&mut self, source: u16, poll: &Poll, frame: &RxFrame<'_>) {
-        let Some(reference_m) = self.neighbours.get_mut(source).and_then(|anchor| anchor.position_m) else { return };
+        let Some(reference_m) = self.neighbours.get_mut(source).and_then(|anchor| anchor.position.metres()) else {
+            return;
+        };
         if !self.may_poll(source, frame.rx_time) {
             return;
         }
@@ -154,9 +158,11 @@ impl ListeningTag {
         let awaited =
             destination == round.reference && response.round == round.number && round.pending >> slot & 1 == 1;
         let between = frame.rx_time.since(round.poll);
-        let due = timing.reply_in(slot).ticks();
-        let in_slot = |time: RadioDuration| time.ticks().abs_diff(due) <= SLOT_TOLERANCE_TICKS;
-        if !awaited || !in_slot(between) || !in_slot(response.reply) {
+        if !awaited {
+            return;
+        }
+        if !timing.is_in_slot(slot, between) || !timing.is_reply(slot, response.reply) {
+            self.neighbours.refused.off_slot = self.neighbours.refused.off_slot.saturating_add(1);
             return;
         }
         // Responses come in the order of their slots: those before have been lost.
@@ -164,9 +170,13 @@ impl ListeningTag {
         let diagnostics = frame.diagnostics;
         let Some(anchor) = self.neighbours.hear(source, diagnostics.rx_power_dbm) else { return };
         // The model's sender is the anchor, its receiver this tag: the rate is the tag's against the anchor's.
+        if !anchor.clock.expects(-diagnostics.clock_offset_ppm) {
+            self.neighbours.refused.carriers = self.neighbours.refused.carriers.saturating_add(1);
+            return;
+        }
         anchor.clock.poll(response.poll_rx.plus(response.reply), frame.rx_time);
         anchor.clock.carrier(-diagnostics.clock_offset_ppm);
-        let Some(position_m) = anchor.position_m else { return };
+        let Some(position_m) = anchor.position.metres() else { return };
         let reply = response.reply.ticks() as f32;
         let excess = (between.ticks() - response.reply.ticks()) as f32 - reply * anchor.clock.rate();
         let apart_m = told.unwrap_or_else(|| distance(round.reference_m, position_m));
@@ -202,6 +212,7 @@ impl ListeningTag {
         self.neighbours.advance(begun);
         if network.silent() > LOST_AFTER {
             self.network = None;
+            self.neighbours.end_session();
             self.link = Some(Link::Unsynchronised);
         }
     }

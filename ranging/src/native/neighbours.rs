@@ -8,8 +8,10 @@
 use heapless::Vec;
 
 use super::MAX_ROUND;
+use super::anchor_position::{AnchorPosition, is_own_slot};
 use super::clock::ClockModel;
 use crate::RadioInstant;
+use crate::frame::native::Beacon;
 
 /// Anchors that a tag keeps in mind.
 pub const MAX_NEIGHBOURS: usize = 24;
@@ -23,8 +25,8 @@ const SMOOTHING: f32 = 0.1;
 pub struct Neighbour {
     /// Short address.
     pub address: u16,
-    /// Where it says it stands, metres.
-    pub position_m: Option<[f32; 3]>,
+    /// Where it says it stands.
+    pub position: AnchorPosition,
     /// Its clock.
     pub clock: ClockModel,
     /// The last distance, metres.
@@ -39,9 +41,27 @@ pub struct Neighbour {
     unasked: u16,
 }
 
+/// What a tag heard and did not believe since it was made: a sign that somebody forges frames, where it grows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Refused {
+    /// Beacons that told another position of an anchor than the one that is known.
+    pub positions: u32,
+    /// Beacons of a coordinator whose term prevails and that is not followed, because the one followed is heard.
+    pub coordinators: u32,
+    /// Responses that came off their slot, or told of a departure off it.
+    pub off_slot: u32,
+    /// Responses whose carrier is not that of the anchor's crystal.
+    pub carriers: u32,
+}
+
 /// The anchors that a tag hears.
 #[derive(Clone, Debug, Default)]
-pub struct Neighbours(Vec<Neighbour, MAX_NEIGHBOURS>);
+pub struct Neighbours {
+    anchors: Vec<Neighbour, MAX_NEIGHBOURS>,
+    /// What they, or others in their name, were not believed.
+    pub refused: Refused,
+}
 
 /// Anchors of a round, in the order of their slots.
 pub type Team = Vec<u16, MAX_ROUND>;
@@ -49,51 +69,68 @@ pub type Team = Vec<u16, MAX_ROUND>;
 impl Neighbours {
     /// Nobody.
     pub const fn new() -> Self {
-        Self(Vec::new())
+        let refused = Refused { positions: 0, coordinators: 0, off_slot: 0, carriers: 0 };
+        Self { anchors: Vec::new(), refused }
     }
 
     /// How many are heard.
     pub fn len(&self) -> usize {
-        self.0.len()
+        self.anchors.len()
     }
 
     /// The anchor of an address.
     pub fn get_mut(&mut self, address: u16) -> Option<&mut Neighbour> {
-        self.0.iter_mut().find(|anchor| anchor.address == address)
+        self.anchors.iter_mut().find(|anchor| anchor.address == address)
     }
 
     /// The clocks are void: the tag's own radio was restarted.
     pub fn forget_clocks(&mut self) {
-        for anchor in &mut self.0 {
+        for anchor in &mut self.anchors {
             anchor.clock = ClockModel::new();
+        }
+    }
+
+    /// The network was lost: where its anchors stand may be told anew.
+    pub fn end_session(&mut self) {
+        for anchor in &mut self.anchors {
+            anchor.position.end_session();
+        }
+    }
+
+    /// An anchor told of its position in a beacon of the network that is followed.
+    pub fn hear_beacon(&mut self, source: u16, beacon: &Beacon, power_dbm: f32) {
+        let is_own_slot = is_own_slot(source, beacon);
+        let Some(anchor) = self.hear(source, power_dbm) else { return };
+        if !anchor.position.hear(beacon.position, is_own_slot) {
+            self.refused.positions = self.refused.positions.saturating_add(1);
         }
     }
 
     /// `superframes` have begun: forgets who has not been heard.
     pub fn advance(&mut self, superframes: u16) {
-        for anchor in &mut self.0 {
+        for anchor in &mut self.anchors {
             anchor.unheard = anchor.unheard.saturating_add(superframes);
             anchor.unasked = anchor.unasked.saturating_add(superframes);
         }
-        self.0.retain(|anchor| anchor.unheard <= FORGOTTEN_AFTER);
+        self.anchors.retain(|anchor| anchor.unheard <= FORGOTTEN_AFTER);
     }
 
     /// An anchor was heard; a new one takes the place of the weakest where there is no other.
     pub fn hear(&mut self, address: u16, power_dbm: f32) -> Option<&mut Neighbour> {
-        let known = self.0.iter().position(|anchor| anchor.address == address);
+        let known = self.anchors.iter().position(|anchor| anchor.address == address);
         let place = match known {
             Some(place) => place,
             None => {
-                if self.0.is_full() {
+                if self.anchors.is_full() {
                     let weakest = self.weakest()?;
-                    if self.0.get(weakest)?.power_dbm >= power_dbm {
+                    if self.anchors.get(weakest)?.power_dbm >= power_dbm {
                         return None;
                     }
-                    self.0.swap_remove(weakest);
+                    self.anchors.swap_remove(weakest);
                 }
                 let anchor = Neighbour {
                     address,
-                    position_m: None,
+                    position: AnchorPosition::default(),
                     clock: ClockModel::new(),
                     distance_m: None,
                     power_dbm,
@@ -101,11 +138,11 @@ impl Neighbours {
                     unheard: 0,
                     unasked: u16::MAX,
                 };
-                self.0.push(anchor).ok()?;
-                self.0.len() - 1
+                self.anchors.push(anchor).ok()?;
+                self.anchors.len() - 1
             }
         };
-        let anchor = self.0.get_mut(place)?;
+        let anchor = self.anchors.get_mut(place)?;
         if power_dbm.is_finite() {
             anchor.power_dbm += SMOOTHING * (power_dbm - anchor.power_dbm);
         }
@@ -113,9 +150,14 @@ impl Neighbours {
         Some(anchor)
     }
 
+    /// Another coordinator's beacon was not followed.
+    pub fn refuse_coordinator(&mut self) {
+        self.refused.coordinators = self.refused.coordinators.saturating_add(1);
+    }
+
     fn weakest(&self) -> Option<usize> {
         let by_power = |(_, a): &(usize, &Neighbour), (_, b): &(usize, &Neighbour)| a.power_dbm.total_cmp(&b.power_dbm);
-        self.0.iter().enumerate().min_by(by_power).map(|(place, _)| place)
+        self.anchors.iter().enumerate().min_by(by_power).map(|(place, _)| place)
     }
 
     /// An anchor was asked, and answered or not.
@@ -130,8 +172,8 @@ impl Neighbours {
     pub fn choose(&self, places: usize, tag_m: Option<[f32; 3]>) -> Team {
         let places = places.min(MAX_ROUND);
         let mut team = Team::new();
-        if self.0.len() <= places {
-            for anchor in self.0.iter().take(MAX_ROUND) {
+        if self.anchors.len() <= places {
+            for anchor in self.anchors.iter().take(MAX_ROUND) {
                 // As many places as a round has.
                 let _ = team.push(anchor.address);
             }
@@ -139,13 +181,13 @@ impl Neighbours {
         }
         let mut information = Information::none();
         while team.len() + 1 < places {
-            let candidates = self.0.iter().filter(|anchor| !team.contains(&anchor.address));
+            let candidates = self.anchors.iter().filter(|anchor| !team.contains(&anchor.address));
             let gain = |anchor: &&Neighbour| information.gain(anchor.weight(), anchor.direction_from(tag_m));
             let Some(best) = candidates.max_by(|a, b| gain(a).total_cmp(&gain(b))) else { break };
             information.add(best.weight(), best.direction_from(tag_m));
             let _ = team.push(best.address);
         }
-        let others = self.0.iter().filter(|anchor| !team.contains(&anchor.address));
+        let others = self.anchors.iter().filter(|anchor| !team.contains(&anchor.address));
         if let Some(longest_unasked) = others.max_by_key(|anchor| anchor.unasked) {
             let _ = team.push(longest_unasked.address);
         }
@@ -155,7 +197,8 @@ impl Neighbours {
     /// Tells which clock an anchor's stamps are of: for tests.
     #[cfg(test)]
     fn place(&mut self, address: u16, power_dbm: f32, position_m: [f32; 3]) {
-        self.hear(address, power_dbm).unwrap().position_m = Some(position_m);
+        use crate::frame::native::Position;
+        self.hear(address, power_dbm).unwrap().position.hear(Position::from_metres(position_m), true);
     }
 }
 
@@ -168,7 +211,7 @@ impl Neighbour {
 
     /// Direction to it (not of unit length, any scale): none without both positions.
     fn direction_from(&self, tag_m: Option<[f32; 3]>) -> Option<[f32; 3]> {
-        let (anchor, tag) = (self.position_m?, tag_m?);
+        let (anchor, tag) = (self.position.metres()?, tag_m?);
         Some(core::array::from_fn(|i| anchor[i] - tag[i]))
     }
 
@@ -177,10 +220,15 @@ impl Neighbour {
         self.power_dbm
     }
 
-    /// A response told of a poll that left at `sent` and came at `heard` of the anchor's clock, and its carrier of the rate.
-    pub fn compare_clocks(&mut self, sent: RadioInstant, heard: RadioInstant, clock_offset_ppm: f32) {
-        self.clock.poll(sent, heard);
-        self.clock.carrier(clock_offset_ppm);
+    /// A response told of a poll that left at `sent` and came at `heard` of the anchor's clock, and its carrier of the rate; false where
+    /// that carrier is of another crystal, and nothing of the response counts.
+    pub fn compare_clocks(&mut self, sent: RadioInstant, heard: RadioInstant, clock_offset_ppm: f32) -> bool {
+        let is_of_anchor = self.clock.expects(clock_offset_ppm);
+        if is_of_anchor {
+            self.clock.poll(sent, heard);
+            self.clock.carrier(clock_offset_ppm);
+        }
+        is_of_anchor
     }
 }
 

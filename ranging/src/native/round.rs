@@ -18,9 +18,6 @@ use crate::time::METRES_PER_TICK;
 use crate::tof::{double_sided_asymmetric, single_sided_corrected};
 use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
 
-/// A response may come this much off its slot, ticks (10 µs): the way there and back, and the clocks' drift.
-const SLOT_TOLERANCE_TICKS: u64 = 640_000;
-
 /// The round in progress, or the last.
 #[derive(Clone, Debug)]
 pub struct Exchange {
@@ -178,17 +175,22 @@ impl Exchange {
     ) -> Option<f32> {
         let slot = self.team.iter().position(|&anchor| anchor == source)?;
         let round1 = frame.rx_time.since(self.poll_tx);
-        let due = timing.reply_in(slot).ticks();
-        let in_slot = |time: RadioDuration| time.ticks().abs_diff(due) <= SLOT_TOLERANCE_TICKS;
         let awaited = response.round == self.number && self.pending >> slot & 1 == 1;
-        if !awaited || !in_slot(round1) || !in_slot(response.reply) {
+        if !awaited {
+            return None;
+        }
+        if !timing.is_in_slot(slot, round1) || !timing.is_reply(slot, response.reply) {
+            neighbours.refused.off_slot = neighbours.refused.off_slot.saturating_add(1);
+            return None;
+        }
+        let diagnostics = frame.diagnostics;
+        let anchor = neighbours.hear(source, diagnostics.rx_power_dbm)?;
+        if !anchor.compare_clocks(self.poll_tx, response.poll_rx, diagnostics.clock_offset_ppm) {
+            neighbours.refused.carriers = neighbours.refused.carriers.saturating_add(1);
             return None;
         }
         // Responses come in the order of their slots: those before have been lost.
         self.pending &= !(u8::MAX >> (MAX_ROUND - 1 - slot));
-        let diagnostics = frame.diagnostics;
-        let anchor = neighbours.hear(source, diagnostics.rx_power_dbm)?;
-        anchor.compare_clocks(self.poll_tx, response.poll_rx, diagnostics.clock_offset_ppm);
         let flight = single_sided_corrected(round1, response.reply, anchor.clock.rate());
         // A single estimate of the power is off by a decibel, which is several of the power itself where the signal is strong.
         let bias_m = bias.metres(anchor.power_dbm());
@@ -198,7 +200,7 @@ impl Exchange {
         let stamps = 2.0 * STAMP_DEVIATION_TICKS * STAMP_DEVIATION_TICKS;
         let variance = stamps + reply * reply * anchor.clock.rate_variance();
         let deviation_m = 0.5 * METRES_PER_TICK as f32 * Real::sqrt(variance);
-        let range = Range { peer: source, distance_m, deviation_m, position_m: anchor.position_m, diagnostics };
+        let range = Range { peer: source, distance_m, deviation_m, position_m: anchor.position.metres(), diagnostics };
         let distance_m = match response.last_final.and_then(|heard| self.former.complete(source, heard)) {
             Some(complete_m) => complete_m,
             None => distance_m,
@@ -259,8 +261,10 @@ impl Former {
         let answer = self.answers.iter_mut().find(|answer| answer.range.peer == anchor)?;
         let (round2, reply2) = (heard.after_response, final_tx.since(answer.rx_time));
         let flight = double_sided_asymmetric(answer.round1, answer.reply1, round2, reply2)?;
-        // A response that was another frame's, or a clock that began anew in between, shows here: both differ by far more than this.
-        if single_sided_corrected(answer.round1, answer.reply1, 0.0).apart_from(flight) > IMPLAUSIBLE_M {
+        // A response that was another frame's, a clock that began anew in between, a forged one: both differ by more than clocks explain.
+        let reply_m = answer.reply1.ticks() as f32 * METRES_PER_TICK as f32;
+        let explained_m = 0.5 * reply_m * REPLY_DRIFT + STAMPS_M;
+        if single_sided_corrected(answer.round1, answer.reply1, 0.0).apart_from(flight) > explained_m {
             return None;
         }
         answer.range.distance_m = flight.metres() - answer.bias_m;
@@ -269,8 +273,10 @@ impl Former {
     }
 }
 
-/// Both kinds of range of one response differ by the clocks' drift over the reply, 40 ppm of 4 ms at most: 24 m.
-const IMPLAUSIBLE_M: f32 = 30.0;
+/// Both kinds of range of one response differ by half of the clocks' drift over the reply, a fraction of it …
+const REPLY_DRIFT: f32 = 50e-6;
+/// … and by the noise of their stamps, metres.
+const STAMPS_M: f32 = 0.5;
 
 /// Standard deviation of an asymmetric double-sided range, metres. With a and b the parts of the final's and of the response's reply
 /// in both together, the flight moves by a/2 of the stamp of the poll, ½ of that of the response, b/2 of that of the final: the

@@ -2,14 +2,14 @@
 
 use super::following::{Following, Heard};
 use super::layout::Scheme;
-use super::neighbours::Neighbours;
+use super::neighbours::{Neighbours, Refused};
 use super::pace::Meter;
 use super::plan::{Rate, lists, next_round, owned_slots, share_of};
 use super::round::Exchange;
 use super::timing::{BEACON_SLOTS, SUPERFRAME, Timing, end_of};
 use super::{Network, SHORTEST_WAIT, spread};
 use crate::exchange::{Action, Event, Guidance, Link, Machine, Report};
-use crate::frame::native::{Beacon, Frame, MAX_MEMBERS, Message, Position, RESPONSE_BYTES, Request, Share};
+use crate::frame::native::{Beacon, Frame, MAX_MEMBERS, Message, RESPONSE_BYTES, Request, Share};
 use crate::frame::{BROADCAST, FrameBuffer};
 use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
 
@@ -60,11 +60,11 @@ enum Doing {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Ended {
     /// A final is to be sent.
-    WithFinal,
+    Final,
     /// There are ranges to report.
-    WithReport,
+    Report,
     /// It was the first of its kind, whose ranges come with the next.
-    WithNothing,
+    Nothing,
 }
 
 /// The tag's side of native mode. Its reports are rounds of ranges to anchors, and changes of its link to the network.
@@ -117,6 +117,8 @@ struct Followed {
     /// Rounds begun in this superframe.
     rounds: u32,
     joined: bool,
+    /// That the network is full was reported.
+    is_full: bool,
 }
 
 impl Tag {
@@ -157,6 +159,11 @@ impl Tag {
     /// compared anew, by the carrier, so that the ranges of a round deviate twice as much.
     pub fn doze(&mut self) {
         self.dozes = true;
+    }
+
+    /// What was heard and not believed since the tag was made.
+    pub fn refused(&self) -> Refused {
+        self.neighbours.refused
     }
 
     /// How many anchors are heard.
@@ -202,17 +209,16 @@ impl Tag {
                     *network = Followed::begin(network.following.clone());
                     Heard::Anew
                 }
-                heard @ (Heard::Ignored | Heard::Followed | Heard::Changed) => heard,
+                heard @ (Heard::Ignored | Heard::Refused | Heard::Followed | Heard::Changed) => heard,
             },
         };
         match heard {
             Heard::Ignored => return,
+            Heard::Refused => return self.neighbours.refuse_coordinator(),
             Heard::Followed => {}
             Heard::Changed | Heard::Anew => self.link = Some(Link::Synchronised(beacon.coordinator)),
         }
-        if let Some(anchor) = self.neighbours.hear(source, frame.diagnostics.rx_power_dbm) {
-            anchor.position_m = beacon.position.map(Position::metres);
-        }
+        self.neighbours.hear_beacon(source, beacon, frame.diagnostics.rx_power_dbm);
     }
 
     /// The responses are there, or will not come, or the final has left: what is to be done then.
@@ -222,11 +228,11 @@ impl Tag {
         {
             self.doing = Doing::Ending;
             self.write(Message::Final { round });
-            return Ended::WithFinal;
+            return Ended::Final;
         }
         self.doing = Doing::Nothing;
         self.round.close(&mut self.neighbours);
-        if self.round.has_report() { Ended::WithReport } else { Ended::WithNothing }
+        if self.round.has_report() { Ended::Report } else { Ended::Nothing }
     }
 
     fn write(&mut self, message: Message) {
@@ -250,16 +256,14 @@ impl Tag {
             if present.since(since) <= patience {
                 return Self::listen(superframe);
             }
-            self.network = None;
-            return Action::Report(Report::Link(Link::Unsynchronised));
+            return self.lose_network();
         }
         // A superframe begins for us as early as we must decide what to send first in it.
         let early = RadioDuration::from_ticks(lead.ticks() + SHORTEST_WAIT.ticks());
         let begun = network.following.advance(present.plus(early));
         self.neighbours.advance(begun);
         if network.following.silent() > LOST_AFTER {
-            self.network = None;
-            return Action::Report(Report::Link(Link::Unsynchronised));
+            return self.lose_network();
         }
         let Following { course, .. } = &network.following;
         let timing = course.timing;
@@ -272,8 +276,12 @@ impl Tag {
         network.plan(&self.config, &timing);
         let course = &network.following.course;
         let listed = course.membership.in_force().is_some_and(|members| lists(members, self.config.address));
+        if self.rate.is_some() && !network.is_full && network.is_full_without(self.config.address) {
+            network.is_full = true;
+            return Action::Report(Report::Link(Link::NetworkFull));
+        }
         if listed && !network.joined {
-            network.joined = true;
+            (network.joined, network.is_full) = (true, false);
             let slots = network.owned.count_ones().max(1) as u8;
             return Action::Report(Report::Link(Link::Joined(slots)));
         }
@@ -283,6 +291,13 @@ impl Tag {
             self.round.set_team(self.neighbours.choose(self.config.anchors.into(), self.position_m));
         }
         self.among_rounds(passed)
+    }
+
+    /// Nobody was heard for too long.
+    fn lose_network(&mut self) -> Action<'static> {
+        self.network = None;
+        self.neighbours.end_session();
+        Action::Report(Report::Link(Link::Unsynchronised))
     }
 
     /// In the beacon slots: listening, and asking for slots where those of the list are not those wanted.
@@ -296,7 +311,7 @@ impl Tag {
         let share = rate.map_or(Share::Release, |rate| share_of(rate, &timing));
         let listed = course.membership.members().iter().find(|member| member.tag == address);
         let settled = listed.map_or(Share::Release, |member| member.share) == share;
-        let full = listed.is_none() && course.membership.members().len() == MAX_MEMBERS;
+        let full = network.is_full_without(address);
         if settled {
             network.requests = 0;
         }
@@ -393,7 +408,13 @@ impl Followed {
     /// Nothing asked for, nothing owned.
     fn begin(following: Following) -> Self {
         let request_from = following.course.phase.number;
-        Self { following, request_from, requests: 0, planned: None, owned: 0, rounds: 0, joined: false }
+        Self { following, request_from, requests: 0, planned: None, owned: 0, rounds: 0, joined: false, is_full: false }
+    }
+
+    /// Whether all places are taken, none by this tag.
+    fn is_full_without(&self, tag: u16) -> bool {
+        let members = self.following.course.membership.members();
+        members.len() == MAX_MEMBERS && !lists(members, tag)
     }
 
     /// In how many superframes the next one with slots of ours begins, as far as that is settled, or how long a doze may be.
@@ -513,11 +534,11 @@ impl Machine for Tag {
         }
         if is_over {
             match self.end_round() {
-                Ended::WithFinal => {
+                Ended::Final => {
                     return Action::Transmit { frame: self.out.bytes(), start: Start::Now, listen: false };
                 }
-                Ended::WithReport => return Action::Report(Report::Round(self.round.report())),
-                Ended::WithNothing => {}
+                Ended::Report => return Action::Report(Report::Round(self.round.report())),
+                Ended::Nothing => {}
             }
         }
         match self.link.take() {

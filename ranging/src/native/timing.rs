@@ -65,6 +65,11 @@ pub const MAX_ROUND_SLOTS: usize = 64;
 pub const SUPERFRAME: RadioDuration = RadioDuration::from_micros(100_000);
 /// It lasts at least this many times the beacon slots together.
 const BEACON_SHARE: i64 = 4;
+/// What a stamp's arrival may be off by over a reply, millionths: the drift of two clocks, warm or cold, and the stamps' noise, which is
+/// 1 ns of 469 µs.
+const REPLY_DRIFT_PPM: i64 = 50;
+/// A delayed transmission starts at a multiple of this many ticks (DW1000 user manual, DX_TIME), 8 ns.
+const TX_STEP_TICKS: i64 = 512;
 /// Two clocks part by at most this many millionths (±20 ppm each) …
 const DRIFT_PPM: i64 = 40;
 /// … for this many superframes without a beacon heard.
@@ -172,6 +177,24 @@ impl Timing {
     pub const fn round(&self, anchors: usize) -> RadioDuration {
         let responses = sum(sum(self.to_rmarker, self.reply_in(anchors.saturating_sub(1))), self.response_tail);
         sum(responses, self.finale)
+    }
+
+    /// Whether a response in this slot can have come so long after the poll: at its instant by the anchor's clock, up to a step of the
+    /// transmitter earlier, and later by the longest way there and back; all this within the drift of both clocks.
+    ///
+    /// The same holds for who only listens: the triangle of poll, response and listener is never shorter than direct, and never longer
+    /// than the way between the anchors there and back.
+    pub fn is_in_slot(&self, slot: usize, after_poll: RadioDuration) -> bool {
+        let due = self.reply_in(slot).ticks();
+        let drift = due * REPLY_DRIFT_PPM / 1_000_000;
+        let late = after_poll.ticks() - due;
+        (-TX_STEP_TICKS - drift..=WAY_THERE_AND_BACK.ticks() + drift).contains(&late)
+    }
+
+    /// Whether an anchor that answers in this slot can have sent its response so long after it heard the poll, by its own clock: exactly
+    /// then, but for the step of its transmitter.
+    pub fn is_reply(&self, slot: usize, reply: RadioDuration) -> bool {
+        (reply.ticks() - self.reply_in(slot).ticks()).abs() <= TX_STEP_TICKS
     }
 
     /// From the beginning of the superframe to the RMARKER of a frame in this beacon slot.
@@ -309,6 +332,21 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_forged_reply_shifts_a_distance_by_a_metre_at_most() {
+        let timing = Timing::of(&PhyConfig::FAST, layout(248, 40, Scheme::SingleSided));
+        let ticks = RadioDuration::from_ticks;
+        let [first, last] = [0, 7].map(|slot| timing.reply_in(slot).ticks());
+        assert!(timing.is_reply(0, ticks(first)) && timing.is_reply(0, ticks(first - 511)));
+        // A metre more or less is 2 / 299 702 547 s of reply, 426 ticks; two metres are beyond the step of 512.
+        assert!(!timing.is_reply(7, ticks(last + 853)) && !timing.is_reply(7, ticks(last - 853)));
+        // 450 m away, clocks 40 ppm apart over 469.5 µs: 3 µs and 19 ns late.
+        assert!(timing.is_in_slot(0, ticks(first + 191_693 + 1200)));
+        assert!(timing.is_in_slot(0, ticks(first - 511 - 1200 - 100)));
+        // A microsecond early, or 5 µs late.
+        assert!(!timing.is_in_slot(0, ticks(first - 63_898)) && !timing.is_in_slot(7, ticks(last + 319_488)));
     }
 
     #[test]

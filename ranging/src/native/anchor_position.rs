@@ -1,0 +1,140 @@
+//! Which position is believed of an anchor that a tag hears.
+//!
+//! An anchor's beacon tells where it stands. Beacons are not authenticated: anybody can send one in an anchor's name. What such a beacon
+//! must not do is to move an anchor that is known. So, as long as the tag follows one network without losing it (a session):
+//!
+//! - the position of a beacon that came in the anchor's own slot is believed, and stays; one that came in a shared slot serves only
+//!   until then;
+//! - a beacon that tells another position is ignored for positions and counted;
+//! - an anchor that was moved is believed once its own slot has told the same new position [`MOVED_AFTER`] times and the old one never in
+//!   between, or once it was forgotten because nobody heard it.
+//!
+//! So a false position needs an anchor that is silent, or a tag that has just started.
+
+use crate::frame::native::{Beacon, Position};
+
+/// A position within so much of another, in each axis, is the same, metres: anchors tell millimetres.
+const SAME_M: f32 = 0.01;
+/// An anchor was moved where its own slot has told the new position so many times: two seconds at 6.81 Mbit/s.
+pub const MOVED_AFTER: u8 = 20;
+
+/// What an anchor has told of its position.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct AnchorPosition {
+    believed_m: Option<[f32; 3]>,
+    /// The anchor's own slot told it in this session.
+    is_settled: bool,
+    /// Another one that its own slot has told since …
+    other_m: Option<[f32; 3]>,
+    /// … this many times.
+    repetitions: u8,
+}
+
+impl AnchorPosition {
+    /// The one that is believed, metres.
+    pub const fn metres(&self) -> Option<[f32; 3]> {
+        self.believed_m
+    }
+
+    /// A beacon of the anchor tells this position; whether that agrees with what is believed.
+    pub fn hear(&mut self, told: Option<Position>, is_own_slot: bool) -> bool {
+        // Who tells nothing contradicts nothing.
+        let Some(told_m) = told.map(Position::metres) else { return true };
+        let agrees = self.believed_m.is_none_or(|believed_m| is_same(believed_m, told_m));
+        if agrees || !self.is_settled && is_own_slot {
+            // The first one stays: small steps would add up.
+            self.believed_m = self.believed_m.filter(|_| agrees).or(Some(told_m));
+            if is_own_slot {
+                *self = Self { believed_m: self.believed_m, is_settled: true, other_m: None, repetitions: 0 };
+            }
+            return true;
+        }
+        if is_own_slot {
+            let is_repeated = self.other_m.is_some_and(|other_m| is_same(other_m, told_m));
+            self.repetitions = if is_repeated { self.repetitions.saturating_add(1) } else { 1 };
+            self.other_m = self.other_m.filter(|_| is_repeated).or(Some(told_m));
+            if self.repetitions >= MOVED_AFTER {
+                *self = Self { believed_m: self.other_m, is_settled: true, other_m: None, repetitions: 0 };
+                return true;
+            }
+        }
+        false
+    }
+
+    /// The network was lost: the next own slot is believed, whatever it tells.
+    pub fn end_session(&mut self) {
+        self.is_settled = false;
+    }
+}
+
+fn is_same(a: [f32; 3], b: [f32; 3]) -> bool {
+    a.into_iter().zip(b).all(|(a, b)| (a - b).abs() <= SAME_M)
+}
+
+/// A byte that stands for an address in beacons; never 0.
+pub fn hash(address: u16) -> u8 {
+    (address % 255) as u8 + 1
+}
+
+/// Whether a beacon came in a slot that belongs to its sender, as the beacon itself tells. Shared slots belong to nobody.
+pub fn is_own_slot(source: u16, beacon: &Beacon) -> bool {
+    beacon.slot_owners.get(usize::from(beacon.slot)) == Some(&hash(source))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(x: f32) -> Option<Position> {
+        Position::from_metres([x, 2.0, 3.0])
+    }
+
+    #[test]
+    fn a_shared_slot_serves_until_the_own_one_is_heard_and_moves_nothing_then() {
+        let mut position = AnchorPosition::default();
+        assert!(position.hear(at(9.0), false));
+        assert_eq!(position.metres(), Some([9.0, 2.0, 3.0]));
+        assert!(position.hear(at(1.0), true));
+        assert_eq!(position.metres(), Some([1.0, 2.0, 3.0]));
+        for _ in 0..200 {
+            assert!(!position.hear(at(9.0), false));
+        }
+        assert!(position.hear(None, true));
+        assert_eq!(position.metres(), Some([1.0, 2.0, 3.0]));
+    }
+
+    #[test]
+    fn steps_below_a_centimetre_do_not_add_up() {
+        let mut position = AnchorPosition::default();
+        let steps = [0.0, 0.008, 0.016, 0.024].map(|x| position.hear(at(x), true));
+        assert_eq!(steps, [true, true, false, false]);
+        assert_eq!(position.metres(), Some([0.0, 2.0, 3.0]));
+    }
+
+    #[test]
+    fn a_moved_anchor_is_believed_once_it_insists_and_the_old_position_is_told_no_more() {
+        let mut position = AnchorPosition::default();
+        position.hear(at(1.0), true);
+        // The old one is told in between: nothing moves, for ever.
+        for _ in 0..10 * MOVED_AFTER {
+            assert!(!position.hear(at(6.0), true));
+            assert!(position.hear(at(1.0), true));
+        }
+        // Another one each time: neither.
+        for i in 0..10 * MOVED_AFTER {
+            assert!(!position.hear(at(5.0 + f32::from(i)), true));
+        }
+        let believed = (0..MOVED_AFTER).filter(|_| position.hear(at(6.0), true)).count();
+        assert_eq!((believed, position.metres()), (1, Some([6.0, 2.0, 3.0])));
+    }
+
+    #[test]
+    fn a_new_session_believes_the_first_own_slot() {
+        let mut position = AnchorPosition::default();
+        position.hear(at(1.0), true);
+        position.end_session();
+        assert!(!position.hear(at(6.0), false));
+        assert!(position.hear(at(6.0), true));
+        assert_eq!(position.metres(), Some([6.0, 2.0, 3.0]));
+    }
+}

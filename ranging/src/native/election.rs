@@ -1,0 +1,249 @@
+//! Which coordinator a node follows: an anchor that relays, the coordinator itself, or a tag.
+//!
+//! Of two coordinators the later term is right, then the lower address: so two networks that meet become one, and an anchor that takes
+//! over from a silent coordinator is followed. Beacons are not authenticated, and a single one with a later term must not end a network
+//! that works. So a coordinator that prevails is followed
+//!
+//! - at once, where the one followed is silent: its word is older than a node that is so many hops away can have it;
+//! - at once, where it is the one followed, one term later: it was restarted. Once in [`RESTARTS_APART`] superframes at most;
+//! - at once, in the first [`YOUNG`] superframes of a network, when several anchors have just been switched on, and by an anchor that is
+//!   alone: there is nothing to lose;
+//! - else only after patience: its beacons must come in [`NEAR_PATIENCE`] superframes, [`FAR_PATIENCE`] where it is more than one term
+//!   ahead, with none but single ones missing in between. That is how two networks that have worked for long, and come to hear each other, merge.
+
+use super::prevails;
+use super::timing::HOLDOVER_SUPERFRAMES;
+use crate::frame::native::Beacon;
+
+/// Restarts of one coordinator are followed at once where they are so many superframes apart.
+const RESTARTS_APART: u8 = 2;
+/// A network is young for so many superframes.
+const YOUNG: u16 = 10;
+/// Superframes with a beacon of another coordinator of the same term, or one term ahead, until it is followed …
+const NEAR_PATIENCE: u8 = 10;
+/// … and of one that is farther ahead.
+const FAR_PATIENCE: u8 = 100;
+/// After more than so many superframes without its beacon the patience begins anew.
+const PAUSE: u8 = 1;
+
+/// The coordinator that is followed, and the one that may come after it.
+#[derive(Clone, Copy, Debug)]
+pub struct Election {
+    /// Counts changes of coordinator.
+    pub term: u8,
+    /// Who coordinates.
+    pub coordinator: u16,
+    /// Hops to it; 0: the node itself.
+    pub hops: u8,
+    /// Superframes since what is known left it.
+    pub age: u8,
+    /// Superframes since this network was joined or founded.
+    superframes: u16,
+    /// Superframes since its coordinator restarted.
+    unrestarted: u8,
+    candidate: Option<Candidate>,
+}
+
+/// A coordinator that prevails and is not followed yet.
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    is: (u8, u16),
+    /// Superframes in which a beacon of its network came.
+    heard_in: u8,
+    /// Superframes since the last one.
+    unheard: u8,
+}
+
+/// What is to be done with a beacon.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Choice {
+    /// It is of the coordinator that is followed.
+    Same,
+    /// Its coordinator is to be followed from now on.
+    Change,
+    /// Its coordinator does not prevail.
+    Older,
+    /// Its coordinator prevails, and is not followed: not yet, or never.
+    Refused,
+}
+
+impl Election {
+    /// The node coordinates a network that it has just founded.
+    pub const fn founded(address: u16) -> Self {
+        Self { term: 0, coordinator: address, hops: 0, age: 0, superframes: 0, unrestarted: u8::MAX, candidate: None }
+    }
+
+    /// The network of a beacon is joined.
+    pub fn joined(beacon: &Beacon) -> Self {
+        let mut joined = Self::founded(beacon.coordinator);
+        joined.follow(beacon);
+        joined
+    }
+
+    /// `superframes` have begun.
+    pub fn advance(&mut self, superframes: u16) {
+        let few = superframes.min(u8::MAX.into()) as u8;
+        self.superframes = self.superframes.saturating_add(superframes);
+        self.age = self.age.saturating_add(few);
+        self.unrestarted = self.unrestarted.saturating_add(few);
+        if let Some(candidate) = &mut self.candidate {
+            candidate.unheard = candidate.unheard.saturating_add(few);
+        }
+        self.candidate = self.candidate.filter(|candidate| candidate.unheard <= PAUSE + 1);
+    }
+
+    /// A beacon came. `is_alone`: nobody would be left behind.
+    pub fn hear(&mut self, beacon: &Beacon, is_alone: bool) -> Choice {
+        let (told, followed) = ((beacon.term, beacon.coordinator), (self.term, self.coordinator));
+        if told == followed {
+            let hops = beacon.hops.saturating_add(1);
+            if (beacon.age, hops) <= (self.age, self.hops) {
+                (self.age, self.hops) = (beacon.age, hops);
+            }
+            return Choice::Same;
+        }
+        if !prevails(told, followed) {
+            return Choice::Older;
+        }
+        let ahead = told.0.wrapping_sub(followed.0);
+        let is_silent = u16::from(self.age) > HOLDOVER_SUPERFRAMES + u16::from(self.hops);
+        let has_restarted = told.1 == followed.1 && ahead == 1 && self.unrestarted >= RESTARTS_APART;
+        let patience = if ahead <= 1 { NEAR_PATIENCE } else { FAR_PATIENCE };
+        let is_trusted = is_silent || has_restarted || is_alone || self.superframes < YOUNG;
+        if is_trusted || self.heard_in(told) >= patience { Choice::Change } else { Choice::Refused }
+    }
+
+    /// In how many superframes the candidate was heard, now that a beacon of `told` came.
+    fn heard_in(&mut self, told: (u8, u16)) -> u8 {
+        let candidate = self.candidate.get_or_insert(Candidate { is: told, heard_in: 0, unheard: 1 });
+        // Another one waits until this one is silent.
+        if candidate.is != told {
+            return 0;
+        }
+        if candidate.unheard > 0 {
+            candidate.heard_in = candidate.heard_in.saturating_add(1);
+            candidate.unheard = 0;
+        }
+        candidate.heard_in
+    }
+
+    /// The coordinator of a beacon is followed from now on, in the same network.
+    pub fn follow(&mut self, beacon: &Beacon) {
+        if self.coordinator == beacon.coordinator {
+            self.unrestarted = 0;
+        }
+        (self.term, self.coordinator) = (beacon.term, beacon.coordinator);
+        (self.age, self.hops) = (beacon.age, beacon.hops.saturating_add(1));
+        self.candidate = None;
+    }
+
+    /// The node itself coordinates from now on, one term later.
+    pub fn take_over(&mut self, address: u16) {
+        self.term = self.term.wrapping_add(1);
+        (self.coordinator, self.hops, self.age) = (address, 0, 0);
+        self.candidate = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Layout;
+    use super::*;
+
+    fn beacon(term: u8, coordinator: u16) -> Beacon {
+        Beacon {
+            superframe: 0,
+            term,
+            age: 0,
+            hops: 0,
+            coordinator,
+            slot: 1,
+            slot_owners: Default::default(),
+            request: None,
+            wish: Layout::LEAST,
+            heard: 0,
+            version: 0,
+            countdown: 0,
+            layout: Layout::LEAST,
+            layout_is_new: false,
+            position: None,
+            members: Default::default(),
+        }
+    }
+
+    /// A node that has followed coordinator 5 in term 3 for a minute.
+    fn settled() -> Election {
+        let mut election = Election::joined(&beacon(3, 5));
+        (0..600).for_each(|_| superframe(&mut election));
+        election
+    }
+
+    /// A superframe with a beacon of the one followed.
+    fn superframe(election: &mut Election) {
+        election.advance(1);
+        assert_eq!(election.hear(&beacon(election.term, election.coordinator), false), Choice::Same);
+    }
+
+    /// Superframes until a beacon in each of them is followed, of 1000.
+    fn patience(mut election: Election, told: &Beacon) -> Option<usize> {
+        (0..1000).position(|_| {
+            superframe(&mut election);
+            election.hear(told, false) == Choice::Change
+        })
+    }
+
+    #[test]
+    fn a_later_term_is_followed_at_once_where_the_coordinator_is_silent() {
+        let mut election = settled();
+        // Its word of the superframe before last, over one hop more, is none too old.
+        for age in 0..4 {
+            assert_eq!(election.hear(&beacon(4, 9), false), Choice::Refused, "age {age}");
+            election.advance(1);
+        }
+        assert_eq!(election.hear(&beacon(4, 9), false), Choice::Change);
+        assert_eq!(election.hear(&beacon(103, 9), false), Choice::Change);
+        assert_eq!(election.hear(&beacon(2, 1), false), Choice::Older);
+    }
+
+    #[test]
+    fn a_coordinator_that_is_heard_is_replaced_after_patience_only() {
+        assert_eq!(patience(settled(), &beacon(4, 9)), Some(9));
+        assert_eq!(patience(settled(), &beacon(3, 2)), Some(9));
+        assert_eq!(patience(settled(), &beacon(5, 2)), Some(99));
+        assert_eq!(patience(settled(), &beacon(2, 2)), None);
+        // One beacon in three superframes, or another coordinator each time: never.
+        let (mut seldom, mut changing) = (settled(), settled());
+        for i in 0..1000 {
+            superframe(&mut seldom);
+            superframe(&mut changing);
+            assert!(i % 3 > 0 || seldom.hear(&beacon(4, 9), false) == Choice::Refused);
+            assert_eq!(changing.hear(&beacon(4, 100 + i), false), Choice::Refused);
+        }
+    }
+
+    #[test]
+    fn a_restart_of_the_coordinator_is_followed_at_once_but_not_each_superframe() {
+        let mut election = settled();
+        assert_eq!(election.hear(&beacon(4, 5), false), Choice::Change);
+        election.follow(&beacon(4, 5));
+        election.advance(1);
+        assert_eq!(election.hear(&beacon(5, 5), false), Choice::Refused);
+        election.advance(1);
+        assert_eq!(election.hear(&beacon(6, 5), false), Choice::Refused);
+        assert_eq!(election.hear(&beacon(5, 5), false), Choice::Change);
+    }
+
+    #[test]
+    fn young_networks_merge_at_once_and_so_does_an_anchor_that_is_alone() {
+        let mut young = Election::joined(&beacon(0, 5));
+        young.advance(YOUNG - 1);
+        assert_eq!(young.hear(&beacon(0, 5), false), Choice::Same);
+        assert_eq!(young.hear(&beacon(0, 4), false), Choice::Change);
+        let mut alone = Election::founded(5);
+        for _ in 0..600 {
+            alone.advance(1);
+            alone.age = 0;
+        }
+        assert_eq!(alone.hear(&beacon(7, 9), true), Choice::Change);
+    }
+}

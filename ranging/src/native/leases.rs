@@ -1,0 +1,228 @@
+//! Who is a member of the network and for how long: the coordinator's list of requests and leases.
+//!
+//! A member keeps its slots as long as its polls are heard. A new member is on probation until one of them was: a request costs whoever
+//! forges it a single frame, so that tags that do not exist must neither stay nor take every place. Where more ask than there are
+//! places on probation, chance decides who gets one, nobody keeps one for long, and the others ask again.
+
+use heapless::Vec;
+
+use super::layout::Layout;
+use super::plan::{Members, Membership};
+use super::spread;
+use crate::frame::native::{MAX_MEMBERS, Member, Share};
+
+/// A member of whom no poll was heard for this many of its turns loses its slots.
+const LEASE_TURNS: u16 = 10;
+/// One on probation loses them after this many turns …
+const PROBATION_TURNS: u16 = 2;
+/// … and so many superframes: its list does not count at once, and relays take theirs until they have told of its poll.
+const PROBATION_SUPERFRAMES: u16 = 8;
+/// Members on probation at a time.
+const MAX_ON_PROBATION: usize = 8;
+/// Requests on their way.
+const MAX_REQUESTS: usize = 16;
+
+/// Requests, and as coordinator what is known of each member of the list.
+#[derive(Clone, Debug)]
+pub struct Leases {
+    requests: Vec<Member, MAX_REQUESTS>,
+    /// Superframes since a poll of each member.
+    unheard: [u16; MAX_MEMBERS],
+    /// Members (bit i: the list's i-th) of whom a poll was heard since they are members.
+    proven: u32,
+}
+
+impl Leases {
+    /// Nobody asks. The members of a list that is taken over are believed.
+    pub const fn new() -> Self {
+        Self { requests: Vec::new(), unheard: [0; MAX_MEMBERS], proven: u32::MAX }
+    }
+
+    /// The list was another coordinator's: its members have their leases from now.
+    pub fn take_over(&mut self) {
+        (self.unheard, self.proven) = ([0; MAX_MEMBERS], u32::MAX);
+    }
+
+    /// A tag asks for a share; in superframe `number`.
+    pub fn request(&mut self, request: Member, members: &Members, number: u16) {
+        let listed = members.iter().find(|member| member.tag == request.tag);
+        if listed.map_or(Share::Release, |member| member.share) == request.share {
+            return;
+        }
+        if let Some(known) = self.requests.iter_mut().find(|known| known.tag == request.tag) {
+            *known = request;
+        } else if self.requests.push(request).is_err() {
+            // Too many are on their way: another one asks again, no matter who came first.
+            let place = usize::from(spread(request.tag, number, MAX_REQUESTS as u16));
+            if let Some(other) = self.requests.get_mut(place) {
+                *other = request;
+            }
+        }
+    }
+
+    /// A request to be passed on towards the coordinator.
+    pub fn pass_on(&mut self) -> Option<Member> {
+        self.requests.pop()
+    }
+
+    /// The coordinator's work when `begun` superframes have begun, up to `number`: leases end, requests are granted, and where the list
+    /// or the layout changes by that, the change is announced. `heard` are the members of whom a poll was heard.
+    pub fn renew(&mut self, membership: &mut Membership, layout: Layout, heard: u32, begun: u16, number: u16) {
+        for (place, unheard) in self.unheard.iter_mut().enumerate() {
+            *unheard = if heard >> place & 1 == 1 { 0 } else { unheard.saturating_add(begun) };
+        }
+        self.proven |= heard;
+        if membership.countdown() > 0 {
+            return;
+        }
+        let members = membership.members();
+        let is_proven = |place: usize| self.proven >> place & 1 == 1;
+        let place_of = |tag: u16| members.iter().position(|member| member.tag == tag);
+        let unproven = (0..members.len()).filter(|place| !is_proven(*place)).count();
+        let is_crowded =
+            unproven >= MAX_ON_PROBATION && self.requests.iter().any(|request| place_of(request.tag).is_none());
+        let is_kept = |&(place, member): &(usize, &Member)| {
+            let unheard = self.unheard.get(place).copied().unwrap_or(u16::MAX);
+            let lease = if is_proven(place) { lease(member.share) } else { probation(member.share, is_crowded) };
+            unheard <= lease && !self.requests.iter().any(|request| request.tag == member.tag)
+        };
+        // In the order of their addresses; a library's sort takes five kilobytes.
+        let mut list = Members::new();
+        let mut insert = |member: Member| {
+            let place = list.iter().position(|other: &Member| other.tag > member.tag).unwrap_or(list.len());
+            // A full network takes nobody.
+            let _ = list.insert(place, member);
+        };
+        let mut on_probation = 0;
+        for (place, member) in members.iter().enumerate().filter(is_kept) {
+            on_probation += usize::from(!is_proven(place));
+            insert(*member);
+        }
+        let first = usize::from(spread(number, number, self.requests.len() as u16));
+        let (later, sooner) = self.requests.split_at(first.min(self.requests.len()));
+        for request in sooner.iter().chain(later).filter(|request| request.share != Share::Release) {
+            let is_new = place_of(request.tag).is_none_or(|place| !is_proven(place));
+            if !is_new || on_probation < MAX_ON_PROBATION {
+                on_probation += usize::from(is_new);
+                insert(*request);
+            }
+        }
+        self.requests.clear();
+        if list == *members && layout == membership.layout() {
+            return;
+        }
+        let (mut unheard, mut proven) = ([0; MAX_MEMBERS], 0);
+        for ((place, member), unheard) in list.iter().enumerate().zip(&mut unheard) {
+            if let Some(before) = members.iter().position(|known| known.tag == member.tag) {
+                *unheard = self.unheard.get(before).copied().unwrap_or(0);
+                proven |= (self.proven >> before & 1) << place;
+            }
+        }
+        (self.unheard, self.proven) = (unheard, proven);
+        membership.change(&list, layout);
+    }
+}
+
+/// Superframes from one turn of a share to the next.
+fn turn(share: Share) -> u16 {
+    match share {
+        Share::OneIn(superframes) => u16::from(superframes),
+        Share::Release | Share::Slots(_) | Share::Greedy => 1,
+    }
+}
+
+/// Superframes that a member keeps its slots without a poll heard.
+fn lease(share: Share) -> u16 {
+    LEASE_TURNS * turn(share)
+}
+
+/// Superframes that one on probation keeps them, its turn coming or not where others wait.
+fn probation(share: Share, is_crowded: bool) -> u16 {
+    let turn = if is_crowded { 1 } else { turn(share) };
+    PROBATION_TURNS * turn + PROBATION_SUPERFRAMES
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A coordinator with nobody, and the superframes that pass.
+    struct Coordinator {
+        leases: Leases,
+        membership: Membership,
+        number: u16,
+    }
+
+    impl Coordinator {
+        fn new() -> Self {
+            Self { leases: Leases::new(), membership: Membership::new(Layout::LEAST), number: 0 }
+        }
+
+        fn request(&mut self, tag: u16, share: Share) {
+            self.leases.request(Member { tag, share }, self.membership.members(), self.number);
+        }
+
+        /// A superframe in which these tags were heard.
+        fn superframe(&mut self, heard: &[u16]) {
+            let members = self.membership.members().iter().enumerate();
+            let bits = members.filter(|(_, member)| heard.contains(&member.tag)).map(|(place, _)| 1 << place).sum();
+            self.number += 1;
+            self.membership.advance();
+            self.leases.renew(&mut self.membership, Layout::LEAST, bits, 1, self.number);
+        }
+
+        fn has(&self, tag: u16) -> bool {
+            self.membership.members().iter().any(|member| member.tag == tag)
+        }
+    }
+
+    #[test]
+    fn a_tag_that_never_polls_loses_its_place_soon_however_seldom_it_wants_to() {
+        let mut coordinator = Coordinator::new();
+        coordinator.request(1, Share::OneIn(20));
+        coordinator.request(2, Share::OneIn(20));
+        // One poll of tag 2, in its first turn.
+        for i in 0..60 {
+            coordinator.superframe(if i == 15 { &[2] } else { &[] });
+            assert_eq!(coordinator.has(1), i <= 2 * 20 + 8, "superframe {i}");
+            assert!(coordinator.has(2));
+        }
+        // Ten turns of 20 after its poll, tag 2 goes too.
+        (60..=15 + 200).for_each(|_| coordinator.superframe(&[]));
+        assert!(coordinator.has(2));
+        (0..2).for_each(|_| coordinator.superframe(&[]));
+        assert!(!coordinator.has(2));
+    }
+
+    #[test]
+    fn tags_that_do_not_exist_leave_places_to_those_that_do() {
+        let mut coordinator = Coordinator::new();
+        let real: std::vec::Vec<u16> = (1..=16).collect();
+        let (mut invented, mut most) = (0x4000, 0);
+        for _ in 0..600 {
+            // Six requests of new invented tags a superframe, and all real ones that are not members.
+            for _ in 0..6 {
+                invented += 1;
+                coordinator.request(invented, Share::OneIn(127));
+            }
+            real.iter().for_each(|&tag| coordinator.request(tag, Share::Slots(1)));
+            coordinator.superframe(&real);
+            let members = coordinator.membership.members().iter();
+            most = most.max(members.filter(|member| member.tag > 0x4000).count());
+        }
+        assert!(real.iter().all(|&tag| coordinator.has(tag)), "{:?}", coordinator.membership.members());
+        assert!(most <= MAX_ON_PROBATION, "{most}");
+    }
+
+    #[test]
+    fn a_member_that_asks_for_another_share_is_not_on_probation_again() {
+        let mut coordinator = Coordinator::new();
+        coordinator.request(1, Share::Slots(1));
+        coordinator.superframe(&[]);
+        coordinator.superframe(&[1]);
+        coordinator.request(1, Share::OneIn(10));
+        // More than 2 · 10 + 8 superframes without a poll.
+        (0..60).for_each(|_| coordinator.superframe(&[]));
+        assert!(coordinator.has(1));
+    }
+}

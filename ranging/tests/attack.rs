@@ -1,0 +1,445 @@
+//! What one DW1000 without any key can do to native mode, and what it cannot: forged beacons, requests and responses on a small air.
+//! `docs/security.md` says what is left.
+
+mod air;
+
+use std::cell::{Cell, RefCell};
+use std::collections::{BTreeMap, VecDeque};
+use std::rc::Rc;
+
+use air::{ANTENNA_DELAY, Air, Boxed, Owned, boxed};
+use ranging::exchange::{Event, Link, Machine};
+use ranging::frame::native::{Beacon, Frame, Member, Message, Position, Request, Response, Share};
+use ranging::frame::{BROADCAST, FrameBuffer};
+use ranging::native::{
+    Anchor, AnchorConfig, Layout, ListeningTag, ListeningTagConfig, Network, Rate, Refused, Scheme, Tag, TagConfig,
+    Timing,
+};
+use ranging::{PhyConfig, RadioDuration, RadioInstant, Start};
+
+const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
+/// Metres a second in air, and ticks a second.
+const METRES_PER_TICK: f64 = 299_702_547.0 / 63_897_600_000.0;
+
+fn corner(i: u16, anchors: u16) -> [f64; 3] {
+    let angle = f64::from(i) / f64::from(anchors) * std::f64::consts::TAU;
+    [10.0 * angle.cos(), 10.0 * angle.sin(), 2.0 + f64::from(i % 2)]
+}
+
+fn anchor(address: u16, position: [f64; 3], rounds: Option<Rate>) -> Boxed {
+    boxed(Anchor::new(AnchorConfig {
+        address,
+        network: NETWORK,
+        antenna_delay: ticks(ANTENNA_DELAY),
+        position_m: Some(position.map(|m| m as f32)),
+        rounds,
+    }))
+}
+
+/// Anchors 1, 2, … on a circle of 10 m, their drifts ±20 ppm in turn.
+fn room(air: &mut Air, anchors: u16, rounds: Option<Rate>) -> Vec<usize> {
+    let drift = |i: u16| if i.is_multiple_of(2) { 20.0 } else { -20.0 };
+    (0..anchors).map(|i| air.add(corner(i, anchors), drift(i), anchor(i + 1, corner(i, anchors), rounds))).collect()
+}
+
+/// A machine on the air, and a handle to ask it what it refused.
+fn shared<M: Machine + 'static>(machine: M) -> (Boxed, Rc<RefCell<M>>) {
+    let handle = Rc::new(RefCell::new(machine));
+    let inner = Rc::clone(&handle);
+    let on_air = move |now, pace, event: Event<'_>| {
+        let mut machine = inner.borrow_mut();
+        machine.pace(pace);
+        machine.step(now, event).into()
+    };
+    (Box::new(on_air), handle)
+}
+
+/// A tag at (1, 2, 1) m.
+fn tag(air: &mut Air, address: u16, rate: Rate) -> (usize, Rc<RefCell<Tag>>) {
+    let config =
+        TagConfig { address, network: NETWORK, anchors: 8, rate, scheme: Scheme::SingleSided, tell_distances: false };
+    let (machine, handle) = shared(Tag::new(config));
+    (air.add([1.0, 2.0, 1.0], -20.0, machine), handle)
+}
+
+fn ticks(ticks: i64) -> RadioDuration {
+    RadioDuration::from_ticks(ticks)
+}
+
+fn bytes(source: u16, destination: u16, message: Message) -> Vec<u8> {
+    let mut out = FrameBuffer::new();
+    Frame { sequence: 9, pan: NETWORK.pan, destination, source, message }.emit(&mut out);
+    out.bytes().to_vec()
+}
+
+/// What `forge` makes of a superframe's first beacon heard, and of the last one of each anchor: frames, and when from the superframe's
+/// beginning they are sent.
+type Forge = Box<dyn FnMut(&Timing, &Beacon, &BTreeMap<u16, Beacon>) -> Vec<(RadioDuration, Vec<u8>)>>;
+
+/// Listens, and from `armed` on sends what is forged. It follows the layout that beacons tell.
+fn forger(armed: &Rc<Cell<bool>>, mut forge: Forge) -> Boxed {
+    let armed = Rc::clone(armed);
+    let mut known = BTreeMap::new();
+    let mut queue: VecDeque<(RadioInstant, Vec<u8>)> = VecDeque::new();
+    let mut done = None;
+    Box::new(move |now, _, event| {
+        if let Event::Received(frame) = event
+            && let Some(Frame { source, message: Message::Beacon(beacon), .. }) = Frame::parse(frame.bytes)
+        {
+            known.insert(source, beacon.clone());
+            if armed.get() && done != Some(beacon.superframe) && !beacon.layout_is_new {
+                done = Some(beacon.superframe);
+                let timing = Timing::of(&NETWORK.phy, beacon.layout);
+                let start = frame.rx_time.plus(ticks(-timing.beacon(beacon.slot.into()).ticks()));
+                let mut forged = forge(&timing, &beacon, &known);
+                forged.sort_by_key(|(at, _)| *at);
+                queue.extend(forged.into_iter().map(|(at, bytes)| (start.plus(at).plus(ticks(-ANTENNA_DELAY)), bytes)));
+            }
+        }
+        while let Some((at, _)) = queue.front() {
+            if at.since(now).as_micros() < 300 {
+                queue.pop_front();
+                continue;
+            }
+            if at.since(now).as_micros() > 1000 {
+                break;
+            }
+            if let Some((at, frame)) = queue.pop_front() {
+                return Owned::Transmit { frame, start: Start::At(at), listen: true };
+            }
+        }
+        let window = queue.front().map_or(2000, |(at, _)| (at.since(now).as_micros() - 700).clamp(50, 2000)) as u32;
+        Owned::Receive { start: Start::Now, window: RadioDuration::from_micros(window), keep_listening: true }
+    })
+}
+
+/// Every anchor's beacon again, in a shared slot or in a free one claimed for it, five metres aside.
+fn five_metres_aside(own_slots: bool) -> Forge {
+    Box::new(move |timing, heard, known| {
+        let anchors = known.iter().filter(|(source, beacon)| **source < 100 && beacon.position.is_some()).take(4);
+        let forge = |(i, (&source, beacon)): (usize, (&u16, &Beacon))| {
+            let [x, y, z] = beacon.position.expect("a position").metres();
+            // Free slots: the anchors 1 to 4 have 1 to 4.
+            let slot = if own_slots { 10 + i } else { 16 + i };
+            let mut slot_owners = heard.slot_owners;
+            if let Some(owner) = slot_owners.get_mut(slot) {
+                *owner = source as u8 + 1;
+            }
+            let position = Position::from_metres([x + 5.0, y, z]);
+            let forged = Beacon { slot: slot as u8, slot_owners, position, ..heard.clone() };
+            (timing.beacon(slot), bytes(source, BROADCAST, Message::Beacon(forged)))
+        };
+        anchors.enumerate().map(forge).collect()
+    })
+}
+
+/// How many of a tag's ranges came with a position that is not the anchor's, of how many.
+fn displaced(air: &Air, node: usize, from: f64, anchors: u16) -> (usize, usize) {
+    let ranges = air.rounds(node, from).into_iter().flat_map(|(_, ranges)| ranges);
+    let known: Vec<_> = ranges.filter_map(|range| Some((range.peer, range.position_m?))).collect();
+    let off = known.iter().filter(|(peer, [x, ..])| (f64::from(*x) - corner(peer - 1, anchors)[0]).abs() > 0.011);
+    (off.count(), known.len())
+}
+
+#[test]
+fn forged_beacons_move_no_anchor_of_a_tag_that_has_heard_the_true_ones() {
+    for (seed, own_slots) in [(1, false), (2, true)] {
+        let mut air = Air::new(NETWORK.phy, seed);
+        room(&mut air, 4, None);
+        let (node, handle) = tag(&mut air, 0x100, Rate::Greedy);
+        let armed = Rc::new(Cell::new(false));
+        air.add([0.0, 3.0, 1.0], 5.0, forger(&armed, five_metres_aside(own_slots)));
+        air.run_until(2.0);
+        assert_eq!(handle.borrow().refused(), Refused::default());
+        let before = air.rounds(node, 1.0).len();
+        armed.set(true);
+        air.run_until(8.0);
+        let (off, all) = displaced(&air, node, 2.0, 4);
+        assert!(off == 0 && all > 4000, "own slots {own_slots}: {off} of {all}");
+        assert!(air.rounds(node, 7.0).len() * 10 > before * 9, "{before}, then {}", air.rounds(node, 7.0).len());
+        // Four a superframe for six seconds, less what collides.
+        let refused = handle.borrow().refused();
+        assert!(refused.positions > 150, "{refused:?}");
+    }
+}
+
+#[test]
+fn a_later_term_does_not_end_a_network_whose_coordinator_is_heard() {
+    // One beacon in so many superframes, that many terms ahead, of another coordinator or of none better.
+    for (seed, every, ahead) in [(3, 1, 100), (4, 3, 100), (5, 3, 1), (6, 1, 2)] {
+        let mut air = Air::new(NETWORK.phy, seed);
+        let anchors = room(&mut air, 4, None);
+        let (node, handle) = tag(&mut air, 0x100, Rate::Greedy);
+        let armed = Rc::new(Cell::new(false));
+        let mut term = None;
+        let forge: Forge = Box::new(move |timing, heard, _| {
+            if heard.superframe % every != 0 {
+                return Vec::new();
+            }
+            let forged = Beacon {
+                slot: 19,
+                term: *term.get_or_insert(heard.term.wrapping_add(ahead)),
+                coordinator: 0x0BAD,
+                age: 0,
+                hops: 0,
+                version: heard.version.wrapping_add(1),
+                countdown: 0,
+                members: Default::default(),
+                position: None,
+                request: None,
+                ..heard.clone()
+            };
+            vec![(timing.beacon(19), bytes(0x0BAD, BROADCAST, Message::Beacon(forged)))]
+        });
+        air.add([0.0, 3.0, 1.0], 5.0, forger(&armed, forge));
+        air.run_until(2.0);
+        let before = air.rounds(node, 1.0).len();
+        armed.set(true);
+        air.run_until(8.0);
+        let name = format!("one in {every}, {ahead} ahead");
+        for second in 2..8 {
+            let rounds = air.rounds(node, f64::from(second)).into_iter();
+            let rounds = rounds.filter(|(time, _)| *time < f64::from(second) + 1.0).count();
+            assert!(rounds * 10 > before * 9, "{name}: {before}, then {rounds} from {second} s on");
+        }
+        let news = anchors.iter().chain([&node]).flat_map(|&each| air.links(each)).filter(|(time, _)| *time > 2.0);
+        assert_eq!(news.count(), 0, "{name}");
+        let refused = handle.borrow().refused();
+        assert!(refused.coordinators >= 15, "{name}: {refused:?}");
+    }
+}
+
+#[test]
+fn tags_that_do_not_exist_neither_stay_nor_keep_others_out() {
+    let mut air = Air::new(NETWORK.phy, 7);
+    room(&mut air, 4, None);
+    let (old, _) = tag(&mut air, 0x200, Rate::Every(RadioDuration::from_micros(50_000)));
+    let armed = Rc::new(Cell::new(false));
+    let (mut number, full) = (0u16, Rc::new(Cell::new(0)));
+    let most = Rc::clone(&full);
+    let forge: Forge = Box::new(move |timing, heard, _| {
+        let invented = heard.members.iter().filter(|member| member.tag >= 0x4000).count();
+        most.set(most.get().max(invented));
+        number += 1;
+        let invent = |i: u16| 0x4000 + (2 * number + i) % 24;
+        let request = Request { share: Share::Slots(1), wish: Layout::LEAST };
+        // A relay that nobody else hears of says that it heard them all, and passes one more request on.
+        let relay = Beacon {
+            slot: 18,
+            hops: heard.hops.saturating_add(3),
+            heard: u32::MAX,
+            position: None,
+            request: Some(Member { tag: invent(1), share: Share::Slots(1) }),
+            ..heard.clone()
+        };
+        vec![
+            (timing.request(1), bytes(invent(0), BROADCAST, Message::Request(request))),
+            (timing.beacon(18), bytes(0x4999, BROADCAST, Message::Beacon(relay))),
+        ]
+    });
+    air.add([0.0, 3.0, 1.0], 5.0, forger(&armed, forge));
+    air.run_until(1.5);
+    armed.set(true);
+    air.run_until(15.0);
+    // The flood goes on while another tag comes.
+    let (node, _) = tag(&mut air, 0x100, Rate::Every(RadioDuration::from_micros(50_000)));
+    air.run_until(25.0);
+    let joined = air.links(node).into_iter().find(|(_, link)| matches!(link, Link::Joined(_)));
+    let joined = joined.expect("a place").0;
+    assert!(joined < 20.0, "after {} s", joined - 15.0);
+    // Twenty a second are asked for.
+    assert!(air.rounds(node, 20.0).len() > 90, "{} rounds in 5 s", air.rounds(node, 20.0).len());
+    assert!(air.rounds(old, 20.0).len() > 90, "{} rounds in 5 s", air.rounds(old, 20.0).len());
+    assert!((2..=8).contains(&full.get()), "{} invented members", full.get());
+}
+
+/// What an impostor does in an anchor's name.
+#[derive(Clone, Copy)]
+struct Impostor {
+    address: u16,
+    position: [f32; 3],
+    /// What it adds to the distance by the reply that it tells, metres.
+    told_m: f64,
+    /// How much later than in its slot it answers, microseconds.
+    late_us: f64,
+}
+
+impl Impostor {
+    /// Answers wherever polls name its address, and sends a beacon for it.
+    fn boxed(self) -> Boxed {
+        let (mut sent_for, mut timing) = (None, None);
+        Box::new(move |now, _, event| {
+            if let Event::Received(heard) = event
+                && let Some(frame) = Frame::parse(heard.bytes)
+            {
+                match (frame.message, timing) {
+                    (Message::Poll(poll), Some(timing)) => {
+                        let place = poll.anchors.iter().position(|asked| asked.address == self.address);
+                        if let Some(slot) = place {
+                            let timing: Timing = timing;
+                            let due = timing.reply_in(slot).ticks() + (self.late_us * 63_897.6) as i64;
+                            let start = heard.rx_time.plus(ticks(due - ANTENNA_DELAY));
+                            let departure = start.snapped().plus(ticks(ANTENNA_DELAY));
+                            // d = c (round − reply) / 2; what it is late by is told as on time.
+                            let add = (self.told_m * 2.0 / METRES_PER_TICK) as i64;
+                            let late = (self.late_us * 63_897.6) as i64;
+                            let reply = ticks(departure.since(heard.rx_time).ticks() - late - add);
+                            let response =
+                                Response { round: poll.round, poll_rx: heard.rx_time, reply, last_final: None };
+                            let frame = bytes(self.address, frame.source, Message::Response(response));
+                            return Owned::Transmit { frame, start: Start::At(start), listen: true };
+                        }
+                    }
+                    (Message::Beacon(beacon), _) if sent_for != Some(beacon.superframe) && !beacon.layout_is_new => {
+                        sent_for = Some(beacon.superframe);
+                        let now_counts = Timing::of(&NETWORK.phy, beacon.layout);
+                        timing = Some(now_counts);
+                        let between = now_counts.beacon(12).ticks() - now_counts.beacon(beacon.slot.into()).ticks();
+                        let start = heard.rx_time.plus(ticks(between - ANTENNA_DELAY));
+                        if start.since(now).as_micros() > 300 {
+                            let mut slot_owners = beacon.slot_owners;
+                            slot_owners[12] = self.address as u8 + 1;
+                            let forged = Beacon {
+                                slot: 12,
+                                slot_owners,
+                                position: Position::from_metres(self.position),
+                                hops: beacon.hops.saturating_add(1),
+                                heard: 0,
+                                request: None,
+                                ..beacon
+                            };
+                            let frame = bytes(self.address, BROADCAST, Message::Beacon(forged));
+                            return Owned::Transmit { frame, start: Start::At(start), listen: true };
+                        }
+                    }
+                    (
+                        Message::Poll(_)
+                        | Message::Beacon(_)
+                        | Message::Response(_)
+                        | Message::Request(_)
+                        | Message::Final { .. },
+                        _,
+                    ) => {}
+                }
+            }
+            Owned::Receive { start: Start::Now, window: RadioDuration::from_micros(2000), keep_listening: true }
+        })
+    }
+}
+
+#[test]
+fn a_response_cannot_shorten_a_distance_by_more_than_the_transmitters_step() {
+    // Honest in all but its existence; then by the reply told; then by answering early or late.
+    for (told_m, late_us, is_taken) in [
+        (0.0, 0.0, true),
+        (-8.0, 0.0, false),
+        (8.0, 0.0, false),
+        (100.0, 0.0, false),
+        (1400.0, 0.0, false),
+        (-1400.0, 0.0, false),
+        (0.0, -6.0, false),
+        (0.0, -0.2, false),
+        (0.0, 6.0, false),
+    ] {
+        let mut air = Air::new(NETWORK.phy, 8);
+        room(&mut air, 4, None);
+        let (node, handle) = tag(&mut air, 0x100, Rate::Greedy);
+        let impostor = Impostor { address: 0x77, position: [0.0, -9.0, 2.0], told_m, late_us };
+        let at = air.add([0.0, 3.0, 1.0], 5.0, impostor.boxed());
+        air.run_until(3.0);
+        let ranges: Vec<_> = air.rounds(node, 1.5).into_iter().flat_map(|(_, ranges)| ranges).collect();
+        let forged: Vec<_> = ranges.iter().filter(|range| range.peer == 0x77).collect();
+        let name = format!("told {told_m} m, late {late_us} us");
+        if is_taken {
+            let truth = air.distance(node, at);
+            assert!(forged.len() > 100, "{name}: {}", forged.len());
+            assert!(forged.iter().all(|range| (f64::from(range.distance_m) - truth).abs() < 1.5), "{name}: {truth}");
+        } else {
+            assert!(forged.is_empty(), "{name}: {}, first {:?}", forged.len(), forged[0].distance_m);
+            assert!(handle.borrow().refused().off_slot > 100, "{name}: {:?}", handle.borrow().refused());
+        }
+        assert!(ranges.len() - forged.len() > 1000, "{name}: {} honest ranges", ranges.len() - forged.len());
+    }
+}
+
+#[test]
+fn another_crystal_does_not_answer_for_a_known_anchor() {
+    let mut air = Air::new(NETWORK.phy, 9);
+    let anchors = room(&mut air, 4, None);
+    let (node, handle) = tag(&mut air, 0x100, Rate::Every(RadioDuration::from_micros(50_000)));
+    air.run_until(4.0);
+    // Anchor 1 (+20 ppm) is silenced; another node (+5 ppm), elsewhere, takes its address.
+    air.switch_off(anchors[0]);
+    let position = corner(0, 4).map(|m| m as f32);
+    air.add([0.0, 3.0, 1.0], 5.0, Impostor { address: 1, position, told_m: 0.0, late_us: 0.0 }.boxed());
+    air.run_until(6.0);
+    let of_first = |from: f64| {
+        let ranges = air.rounds(node, from).into_iter().flat_map(|(_, ranges)| ranges);
+        ranges.filter(|range| range.peer == 1).count()
+    };
+    // Twenty rounds a second: the fifty that would have it believed take more than two seconds.
+    assert_eq!(of_first(4.1), 0);
+    assert!(handle.borrow().refused().carriers > 20, "{:?}", handle.borrow().refused());
+    assert!(air.rounds(node, 4.1).iter().filter(|(_, ranges)| ranges.len() == 3).count() > 30);
+}
+
+#[test]
+fn forged_beacons_move_no_anchor_of_a_listening_tag() {
+    for (seed, own_slots) in [(10, false), (11, true)] {
+        let mut air = Air::new(NETWORK.phy, seed);
+        room(&mut air, 4, Some(Rate::Every(RadioDuration::from_micros(100_000))));
+        let (machine, handle) = shared(ListeningTag::new(ListeningTagConfig { network: NETWORK, period: None }));
+        let node = air.add([1.0, 2.0, 1.0], -20.0, machine);
+        let armed = Rc::new(Cell::new(false));
+        air.add([0.0, 3.0, 1.0], 5.0, forger(&armed, five_metres_aside(own_slots)));
+        air.run_until(2.0);
+        armed.set(true);
+        air.run_until(6.0);
+        let differences: Vec<_> = air.heard(node, 2.5).into_iter().flat_map(|(_, all)| all).collect();
+        assert!(differences.len() > 200, "{}", differences.len());
+        let off = |x: f32, peer: u16| (f64::from(x) - corner(peer - 1, 4)[0]).abs() > 0.011;
+        let displaced = differences.iter().filter(|one| off(one.position_m[0], one.peer)).count();
+        assert_eq!(displaced, 0, "own slots {own_slots}");
+        assert!(handle.borrow().refused().positions > 50, "{:?}", handle.borrow().refused());
+    }
+}
+
+#[test]
+fn two_networks_that_have_worked_for_long_still_merge_when_they_come_to_hear_each_other() {
+    let mut air = Air::new(NETWORK.phy, 12);
+    air.reach = 60.0;
+    let place = |i: u16, x: f64| {
+        let [dx, y, z] = corner(i, 3);
+        [x + dx, y, z]
+    };
+    // The coordinators are switched off once here, three times there: a term, and three.
+    let mut nodes: Vec<usize> = Vec::new();
+    for (first, x) in [(1, 0.0), (11, 200.0)] {
+        nodes.extend((0..3).map(|i| air.add(place(i, x), 10.0, anchor(first + i, place(i, x), None))));
+    }
+    let (near, _) = tag(&mut air, 0x100, Rate::Greedy);
+    air.run_until(3.0);
+    let coordinates =
+        |air: &Air, node: usize| air.links(node).last().is_some_and(|(_, link)| *link == Link::Coordinating);
+    for _ in 0..3 {
+        let end = air.now;
+        let leader = nodes[3..].iter().copied().find(|&node| coordinates(&air, node)).expect("a coordinator");
+        air.switch_off(leader);
+        air.run_until(end + 1.5);
+        let i = leader as u16 - nodes[3] as u16;
+        air.switch_on(leader, anchor(11 + i, place(i, 200.0), None));
+        air.run_until(end + 3.0);
+    }
+    let together = air.now;
+    for (i, &node) in nodes[3..].iter().enumerate() {
+        air.move_to(node, place(i as u16, 20.0));
+    }
+    // Ten seconds of patience, and what a newcomer needs.
+    air.run_until(together + 15.0);
+    let before = air.collisions;
+    air.run_until(together + 18.0);
+    assert_eq!(nodes.iter().filter(|&&node| coordinates(&air, node)).count(), 1);
+    assert_eq!(air.collisions, before);
+    let rounds = air.rounds(near, together + 16.0);
+    assert!(rounds.len() > 200 && rounds.iter().all(|(_, ranges)| ranges.len() == 6), "{} rounds", rounds.len());
+}
