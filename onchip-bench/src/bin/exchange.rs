@@ -10,11 +10,11 @@ use onchip_bench::instrument::Instrument;
 use ranging::exchange::{Action, Event, Machine, Report};
 use ranging::frame::native::{Beacon, Frame, Member, Message, OWNED_BEACON_SLOTS, Share};
 use ranging::frame::{BROADCAST, FrameBuffer};
-use ranging::native::{Anchor, AnchorConfig, Network, Rate, Tag, TagConfig, Timing, Turnaround};
+use ranging::native::{Anchor, AnchorConfig, Layout, Network, Rate, Scheme, Tag, TagConfig, Timing};
 use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
 use semihosting::println;
 
-const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, turnaround: Turnaround::DWM1001 };
+const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
 const TAG: u16 = 0x100;
 const ANCHORS: u16 = 4;
 const ANTENNA_DELAY: RadioDuration = RadioDuration::from_ticks(16_436);
@@ -26,11 +26,17 @@ const FLIGHT: RadioDuration = RadioDuration::from_ticks(2132);
 fn main() -> ! {
     let mut instrument = Instrument::start();
     println!("calibration exchange {}", instrument.calibration());
-    let mut tag =
-        Tag::new(TagConfig { address: TAG, network: NETWORK, anchors: 4, rate: Rate::Greedy, tell_distances: false });
+    let mut tag = Tag::new(TagConfig {
+        address: TAG,
+        network: NETWORK,
+        anchors: 4,
+        rate: Rate::Greedy,
+        scheme: Scheme::SingleSided,
+        tell_distances: false,
+    });
     let mut now = RadioInstant::from_ticks(1 << 39);
     settle(tag.step(now, Event::Started));
-    let timing = Timing::of(&NETWORK);
+    let timing = Timing::of(&NETWORK.phy, NETWORK.first_layout());
     for anchor in 0..ANCHORS {
         let beacon = beacon(anchor as u8);
         let rx_time = now.plus(timing.beacon(anchor.into()));
@@ -72,6 +78,9 @@ fn main() -> ! {
             rounds: None,
         });
         settle(anchor.step(departure, Event::Started));
+        // Of another anchor, so that it knows when to answer.
+        let beacon = beacon(asked.address as u8);
+        settle(anchor.step(departure, Event::Received(heard(beacon.bytes(), departure))));
         let before = anchor.clone();
         let poll_rx = departure.plus(FLIGHT);
         let frame = heard(poll_frame.bytes(), poll_rx);
@@ -119,9 +128,12 @@ fn beacon(slot: u8) -> FrameBuffer {
         slot,
         slot_owners: [0; OWNED_BEACON_SLOTS],
         request: None,
+        wish: Layout::LEAST,
         heard: 0,
         version: 1,
         countdown: 0,
+        layout: NETWORK.first_layout(),
+        layout_is_new: false,
         position: None,
         members: [Member { tag: TAG, share: Share::Greedy }].into_iter().collect(),
     };

@@ -11,7 +11,7 @@ use firmware_common::Reporter;
 use firmware_tag::{Handover, Told};
 use ranging::exchange::{Action, Event, Guidance, Machine, Report};
 use ranging::frame::native::{Frame, Message};
-use ranging::native::{Anchor, AnchorConfig, Network, Rate, Tag, TagConfig, Turnaround};
+use ranging::native::{Anchor, AnchorConfig, Network, Rate, Scheme, Tag, TagConfig};
 use ranging::node::{self, Listener};
 use ranging::{Pace, PhyConfig, RadioInstant};
 use small_air::{ANTENNA_DELAY, Crystal, Place, World, uptime_us};
@@ -19,7 +19,7 @@ use small_air::{ANTENNA_DELAY, Crystal, Place, World, uptime_us};
 use super::{Mean, since};
 use crate::instrument::stamp;
 
-const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, turnaround: Turnaround::DWM1001 };
+const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
 const ANCHORS: usize = 4;
 /// Until a tag has joined, and some rounds.
 const LIFE_US: u64 = 1_500_000;
@@ -62,7 +62,7 @@ impl Costs {
                     Action::Transmit { .. } | Action::Receive { .. } | Action::WaitUntil(_) => &self.response_received,
                 }),
                 Message::Beacon(_) => Some(&self.beacon_received),
-                Message::Request(_) => None,
+                Message::Request(_) | Message::Final { .. } => None,
             },
             Event::Started
             | Event::Sent(_)
@@ -74,7 +74,7 @@ impl Costs {
             | Event::Reported => match sent {
                 Some(Message::Poll(_)) => Some(&self.poll_made),
                 Some(Message::Beacon(_)) => Some(&self.beacon_made),
-                Some(Message::Request(_) | Message::Response(_)) => None,
+                Some(Message::Request(_) | Message::Response(_) | Message::Final { .. }) => None,
                 None => Some(&self.scheduled),
             },
         }
@@ -129,8 +129,14 @@ pub fn measure() -> Costs {
     let anchors = core::array::from_fn::<_, ANCHORS, _>(|i| anchor(&world, i, &costs));
     let tag = async {
         let radio = world.add(Place::Fixed([2_000, 3_000, 1_200]), Crystal { start: 5, fast_ppb: 8_000 });
-        let config =
-            TagConfig { address: 0x100, network: NETWORK, anchors: 4, rate: Rate::Greedy, tell_distances: false };
+        let config = TagConfig {
+            address: 0x100,
+            network: NETWORK,
+            anchors: 4,
+            rate: Rate::Greedy,
+            scheme: Scheme::SingleSided,
+            tell_distances: false,
+        };
         let machine = Measured { machine: Tag::new(config), costs: &costs, reported: None };
         let reporter = Reporter::<NoopRawMutex, 256>::new(uptime_us);
         let handover = Handover::<NoopRawMutex>::new();
