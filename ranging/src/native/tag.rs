@@ -60,11 +60,11 @@ enum Doing {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Ended {
     /// A final is to be sent.
-    WithFinal,
+    Final,
     /// There are ranges to report.
-    WithReport,
+    Report,
     /// It was the first of its kind, whose ranges come with the next.
-    WithNothing,
+    Nothing,
 }
 
 /// The tag's side of native mode. Its reports are rounds of ranges to anchors, and changes of its link to the network.
@@ -222,11 +222,11 @@ impl Tag {
         {
             self.doing = Doing::Ending;
             self.write(Message::Final { round });
-            return Ended::WithFinal;
+            return Ended::Final;
         }
         self.doing = Doing::Nothing;
         self.round.close(&mut self.neighbours);
-        if self.round.has_report() { Ended::WithReport } else { Ended::WithNothing }
+        if self.round.has_report() { Ended::Report } else { Ended::Nothing }
     }
 
     fn write(&mut self, message: Message) {
@@ -503,11 +503,11 @@ impl Machine for Tag {
         }
         if is_over {
             match self.end_round() {
-                Ended::WithFinal => {
+                Ended::Final => {
                     return Action::Transmit { frame: self.out.bytes(), start: Start::Now, listen: false };
                 }
-                Ended::WithReport => return Action::Report(Report::Round(self.round.report())),
-                Ended::WithNothing => {}
+                Ended::Report => return Action::Report(Report::Round(self.round.report())),
+                Ended::Nothing => {}
             }
         }
         match self.link.take() {
