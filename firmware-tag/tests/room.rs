@@ -58,9 +58,12 @@ fn a_tag_tells_who_it_is_joins_and_finds_itself_where_it_is() {
 fn ages_and_rounds_are_those_of_the_exchange() {
     let told = told();
     let fixes = fixes(told);
-    // A poll, six answers and the reading of the last take 2.1 ms: 138 + 470 + 5 · 233 + 51 + 120 µs, and nothing is computed.
-    let whole: Vec<u32> = fixes.iter().filter(|fix| fix.asked == 6).map(|fix| fix.age_us).collect();
-    assert!(whole.len() > 80);
+    // In this air a node answers 220 µs after a frame's end, and hears again after 30 µs. It asks for an eighth and 30 µs more, 278 and
+    // 64 µs; the slots have 288 and 64. A poll, six answers and the reading of the last then take 138 + (83 + 288 + 138) + 5 · (190 + 64 + 3)
+    // + 51 + 120 = 2103 µs, and nothing is computed. The slots that the network began with are longer.
+    let measured = fixes.iter().filter(|fix| fix.asked == 6 && fix.t_us > 2_000_000);
+    let whole: Vec<u32> = measured.map(|fix| fix.age_us).collect();
+    assert!(whole.len() > 60);
     assert!(
         whole.iter().all(|age| (1_600..2_300).contains(age)),
         "{:?} to {:?}",

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use ranging::native::{MAX_ROUND, Timing, Turnaround};
+use ranging::native::{MAX_ROUND, Span, Turnaround};
 use ranging::phy::{Channel, DataRate, PhyError, PreambleLength, Prf};
 use ranging::{PhyConfig, RadioDuration};
 
@@ -177,22 +177,27 @@ impl Record {
         if let Some(pinned) = &turnaround {
             pinned.validate()?;
         }
-        let network = self.network()?;
-        let rounds_fit = || {
-            ensure(
-                Timing::of(&network.phy, network.first_layout()).round_slots > 0,
-                "network.turnaround.listen_again_us",
-                turnaround.map_or(Value::Absent, |pinned| integer(pinned.listen_again_us)),
-                "less, so that a round fits into a superframe",
-            )
+        self.network()?;
+        // What beacons tell of the slots; DecaRanging tells its own.
+        let told = || {
+            let Some(pinned) = turnaround else { return Ok(()) };
+            let must = "3968 at most: beacons cannot tell more";
+            let longest_us = Span::LONGEST.duration().as_micros();
+            for (field, us) in [
+                ("network.turnaround.answer_us", pinned.answer_us),
+                ("network.turnaround.listen_again_us", pinned.listen_again_us),
+            ] {
+                ensure(i64::from(us) <= longest_us, field, integer(us), must)?;
+            }
+            Ok(())
         };
         match mode {
-            Mode::Native => rounds_fit(),
+            Mode::Native => told(),
             Mode::DecaRanging { fast: _ } => Ok(()),
             Mode::Listening { rounds_chz } => {
                 let value = Value::Real(rounds_chz as f32 / 100.0);
                 ensure(RATES_CHZ.contains(&rounds_chz), "network.rounds_hz", value, RATES)?;
-                rounds_fit()
+                told()
             }
         }
     }

@@ -75,6 +75,8 @@ impl Node {
 pub struct Arrival {
     /// The node has read it.
     pub ready: u64,
+    /// The receiver was on again, where it stayed on.
+    pub listening: Option<u64>,
     /// None: broken.
     pub frame: Option<Received>,
 }
@@ -182,9 +184,10 @@ impl Air {
         });
         let previous = node.heard.back().map_or(0, |arrival| arrival.ready);
         let ready = end.max(previous) + ticks(READING_US);
+        let listening = node.stays_on.then_some(end + ticks(LISTEN_AGAIN_US));
         // A full buffer loses the frame.
-        let _ = node.heard.push_back(Arrival { ready, frame });
-        node.listening = node.stays_on.then_some(end + ticks(LISTEN_AGAIN_US));
+        let _ = node.heard.push_back(Arrival { ready, listening, frame });
+        node.listening = listening;
     }
 
     fn collides(&self, index: usize, flight: &Flight, way: u64) -> bool {

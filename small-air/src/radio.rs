@@ -7,7 +7,7 @@ use core::task::Poll;
 use embedded_hal_async::delay::DelayNs;
 use ranging::node::Restart;
 use ranging::radio::MAX_FRAME;
-use ranging::{Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
+use ranging::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
 
 use crate::air::{Node, STARTING_US};
 use crate::clock::{Crystal, span, ticks};
@@ -24,11 +24,12 @@ const WOKEN_LATE_US: u64 = 15;
 pub struct AirRadio<'w> {
     world: &'w World,
     node: usize,
+    pace: Pace,
 }
 
 impl<'w> AirRadio<'w> {
     pub(crate) fn new(world: &'w World, node: usize) -> Self {
-        Self { world, node }
+        Self { world, node, pace: Pace::default() }
     }
 
     fn with<T>(&self, act: impl FnOnce(&mut Node) -> T) -> Option<T> {
@@ -69,7 +70,12 @@ impl Radio for AirRadio<'_> {
             return Err(TransmitError::TooLong);
         }
         self.switch_off();
-        let soonest = self.world.now() + ticks(STARTING_US) + span(self.world.air.borrow().phy.time_to_rmarker());
+        self.pace = Pace::default();
+        let commanded = self.world.now() + ticks(STARTING_US);
+        if start != Start::Now {
+            self.pace.armed = Some(self.crystal().local(commanded));
+        }
+        let soonest = commanded + span(self.world.air.borrow().phy.time_to_rmarker());
         let departure = match start {
             Start::Now => self.crystal().local(soonest),
             Start::At(at) => self.departure(at),
@@ -95,6 +101,7 @@ impl Radio for AirRadio<'_> {
         window: RadioDuration,
         keep_listening: bool,
     ) -> Result<RxFrame<'b>, ReceiveError<Infallible>> {
+        self.pace = Pace::default();
         let on = match start {
             Start::Now => self.world.now(),
             Start::At(at) => self.global(at),
@@ -120,10 +127,15 @@ impl Radio for AirRadio<'_> {
             self.switch_off();
         }
         let Some(arrival) = arrival else { return Err(ReceiveError::Timeout) };
+        self.pace.listening = arrival.listening.map(|on| self.crystal().local(on));
         let Some(received) = arrival.frame else { return Err(ReceiveError::Corrupt) };
         let Some(bytes) = buffer.get_mut(..received.bytes.len()) else { return Err(ReceiveError::Corrupt) };
         bytes.copy_from_slice(&received.bytes);
         Ok(RxFrame { bytes, rx_time: received.rx_time, diagnostics: received.diagnostics })
+    }
+
+    fn pace(&self) -> Pace {
+        self.pace
     }
 
     async fn idle(&mut self) -> Result<(), Infallible> {

@@ -146,15 +146,15 @@ fn boards_without_bluetooth_neither_scan_nor_advertise() {
 }
 
 #[test]
-fn a_round_must_fit_into_a_superframe() {
-    // Eight answers, each followed by 13 ms of silence: 104 ms and more; a superframe of quick beacons takes 100 ms.
+fn what_is_pinned_must_be_what_beacons_can_tell() {
+    // (16 + 15) · 2⁷ = 3968 µs is the longest.
     let slow = Turnaround { answer_us: 250, listen_again_us: 13_000, transmit_us: 150 };
     let said = refusal(anchor(), |record| record.network.turnaround = Some(slow));
     assert!(said.starts_with("network.turnaround.listen_again_us is 13000: "), "{said}");
     let mut alone = anchor();
     alone.network.turnaround = Some(slow);
     alone.network.mode = Mode::DecaRanging { fast: true };
-    assert_eq!(alone.validate(), Ok(()), "DecaRanging has no superframe");
+    assert_eq!(alone.validate(), Ok(()), "DecaRanging has no beacons");
     alone.network.mode = Mode::Listening { rounds_chz: 1000 };
     let said = alone.validate().unwrap_err().to_string();
     assert!(said.starts_with("network.turnaround.listen_again_us is 13000: "), "{said}");

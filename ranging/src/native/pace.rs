@@ -224,8 +224,8 @@ mod tests {
     fn who_has_measured_nothing_asks_for_nothing_and_founds_with_time_to_spare() {
         let meter = Meter::new(None);
         assert_eq!(meter.wish(Scheme::SingleSided), Layout::LEAST);
-        // 600 · 9/8 + 30 = 705 µs, rounded up to (16 + 7) · 2⁵ = 736.
-        assert_eq!(meter.first_layout().answer.duration(), us(736));
+        // 500 · 9/8 + 30 = 592.5 µs, rounded up to (16 + 3) · 2⁵ = 608.
+        assert_eq!(meter.first_layout().answer.duration(), us(608));
     }
 
     #[test]

@@ -264,8 +264,10 @@ impl Tag {
         let Following { course, .. } = &network.following;
         let timing = course.timing;
         let passed = present.since(course.phase.start);
-        if passed < timing.rounds() {
-            return self.among_beacons(passed);
+        // The beacon slots end as early as we must decide on a round in the first round slot.
+        let beacons_end = RadioDuration::from_ticks(timing.rounds().ticks() - early.ticks());
+        if passed < beacons_end {
+            return self.among_beacons(passed, beacons_end);
         }
         network.plan(&self.config, &timing);
         let course = &network.following.course;
@@ -284,12 +286,12 @@ impl Tag {
     }
 
     /// In the beacon slots: listening, and asking for slots where those of the list are not those wanted.
-    fn among_beacons(&mut self, passed: RadioDuration) -> Action<'_> {
+    fn among_beacons(&mut self, passed: RadioDuration, end: RadioDuration) -> Action<'_> {
         let (lead, rate) = (self.meter.lead(), self.rate);
         let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
         let course = &network.following.course;
         let (timing, phase) = (course.timing, course.phase);
-        let rest = RadioDuration::from_ticks(timing.rounds().ticks() - passed.ticks());
+        let rest = RadioDuration::from_ticks(end.ticks() - passed.ticks());
         let (address, number) = (self.config.address, phase.number);
         let share = rate.map_or(Share::Release, |rate| share_of(rate, &timing));
         let listed = course.membership.members().iter().find(|member| member.tag == address);
@@ -301,7 +303,9 @@ impl Tag {
         if settled || full || number.wrapping_sub(network.request_from) >= 0x8000 {
             return Self::listen(rest);
         }
-        let rmarker = timing.request(spread(address, number, timing.request_slots.into()).into());
+        let in_reach = |slot: &u8| timing.request(usize::from(*slot)) < end;
+        let slots = (0..timing.request_slots).take_while(in_reach).count() as u16;
+        let rmarker = timing.request(spread(address, number, slots).into());
         let until_pulse = rmarker.ticks() - timing.to_rmarker.ticks() - passed.ticks();
         let spare = RadioDuration::from_ticks(until_pulse - lead.ticks());
         if spare > SHORTEST_WAIT {

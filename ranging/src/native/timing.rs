@@ -27,11 +27,11 @@ pub struct Turnaround {
 }
 
 impl Turnaround {
-    /// What a node believes of itself before it has measured: what the simulation's cost of a DWM1001 comes to, and as much again.
+    /// What a node believes of itself before it has measured: half as much again as the simulation's cost of a DWM1001 comes to.
     pub const START: Self = Self {
-        answer: RadioDuration::from_micros(600),
+        answer: RadioDuration::from_micros(500),
         listen_again: RadioDuration::from_micros(120),
-        transmit: RadioDuration::from_micros(600),
+        transmit: RadioDuration::from_micros(500),
     };
 }
 

@@ -45,8 +45,8 @@ fn a_loss_of_thirty_in_a_hundred_costs_rate_and_never_stalls() {
 
 #[test]
 fn a_slower_tag_gets_the_rate_it_asks_for() {
-    let run = Run::of_text(&hall("seconds = 6\nrate_hz = 10", 4, &[STAND]));
-    let rate = run.fix_times(TAG, 1.0, 6.0).len() as f64 / 5.0;
+    let run = Run::of_text(&hall("seconds = 7\nrate_hz = 10", 4, &[STAND]));
+    let rate = run.fix_times(TAG, 2.0, 7.0).len() as f64 / 5.0;
     assert!((9.0..=11.5).contains(&rate), "{rate}");
 }
 
