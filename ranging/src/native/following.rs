@@ -5,7 +5,7 @@ use super::plan::Members;
 use super::prevails;
 use super::timing::HOLDOVER_SUPERFRAMES;
 use crate::frame::native::Beacon;
-use crate::{PhyConfig, RadioInstant};
+use crate::{PhyConfig, RadioDuration, RadioInstant};
 
 /// The network that is followed.
 #[derive(Clone, Debug)]
@@ -17,6 +17,8 @@ pub struct Following {
     term: u8,
     /// Since when the phase is not known any more, after a doze: the next beacon tells it.
     pub adrift: Option<RadioInstant>,
+    /// How far off the phase may be, after naps: until the next beacon.
+    pub doubt: RadioDuration,
     /// The superframe of the last beacon heard.
     heard: u16,
 }
@@ -39,7 +41,7 @@ impl Following {
     pub fn new(phy: &PhyConfig, beacon: &Beacon, rx_time: RadioInstant) -> Option<Self> {
         let course = Course::of_beacon(phy, beacon, rx_time)?;
         let (coordinator, term, heard) = (beacon.coordinator, beacon.term, course.phase.number);
-        Some(Self { course, coordinator, term, adrift: None, heard })
+        Some(Self { course, coordinator, term, adrift: None, doubt: RadioDuration::ZERO, heard })
     }
 
     /// A beacon came.
@@ -48,9 +50,10 @@ impl Following {
         let followed = (self.term, self.coordinator);
         if self.adrift.is_none() {
             self.advance(rx_time);
-            if let Some(phase) = self.course.in_step(beacon, rx_time).filter(|_| prevails(told, followed)) {
+            let in_step = self.course.in_step_within(self.doubt, beacon, rx_time);
+            if let Some(phase) = in_step.filter(|_| prevails(told, followed)) {
                 self.course.phase = phase;
-                self.heard = phase.number;
+                (self.heard, self.doubt) = (phase.number, RadioDuration::ZERO);
                 (self.term, self.coordinator) = told;
                 self.course.membership.hear(beacon);
                 return if told.1 == followed.1 { Heard::Followed } else { Heard::Changed };
@@ -75,6 +78,12 @@ impl Following {
     /// Superframes since a beacon was heard.
     pub fn silent(&self) -> u16 {
         self.course.phase.number.wrapping_sub(self.heard)
+    }
+
+    /// The radio's clock has begun anew: what was the instant `before` is `now`.
+    pub fn rebase(&mut self, before: RadioInstant, now: RadioInstant) {
+        let passed = self.course.phase.start.since(before);
+        self.course.phase.start = now.plus(passed);
     }
 
     /// The list that counts in this superframe, unless it may have changed unheard.
