@@ -79,11 +79,14 @@ fn a_frame_draws_for_its_preamble_and_its_data() {
     assert_near(sent.transmit_data_s - sent_before.transmit_data_s, 40.0e-6);
     let idle_s = sent.idle_s - sent_before.idle_s;
     assert_near(sent.charge_uc - sent_before.charge_uc, 11.487 + 2.080 + idle_s * 18_000.0);
+    assert_near(sent.transmit_uc - sent_before.transmit_uc, 11.487 + 2.080);
+    assert_near(sent.receive_uc, 0.0);
     // The receiver: the same 40 µs at 118 mA; before them it hunts and follows at 113.
     assert_near(heard.receive_data_s - heard_before.receive_data_s, 40.0e-6);
     let hunt_s = heard.receive_preamble_s - heard_before.receive_preamble_s;
     let idle_s = heard.idle_s - heard_before.idle_s;
     assert_near(heard.charge_uc - heard_before.charge_uc, 4.720 + hunt_s * 113_000.0 + idle_s * 18_000.0);
+    assert_near(heard.receive_uc - heard_before.receive_uc, 4.720 + hunt_s * 113_000.0);
 }
 
 #[test]
@@ -135,6 +138,8 @@ fn the_times_add_up_to_all_time() {
     b.after_us(300);
     let Consumption {
         charge_uc: _,
+        transmit_uc: _,
+        receive_uc: _,
         off_s,
         deep_sleep_s,
         sleep_s,

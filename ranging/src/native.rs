@@ -35,8 +35,11 @@ mod neighbours;
 mod pace;
 mod plan;
 mod round;
+mod search;
 mod tag;
 mod timing;
+mod wakes;
+mod watch;
 mod wishes;
 
 pub use anchor::{Anchor, AnchorConfig};

@@ -13,7 +13,7 @@ pub mod example_room;
 pub mod scenario;
 
 pub use dw1000_sim::{
-    AirConfig, AirStatistics, BoardProfile, ChipConfig, ChipStatistics, ClockConfig, Core, Interrupts, IrqPin,
-    Material, Node, NodeConfig, PS_PER_US, Path, Peripherals, Processor, ProcessorTimes, ResetPin, SimDelay, SimSpi,
-    Sleep, Sniffed, SpiClock, TaskId, TrueTime, Wall, World, air, board, chip, clock, random,
+    AirConfig, AirStatistics, BoardProfile, ChipConfig, ChipStatistics, ClockConfig, Consumption, Core, Currents,
+    Interrupts, IrqPin, Material, Node, NodeConfig, PS_PER_US, Path, Peripherals, Processor, ProcessorTimes, ResetPin,
+    SimDelay, SimSpi, Sleep, Sniffed, SpiClock, TaskId, TrueTime, Wall, World, air, board, chip, clock, random,
 };

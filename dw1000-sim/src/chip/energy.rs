@@ -117,6 +117,10 @@ impl Currents {
 pub struct Consumption {
     /// Charge, microcoulombs: milliamperes times milliseconds.
     pub charge_uc: f64,
+    /// The part of it that went into sending.
+    pub transmit_uc: f64,
+    /// The part of it that went into receiving, or looking for something to receive.
+    pub receive_uc: f64,
     /// Without supply.
     pub off_s: f64,
     /// In deep sleep.
@@ -141,7 +145,18 @@ pub struct Consumption {
 
 impl Consumption {
     fn add(&mut self, activity: Activity, currents: &Currents, seconds: f64) {
-        self.charge_uc += currents.of(activity) * seconds * 1e3;
+        let charge_uc = currents.of(activity) * seconds * 1e3;
+        self.charge_uc += charge_uc;
+        match activity {
+            Activity::TransmitPreamble(_) | Activity::TransmitData(_) => self.transmit_uc += charge_uc,
+            Activity::ReceivePreamble | Activity::ReceiveData(_) => self.receive_uc += charge_uc,
+            Activity::Off
+            | Activity::DeepSleep
+            | Activity::Sleep
+            | Activity::WakeUp
+            | Activity::Init
+            | Activity::Idle => {}
+        }
         *match activity {
             Activity::Off => &mut self.off_s,
             Activity::DeepSleep => &mut self.deep_sleep_s,

@@ -114,8 +114,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", requires = "survey")]
     survey_rooms: Option<PathBuf>,
     /// Print JSON and no positions: tags, anchors, seconds, fixes, fixes_per_s, rmse_m, p50_m, p90_m, frames_sent,
-    /// frames_lost, collisions, airtime_share, tag_mean_current_ma and charge_per_fix_uc (of the boards, without their DW1000; none
-    /// with --level air); with beacons also bluetooth
+    /// frames_lost, collisions, airtime_share, tag_mean_current_ma, charge_per_fix_uc and tag_currents_ma (board and DW1000, from
+    /// the first position on; none with --level air); with beacons also bluetooth
     #[arg(long)]
     json: bool,
 }
@@ -129,6 +129,7 @@ Examples:
   baliza simulate --scenario office.toml --out run --pcap run.pcap
   baliza simulate --scenario office.toml --model nlos.model --classifier skewness
   baliza simulate --scenario examples/leaving.toml --plot leaving.png
+  baliza simulate --scenario examples/battery.toml --rate 0.1 --json
   baliza simulate --scenario examples/fingerprints.toml --survey fingerprints.csv
   baliza simulate --mode tdoa --tags 100 --anchors 8 --level air
   baliza simulate --level air --tags 1000 --anchors 200 --rate 10 --json";
@@ -481,8 +482,7 @@ fn told(summary: &Summary) -> String {
     );
     if let Some(current_ma) = summary.tag_mean_current_ma {
         let charge = summary.charge_per_fix_uc.map_or_else(|| "-".to_owned(), |charge_uc| format!("{charge_uc:.1} µC"));
-        let _ =
-            writeln!(text, "boards of tags, without their DW1000: {current_ma:.3} mA in the mean, {charge} a position");
+        let _ = writeln!(text, "supply of a tag: {current_ma:.3} mA in the mean, {charge} a position");
     }
     if let Some(bluetooth) = &summary.bluetooth {
         let BluetoothSummary { beacons, adverts_sent, adverts_heard, adverts_lost, by_anchors, by_beacons } = bluetooth;

@@ -204,6 +204,8 @@ pub struct Dw1000<S, I, R, D> {
     pace: Pace,
     /// Frames after which the receiver was switched on again: one of [`receive::PACE_EVERY`] is timed.
     kept_listening: u8,
+    /// What waking takes, as seen last, microseconds.
+    waking_us: u32,
 }
 
 impl<S, I, R, D> Dw1000<S, I, R, D>
@@ -229,6 +231,7 @@ where
             holds_buffer: false,
             pace: Pace::default(),
             kept_listening: 0,
+            waking_us: sleep::WAKING_US,
         }
     }
 

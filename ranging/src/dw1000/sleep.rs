@@ -4,7 +4,7 @@ use embedded_hal_async::{delay::DelayNs, digital::Wait};
 
 use super::bus::{ClockedSpi, ResetLine, SpiClock};
 use super::register::{self as reg, Register};
-use super::startup::{CLOCK_CRYSTAL, CLOCK_SEQUENCED, CLOCKS_DEFAULT, PLL_LOCK_DETECTION};
+use super::startup::{CLOCK_CRYSTAL, CLOCK_SEQUENCED, CLOCKS_DEFAULT, DEVICE_ID, PLL_LOCK_DETECTION};
 use super::{Dw1000, Error, Transceiver};
 
 /// AON_WCFG: what the chip does on waking (7.2.45.1).
@@ -19,11 +19,20 @@ const WAKE_BY_SPI: u8 = 1 << 2;
 const WAKE_BY_COUNTER: u8 = 1 << 3;
 /// The crystal's start (2.4.1).
 const CRYSTAL_START_MS: u32 = 5;
-/// What waking takes, microseconds: the select line's 600, the crystal, the PLL, some bus.
-const WAKING_US: u32 = 6_000;
+/// How long the select line is held low, microseconds.
+const SELECT_US: u32 = 600;
+/// Crystals start within some 3 ms: from here on the chip is looked for, each 100 µs or so, because it takes 18 mA as soon as it is awake.
+const FIRST_LOOK_US: u32 = 2_500;
+const LOOK_US: u32 = 100;
+const LOOKS: u32 = 40;
+/// What a look takes on the bus, and what follows the crystal: the PLL, some registers.
+const LOOKING_US: u32 = 40;
+const SETTLING_US: u32 = 300;
+/// What waking is believed to take before it was seen.
+pub(super) const WAKING_US: u32 = SELECT_US + FIRST_LOOK_US + 6 * (LOOK_US + LOOKING_US) + SETTLING_US;
 /// Waits shorter than this are spent idle: idle takes 18 mA, the crystal alone 4 mA while it starts (data sheet, table 3), so that
-/// sleep has gained something after twice the time of waking; the rest is margin for bringing the exchange into step again.
-const PAYS_FROM_US: u32 = 20_000;
+/// sleep gains something from about the time of waking on.
+const PAYS_FROM_US: u32 = 7_000;
 
 /// What wakes the chip from outside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,17 +102,18 @@ where
             return Ok(false);
         }
         self.sleep(Wake::Outside(WakeBy::ChipSelect)).await?;
-        self.delay.delay_us(micros - WAKING_US).await;
+        self.delay.delay_us(micros.saturating_sub(self.waking_us)).await;
         self.wake().await?;
         Ok(true)
     }
 
-    /// Wakes the chip, if it does not wake by itself or by its pin, and makes it ready: 6 ms. Where it has lost its
+    /// Wakes the chip, if it does not wake by itself or by its pin, and makes it ready: 4 ms. Where it has lost its
     /// configuration (its supply was off), it is initialised anew.
     pub async fn wake(&mut self) -> Result<(), Error<S::Error>> {
         self.transceiver = Transceiver::NotReady;
         self.bus.spi.set_clock(SpiClock::Slow)?;
-        self.wake_by_select().await?;
+        self.bus.hold_select(1_000 * SELECT_US).await?;
+        self.await_crystal().await?;
         let channel = u32::from_le_bytes(self.bus.read(reg::CHAN_CTRL).await?);
         if channel != self.config.chan_ctrl() {
             return self.init().await;
@@ -119,9 +129,22 @@ where
         self.stop().await
     }
 
+    /// Waits until the chip answers; who waits for longer than any crystal takes finds out by what it reads then.
+    async fn await_crystal(&mut self) -> Result<(), Error<S::Error>> {
+        self.delay.delay_us(FIRST_LOOK_US).await;
+        for looks in 0..LOOKS {
+            if self.device_id().await? == DEVICE_ID {
+                self.waking_us = SELECT_US + FIRST_LOOK_US + looks * (LOOK_US + LOOKING_US) + SETTLING_US;
+                break;
+            }
+            self.delay.delay_us(LOOK_US).await;
+        }
+        Ok(())
+    }
+
     /// Holds the chip-select line low for longer than the 500 µs that wake the chip, and waits for its crystal.
     pub(super) async fn wake_by_select(&mut self) -> Result<(), Error<S::Error>> {
-        self.bus.hold_select(600_000).await?;
+        self.bus.hold_select(1_000 * SELECT_US).await?;
         self.delay.delay_ms(CRYSTAL_START_MS).await;
         Ok(())
     }

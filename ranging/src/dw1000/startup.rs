@@ -9,7 +9,7 @@ use super::{Dw1000, Error, Transceiver};
 use crate::phy::{Channel, PreambleLength, Prf};
 
 /// DEV_ID of every DW1000.
-const DEVICE_ID: u32 = 0xDECA_0130;
+pub(super) const DEVICE_ID: u32 = 0xDECA_0130;
 
 /// SOFTRESET in PMSC_CTRL0's last byte: active low, by bit all of the chip, all but the receiver, or nothing.
 const RESET_ALL: u8 = 0x00;

@@ -281,7 +281,9 @@ impl Anchor {
         network.advance(present.plus(early));
         let (timing, phase) = (network.course.timing, network.course.phase);
         let passed = present.since(phase.start).ticks();
-        let rest = RadioDuration::from_ticks(timing.superframe.ticks() - passed - early.ticks());
+        // A clock that jumped may be anywhere: a window is never negative.
+        let rest = timing.superframe.ticks() - passed - early.ticks();
+        let rest = RadioDuration::from_ticks(rest.max(SHORTEST_WAIT.ticks()));
         let Some(slot) = network.due() else { return self.among_rounds(RadioDuration::from_ticks(passed), rest) };
         let rmarker = timing.beacon(slot.into());
         let until_pulse = rmarker.ticks() - timing.to_rmarker.ticks() - passed;

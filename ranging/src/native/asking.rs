@@ -144,7 +144,11 @@ impl Asking {
         let answered = self.answered.map_or(earliest, |instant| instant.since(phase.start));
         // Rounds of few anchors are shorter than slots: there are as many as slots.
         let has_enough = self.rounds >= self.owned.count_ones();
-        if anchors == 0 || has_enough { None } else { next_round(self.owned, timing, earliest.max(answered), anchors) }
+        if anchors == 0 || has_enough {
+            None
+        } else {
+            next_round(self.owned, timing, earliest.max(answered), anchors, RadioDuration::ZERO)
+        }
     }
 
     /// The poll of a round whose first pulse is at `pulse`, by a node that has read a frame this long after its end.

@@ -23,6 +23,8 @@ const IMPLAUSIBLE_RATE: f32 = 100e-6;
 const IMPLAUSIBLE_JUMP_TICKS: f32 = 21_000.0;
 /// Wander of the rate, variance a second: 0.05 ppm after a second.
 const RATE_WANDER: f32 = 2.5e-15;
+/// What a crystal that was off adds, variance: 0.1 ppm, until its temperature is what it was.
+const SLEEP_WANDER: f32 = 1e-14;
 /// Wander of the flight by motion that is not steady, ticks² a second: 10 cm after a second.
 const FLIGHT_WANDER: f32 = 454.0;
 /// An innovation beyond this many standard deviations is a jump.
@@ -110,6 +112,13 @@ impl ClockModel {
             *self = Self::new();
         }
         insists
+    }
+
+    /// The tag's radio slept for so many seconds: no interval reaches across, but its crystal is the same.
+    pub fn sleep(&mut self, seconds: f32) {
+        let wander = RATE_WANDER * seconds + SLEEP_WANDER;
+        let rate_variance = (self.rate_variance + wander).min(UNKNOWN_RATE_DEVIATION * UNKNOWN_RATE_DEVIATION);
+        *self = Self { rate: self.rate, rate_variance, ..Self::new() };
     }
 
     /// The anchor's clock against the tag's, as a fraction, positive where it is faster.

@@ -4,7 +4,7 @@ use super::layout::Layout;
 use super::plan::Membership;
 use super::timing::{Phase, Timing};
 use crate::frame::native::Beacon;
-use crate::{PhyConfig, RadioInstant};
+use crate::{PhyConfig, RadioDuration, RadioInstant};
 
 /// The course of superframes as a node knows it.
 #[derive(Clone, Debug)]
@@ -60,8 +60,14 @@ impl Course {
     /// Whether a beacon that came at `rx_time` is of the superframe that this course is in then, begun at the same time: one that was
     /// repeated later is not. The phase that it tells.
     pub fn in_step(&self, beacon: &Beacon, rx_time: RadioInstant) -> Option<Phase> {
+        self.in_step_within(RadioDuration::ZERO, beacon, rx_time)
+    }
+
+    /// The same of a node that may be off by `doubt` itself.
+    pub fn in_step_within(&self, doubt: RadioDuration, beacon: &Beacon, rx_time: RadioInstant) -> Option<Phase> {
         let phase = Phase::from_beacon(&self.timing, beacon.superframe, beacon.slot, rx_time);
         let off = phase.start.since(self.phase.start).ticks().unsigned_abs();
-        (phase.number == self.phase.number && off <= self.timing.guard.ticks().unsigned_abs()).then_some(phase)
+        let tolerance = self.timing.guard.ticks().saturating_add(doubt.ticks());
+        (phase.number == self.phase.number && off <= tolerance.unsigned_abs()).then_some(phase)
     }
 }

@@ -5,7 +5,7 @@ use super::election::{Choice, Election};
 use super::plan::Members;
 use super::timing::HOLDOVER_SUPERFRAMES;
 use crate::frame::native::Beacon;
-use crate::{PhyConfig, RadioInstant};
+use crate::{PhyConfig, RadioDuration, RadioInstant};
 
 /// The network that is followed.
 #[derive(Clone, Debug)]
@@ -16,6 +16,8 @@ pub struct Following {
     pub election: Election,
     /// Since when the phase is not known any more, after a doze: the next beacon tells it.
     pub adrift: Option<RadioInstant>,
+    /// How far off the phase may be, after naps: until the next beacon.
+    pub doubt: RadioDuration,
     /// The superframe of the last beacon heard.
     heard: u16,
 }
@@ -40,7 +42,8 @@ impl Following {
     pub fn new(phy: &PhyConfig, beacon: &Beacon, rx_time: RadioInstant) -> Option<Self> {
         let course = Course::of_beacon(phy, beacon, rx_time)?;
         let heard = course.phase.number;
-        Some(Self { course, election: Election::joined(beacon), adrift: None, heard })
+        let election = Election::joined(beacon);
+        Some(Self { course, election, adrift: None, doubt: RadioDuration::ZERO, heard })
     }
 
     /// A beacon came.
@@ -48,7 +51,7 @@ impl Following {
         let is_the_same = (beacon.term, beacon.coordinator) == (self.election.term, self.election.coordinator);
         if self.adrift.is_none() {
             self.advance(rx_time);
-            let in_step = self.course.in_step(beacon, rx_time);
+            let in_step = self.course.in_step_within(self.doubt, beacon, rx_time);
             let is_lost = self.silent() > HOLDOVER_SUPERFRAMES;
             // A beacon of the network that was repeated later says nothing of its coordinator.
             let choice = match in_step {
@@ -59,7 +62,7 @@ impl Following {
                 (Choice::Same | Choice::Change, Some(phase)) => {
                     let followed = self.election.coordinator;
                     self.course.phase = phase;
-                    self.heard = phase.number;
+                    (self.heard, self.doubt) = (phase.number, RadioDuration::ZERO);
                     if choice == Choice::Change {
                         self.election.follow(beacon);
                     }
@@ -89,6 +92,12 @@ impl Following {
     /// Superframes since a beacon was heard.
     pub fn silent(&self) -> u16 {
         self.course.phase.number.wrapping_sub(self.heard)
+    }
+
+    /// The radio's clock has begun anew: what was the instant `before` is `now`.
+    pub fn rebase(&mut self, before: RadioInstant, now: RadioInstant) {
+        let passed = self.course.phase.start.since(before);
+        self.course.phase.start = now.plus(passed);
     }
 
     /// The list that counts in this superframe, unless it may have changed unheard.

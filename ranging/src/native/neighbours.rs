@@ -168,6 +168,11 @@ impl Neighbours {
         }
     }
 
+    /// The tag's own radio slept for so many seconds.
+    pub fn sleep(&mut self, seconds: f32) {
+        self.anchors.iter_mut().for_each(|anchor| anchor.clock.sleep(seconds));
+    }
+
     /// The anchors to ask, at most `places`, seen from `tag_m` where that is known.
     pub fn choose(&self, places: usize, tag_m: Option<[f32; 3]>) -> Team {
         let places = places.min(MAX_ROUND);
@@ -203,6 +208,11 @@ impl Neighbours {
 }
 
 impl Neighbour {
+    /// It is there, though few of its beacons are listened to.
+    pub fn keep(&mut self) {
+        self.unheard = 0;
+    }
+
     /// What a range to it counts: less with little power, less where answers stay away.
     fn weight(&self) -> f32 {
         // From the receiver's limit, some −105 dBm, to where stamps do not get better.

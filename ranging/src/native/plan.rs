@@ -166,9 +166,15 @@ pub fn owned_slots(members: &Members, tag: u16, superframe: u16, slots: u8) -> u
 }
 
 /// From the superframe's beginning to the first pulse of the next round of so many anchors that fits into owned slots and begins
-/// no sooner than `earliest`.
-pub fn next_round(owned: u64, timing: &Timing, earliest: RadioDuration, anchors: usize) -> Option<RadioDuration> {
-    let half_guard = timing.guard.ticks() / 2;
+/// no sooner than `earliest`, of a node that may be off by `doubt` beside the guard.
+pub fn next_round(
+    owned: u64,
+    timing: &Timing,
+    earliest: RadioDuration,
+    anchors: usize,
+    doubt: RadioDuration,
+) -> Option<RadioDuration> {
+    let half_guard = timing.guard.ticks() / 2 + doubt.ticks();
     let length = timing.round(anchors).ticks() + half_guard;
     runs(owned).find_map(|(begin, end)| {
         let pulse = earliest.ticks().max(timing.round_slot_begin(begin).ticks() + half_guard);

@@ -226,6 +226,19 @@ impl Exchange {
         })
     }
 
+    /// When the first response begins, and how long after the poll the last is over.
+    pub fn responses(&self, timing: &Timing) -> (RadioInstant, RadioDuration) {
+        let first = timing.reply.ticks() - timing.to_rmarker.ticks();
+        let last = timing.reply_in(self.team.len().saturating_sub(1)).ticks() + timing.response_tail.ticks();
+        (self.poll_tx.plus(RadioDuration::from_ticks(first)), RadioDuration::from_ticks(last + timing.guard.ticks()))
+    }
+
+    /// Of the anchors of the round each, and whether it answered.
+    pub fn outcomes(&self) -> impl Iterator<Item = (u16, bool)> {
+        let answered = |anchor| self.answers.iter().any(|answer| answer.range.peer == anchor);
+        self.team.iter().map(move |&anchor| (anchor, answered(anchor)))
+    }
+
     /// The round is over: tells which anchors answered, and makes the ranges to report.
     pub fn close(&mut self, neighbours: &mut Neighbours) {
         for &anchor in &self.team {

@@ -1,12 +1,18 @@
 //! The tag in native mode: hears beacons, asks for slots, ranges in its own.
 
+mod seldom;
+
+use self::seldom::{Aim, Awaited, Nap};
 use super::following::{Following, Heard};
 use super::layout::Scheme;
 use super::neighbours::{Neighbours, Refused};
 use super::pace::Meter;
 use super::plan::{Rate, lists, next_round, owned_slots, share_of};
 use super::round::Exchange;
+use super::search::Search;
 use super::timing::{BEACON_SLOTS, SUPERFRAME, Timing, end_of};
+use super::wakes::{Slept, Wakes};
+use super::watch::Watch;
 use super::{Network, SHORTEST_WAIT, spread};
 use crate::exchange::{Action, Event, Guidance, Link, Machine, Report};
 use crate::frame::native::{Beacon, Frame, MAX_MEMBERS, Message, RESPONSE_BYTES, Request, Share};
@@ -35,12 +41,6 @@ pub struct TagConfig {
 const LOST_AFTER: u16 = 5;
 /// Superframes from a request until the list can tell of it: to a relay, from there to the coordinator, and back.
 const REQUEST_PATIENCE: u16 = 4;
-/// A dozing tag waits through superframes only where it is none's turn in the next so many …
-const DOZE_FROM: u16 = 3;
-/// … and for this long at most, so that instants stay apart from each other.
-const LONGEST_DOZE: RadioDuration = RadioDuration::from_micros(6_000_000);
-/// It wakes so much before the superframe of its turn: what clocks part by meanwhile, and what waking takes too long.
-const DOZE_MARGIN: RadioDuration = RadioDuration::from_micros(2_000);
 /// What the tag's last action was for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Doing {
@@ -80,10 +80,23 @@ pub struct Tag {
     neighbours: Neighbours,
     position_m: Option<[f32; 3]>,
     round: Exchange,
-    /// Whether superframes without a turn are waited through.
+    /// Whether the radio's clock may be lost between turns.
     dozes: bool,
-    /// The last action was such a wait.
-    dozing: bool,
+    /// The last action was a wait in which it may.
+    nap: Option<Nap>,
+    /// What the present doze ends with.
+    aim: Option<Aim>,
+    /// Whose beacon the last action awaits.
+    awaited: Option<Awaited>,
+    /// Which beacons are listened to.
+    watch: Watch,
+    /// How well it wakes …
+    wakes: Wakes,
+    /// … and its sleeps since the last beacon.
+    slept: Slept,
+    search: Search,
+    /// The receiver was off after the poll.
+    is_off_after_poll: bool,
     /// When a wait, or a window, was to end so that a transmission can be made in time.
     wake_at: Option<RadioInstant>,
     /// The first pulse of the poll that was waited for.
@@ -119,6 +132,8 @@ struct Followed {
     joined: bool,
     /// That the network is full was reported.
     is_full: bool,
+    /// Superframes followed, as far as it matters.
+    followed: u16,
 }
 
 impl Tag {
@@ -136,7 +151,14 @@ impl Tag {
             position_m: None,
             round: Exchange::new(),
             dozes: false,
-            dozing: false,
+            nap: None,
+            aim: None,
+            awaited: None,
+            watch: Watch::default(),
+            wakes: Wakes::new(),
+            slept: Slept::default(),
+            search: Search::default(),
+            is_off_after_poll: false,
             wake_at: None,
             pulse_at: None,
             decided_at: None,
@@ -154,9 +176,9 @@ impl Tag {
         self.rate = rate;
     }
 
-    /// A tag that ranges seldom does not listen to superframes without a turn of its own from now on: it waits through them, the
-    /// radio may sleep, and it is in step again with the first beacon of the superframe of its turn. What that costs: clocks are
-    /// compared anew, by the carrier, so that the ranges of a round deviate twice as much.
+    /// A tag that ranges at a certain rate lets its radio sleep between its rounds from now on, and while it searches a network. What that
+    /// costs: clocks are compared by the carrier alone, so that the ranges of a round deviate up to twice as much, and a network is found
+    /// up to a minute after it has come.
     pub fn doze(&mut self) {
         self.dozes = true;
     }
@@ -196,10 +218,16 @@ impl Tag {
             return;
         }
         let phy = &self.config.network.phy;
+        let slept = core::mem::take(&mut self.slept);
+        let assumed = self.network.as_mut().filter(|_| !slept.is_none()).map(|network| {
+            network.following.advance(frame.rx_time);
+            network.following.course.phase
+        });
         let heard = match &mut self.network {
             None => match Following::new(phy, beacon, frame.rx_time) {
                 Some(following) => {
                     self.network = Some(Followed::begin(following));
+                    self.search = Search::default();
                     Heard::Anew
                 }
                 None => Heard::Ignored,
@@ -213,11 +241,24 @@ impl Tag {
             },
         };
         match heard {
-            Heard::Ignored => return,
-            Heard::Refused => return self.neighbours.refuse_coordinator(),
+            Heard::Ignored | Heard::Refused => {
+                self.slept = slept;
+                if heard == Heard::Refused {
+                    self.neighbours.refuse_coordinator();
+                }
+                return;
+            }
             Heard::Followed => {}
             Heard::Changed | Heard::Anew => self.link = Some(Link::Synchronised(beacon.coordinator)),
         }
+        self.aim = None;
+        let phase = self.network.as_ref().map(|network| network.following.course.phase);
+        if let (Some(assumed), Some(phase)) = (assumed, phase)
+            && assumed.number == phase.number
+        {
+            self.wakes.learn(slept, assumed.start.since(phase.start));
+        }
+        self.watch.hear(source, beacon.slot);
         self.neighbours.hear_beacon(source, beacon, frame.diagnostics.rx_power_dbm);
     }
 
@@ -232,6 +273,7 @@ impl Tag {
         }
         self.doing = Doing::Nothing;
         self.round.close(&mut self.neighbours);
+        self.note_outcomes();
         if self.round.has_report() { Ended::Report } else { Ended::Nothing }
     }
 
@@ -249,18 +291,31 @@ impl Tag {
     /// What is next in the course of the superframe, no round being in progress.
     fn schedule(&mut self, present: RadioInstant) -> Action<'_> {
         let lead = self.meter.lead();
-        let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
+        let is_seldom = self.is_seldom();
+        let Some(network) = &mut self.network else { return self.search(present) };
         let superframe = network.following.course.timing.superframe;
+        // A superframe begins for us as early as we must decide what to send first in it.
+        let early = RadioDuration::from_ticks(lead.ticks() + SHORTEST_WAIT.ticks());
         if let Some(since) = network.following.adrift {
+            network.following.advance(present.plus(early));
+            if let Some(action) = self.end_doze(present) {
+                return action;
+            }
             let patience = RadioDuration::from_ticks(i64::from(LOST_AFTER) * superframe.ticks());
             if present.since(since) <= patience {
                 return Self::listen(superframe);
             }
             return self.lose_network();
         }
-        // A superframe begins for us as early as we must decide what to send first in it.
-        let early = RadioDuration::from_ticks(lead.ticks() + SHORTEST_WAIT.ticks());
         let begun = network.following.advance(present.plus(early));
+        network.followed = network.followed.saturating_add(begun);
+        if is_seldom {
+            for address in self.watch.anchors() {
+                if let Some(anchor) = self.neighbours.get_mut(address) {
+                    anchor.keep();
+                }
+            }
+        }
         self.neighbours.advance(begun);
         if network.following.silent() > LOST_AFTER {
             return self.lose_network();
@@ -271,8 +326,14 @@ impl Tag {
         // The beacon slots end as early as we must decide on a round in the first round slot.
         let beacons_end = RadioDuration::from_ticks(timing.rounds().ticks() - early.ticks());
         if passed < beacons_end {
-            return self.among_beacons(passed, beacons_end);
+            if !is_seldom {
+                return self.among_beacons(passed, beacons_end);
+            }
+            if let Some(action) = self.among_few_beacons(passed, beacons_end) {
+                return action;
+            }
         }
+        let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
         network.plan(&self.config, &timing);
         let course = &network.following.course;
         let listed = course.membership.in_force().is_some_and(|members| lists(members, self.config.address));
@@ -350,12 +411,13 @@ impl Tag {
         let lead = self.meter.lead();
         let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
         let course = &network.following.course;
-        let (timing, phase) = (course.timing, course.phase);
+        let (timing, phase, doubt) = (course.timing, course.phase, network.following.doubt);
         // Rounds of few anchors are shorter than slots: who wants a certain rate makes as many as it has slots.
         let has_enough = self.rate != Some(Rate::Greedy) && network.rounds >= network.owned.count_ones();
         let anchors = if has_enough { 0 } else { self.round.asked() };
-        let after =
-            |earliest: RadioDuration| next_round(network.owned, &timing, earliest, anchors).filter(|_| anchors > 0);
+        let after = |earliest: RadioDuration| {
+            next_round(network.owned, &timing, earliest, anchors, doubt).filter(|_| anchors > 0)
+        };
         let in_time = RadioDuration::from_ticks(passed.ticks() + self.meter.immediate().ticks());
         // Woken for a round, the tag makes it as long as its instant lies ahead.
         let spare = |pulse: RadioDuration| RadioDuration::from_ticks(pulse.ticks() - passed.ticks() - lead.ticks());
@@ -368,6 +430,9 @@ impl Tag {
             let pulse_at = phase.at(pulse);
             let at_once = planned.is_none() && pulse == in_time;
             if !at_once && spare(pulse) > SHORTEST_WAIT {
+                if let Some(action) = self.nap_before(pulse, passed) {
+                    return action;
+                }
                 let wake = pulse_at.plus(RadioDuration::from_ticks(-lead.ticks()));
                 (self.wake_at, self.pulse_at) = (Some(wake), Some(pulse_at));
                 return Action::WaitUntil(wake);
@@ -381,16 +446,11 @@ impl Tag {
             let wish = self.meter.wish(self.config.scheme);
             let poll = self.round.begin(&mut self.neighbours, scheme, wish, self.config.tell_distances);
             self.write(Message::Poll(poll));
-            return Action::Transmit { frame: self.out.bytes(), start, listen: true };
+            self.is_off_after_poll = self.is_off_after_poll(scheme);
+            let listen = !self.is_off_after_poll;
+            return Action::Transmit { frame: self.out.bytes(), start, listen };
         }
-        let share = self.rate.map_or(Share::Release, |rate| share_of(rate, &timing));
-        let (turns, early) = match network.next_turn(&self.config, &timing, share) {
-            Some(turns) if self.dozes && turns >= DOZE_FROM => (turns, DOZE_MARGIN),
-            Some(_) | None => (1, lead),
-        };
-        self.dozing = turns > 1;
-        let wake = i64::from(turns) * timing.superframe.ticks() - early.ticks();
-        Action::WaitUntil(phase.at(RadioDuration::from_ticks(wake)))
+        self.rest(passed)
     }
 
     /// What a late start teaches, where the radio did not measure it, and what it leaves to be done again.
@@ -408,26 +468,23 @@ impl Followed {
     /// Nothing asked for, nothing owned.
     fn begin(following: Following) -> Self {
         let request_from = following.course.phase.number;
-        Self { following, request_from, requests: 0, planned: None, owned: 0, rounds: 0, joined: false, is_full: false }
+        Self {
+            following,
+            request_from,
+            requests: 0,
+            planned: None,
+            owned: 0,
+            rounds: 0,
+            joined: false,
+            is_full: false,
+            followed: 0,
+        }
     }
 
     /// Whether all places are taken, none by this tag.
     fn is_full_without(&self, tag: u16) -> bool {
         let members = self.following.course.membership.members();
         members.len() == MAX_MEMBERS && !lists(members, tag)
-    }
-
-    /// In how many superframes the next one with slots of ours begins, as far as that is settled, or how long a doze may be.
-    fn next_turn(&self, config: &TagConfig, timing: &Timing, share: Share) -> Option<u16> {
-        let Following { course, .. } = &self.following;
-        let membership = &course.membership;
-        let members = membership.in_force().filter(|_| membership.countdown() == 0)?;
-        members.iter().find(|member| member.tag == config.address && member.share == share)?;
-        let most = (LONGEST_DOZE.ticks() / timing.superframe.ticks()).max(1) as u16;
-        let owns = |turn: &u16| {
-            owned_slots(members, config.address, course.phase.number.wrapping_add(*turn), timing.round_slots) != 0
-        };
-        Some((1..most).find(owns).unwrap_or(most))
     }
 
     /// Finds out which slots are ours in this superframe: none where the plan may have changed unheard.
@@ -443,7 +500,7 @@ impl Followed {
 
 impl Machine for Tag {
     fn may_sleep(&self) -> bool {
-        self.dozing
+        self.nap.is_some()
     }
 
     fn pace(&mut self, pace: Pace) {
@@ -470,26 +527,28 @@ impl Machine for Tag {
 
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         let (mut present, mut ended) = (now, now);
-        let dozed = core::mem::take(&mut self.dozing);
-        if let Some(network) = self.network.as_mut().filter(|_| dozed) {
-            network.following.adrift = Some(now);
-        }
+        let mut off = false;
+        let (nap, awaited) = (self.nap.take(), self.awaited.take());
         self.ended_at = None;
         self.was_awaited = matches!(event, Event::Timeout | Event::Woken);
         match event {
             Event::Started => {
                 self.doing = Doing::Nothing;
                 (self.wake_at, self.pulse_at) = (None, None);
-                if !dozed {
-                    self.network = None;
-                }
-                self.neighbours.forget_clocks();
                 self.round.forget();
+                match nap {
+                    Some(nap) => self.woke(nap, now),
+                    None => {
+                        (self.network, self.aim, self.search) = (None, None, Search::default());
+                        self.neighbours.forget_clocks();
+                    }
+                }
             }
             Event::Sent(departure) => match self.doing {
                 Doing::Polling => {
                     self.doing = Doing::Collecting;
                     self.round.sent(departure);
+                    off = core::mem::take(&mut self.is_off_after_poll);
                     if let Some(decided) = self.decided_at.take() {
                         let to_rmarker = self.config.network.phy.time_to_rmarker();
                         let pulse = departure.plus(RadioDuration::from_ticks(-to_rmarker.ticks()));
@@ -514,16 +573,38 @@ impl Machine for Tag {
                     self.was_late();
                 }
                 match self.doing {
+                    // The receiver was not on yet: it is now.
+                    Doing::Collecting if event == Event::Late => {}
                     Doing::Collecting => self.round.give_up(),
                     Doing::Polling | Doing::Requesting => self.doing = Doing::Nothing,
                     Doing::Nothing | Doing::Ending => {}
                 }
             }
-            Event::Corrupt | Event::Woken | Event::Reported => {}
+            Event::Woken => self.resume(now),
+            Event::Corrupt | Event::Reported => {}
+        }
+        if let Some(awaited) = awaited {
+            match event {
+                Event::Late => {
+                    if let Some(action) = self.receive_late(awaited, present) {
+                        return action;
+                    }
+                }
+                Event::Timeout | Event::Corrupt => self.missed(awaited),
+                Event::Started
+                | Event::Sent(_)
+                | Event::NotSent
+                | Event::Received(_)
+                | Event::Woken
+                | Event::Reported => {}
+            }
         }
         let mut is_over = self.doing == Doing::Ending;
         if self.doing == Doing::Requesting {
             self.doing = Doing::Nothing;
+        }
+        if let Some(action) = off.then(|| self.await_first_response(now)).flatten() {
+            return action;
         }
         if self.doing == Doing::Collecting {
             let timing = self.network.as_ref().map(|network| network.following.course.timing);

@@ -98,6 +98,9 @@ struct File {
     weigh_nlos: bool,
     #[serde(deserialize_with = "optional_rate")]
     rate_hz: Option<f64>,
+    #[serde(deserialize_with = "optional_rate")]
+    still_rate_hz: Option<f64>,
+    sleep: bool,
     #[serde(deserialize_with = "scheme")]
     scheme: Scheme,
     #[serde(deserialize_with = "anchors_per_round")]
@@ -128,6 +131,8 @@ impl Default for File {
             method: tag.method,
             weigh_nlos: tag.weigh_nlos,
             rate_hz: tag.rate_hz,
+            still_rate_hz: tag.still_rate_hz,
+            sleep: tag.sleep,
             scheme: tag.scheme,
             anchors_per_round: tag.anchors_per_round,
             board: BoardProfile::DWM1001,
@@ -303,6 +308,8 @@ impl File {
                 method: self.method,
                 weigh_nlos: self.weigh_nlos,
                 rate_hz: self.rate_hz,
+                still_rate_hz: self.still_rate_hz,
+                sleep: self.sleep,
                 scheme: self.scheme,
                 anchors_per_round: self.anchors_per_round,
             },

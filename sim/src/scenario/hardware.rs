@@ -11,6 +11,7 @@ use embedded_hal_async::spi::SpiDevice;
 use ranging::dw1000::{ClockedSpi, Config, Dw1000, ResetLine, SpiClock};
 use ranging::node::Restart;
 
+use super::draw::Draw;
 use super::{FaultKind, Level};
 use crate::IrqPin;
 use crate::air::{Path, PortId};
@@ -89,13 +90,12 @@ impl Hardware {
         }
     }
 
-    /// What the node has taken from its supply since the simulation began, microcoulombs: the board's part, to which that of the
-    /// chip would be added here. `None` without a chip.
-    pub(super) fn charge_uc(&self, now: TrueTime) -> Option<f64> {
+    /// What the node has taken from its supply since the simulation began. `None` without a chip.
+    pub(super) fn draw(&self, now: TrueTime) -> Option<Draw> {
         match self {
             Self::Board(node) => {
                 let processor = node.processor();
-                Some(processor.times(now).charge_uc(processor.board()))
+                Some(Draw::new(now, processor.times(now), processor.board(), &node.consumption()))
             }
             Self::Bare(_) => None,
         }

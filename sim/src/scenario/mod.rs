@@ -5,6 +5,7 @@
 //! equal records.
 
 mod beacon;
+mod draw;
 mod file;
 mod generate;
 mod hardware;
@@ -23,6 +24,7 @@ use crate::air::Wall;
 use crate::board::BoardProfile;
 
 pub use beacon::{Beacon, BluetoothSettings, Format, LevelFiles};
+pub use draw::Charges;
 pub use file::ScenarioError;
 pub use motion::{Walk, distance};
 pub use record::{BluetoothSummary, Cover, DifferenceRecord, Epoch, RangeRecord, Record, Source, Summary, What};
@@ -96,6 +98,10 @@ pub struct TagSettings {
     pub model: Option<&'static [u8]>,
     /// Rounds a second that a tag wants, or hears; without it, as many as it can get.
     pub rate_hz: Option<f64>,
+    /// The same while it lies still; without it, there is no difference.
+    pub still_rate_hz: Option<f64>,
+    /// Whether its DW1000 sleeps between rounds.
+    pub sleep: bool,
     /// How native rounds are made.
     pub scheme: Scheme,
     /// Anchors a round.
@@ -117,6 +123,8 @@ impl Default for TagSettings {
             weigh_nlos: true,
             model: None,
             rate_hz: None,
+            still_rate_hz: None,
+            sleep: false,
             scheme: Scheme::SingleSided,
             anchors_per_round: 8,
         }

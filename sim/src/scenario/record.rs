@@ -7,6 +7,7 @@ use ranging::exchange::{Difference, Link, Range};
 use serde::Serialize;
 use telemetry::{Condition, Sighting, Whereabouts};
 
+use super::draw::{Charges, Drawn};
 use crate::air::AirStatistics;
 use crate::bluetooth::BluetoothStatistics;
 
@@ -147,10 +148,13 @@ pub struct Summary {
     pub collisions: u64,
     /// Time frames were on the air, summed over all channels, against the time passed.
     pub airtime_share: f64,
-    /// Mean current of a tag from its supply, milliamperes; none where radios are straight on the air.
+    /// Mean current of a tag from its supply, board and DW1000 together, milliamperes: from its first position on, or where it found
+    /// none from the beginning. None where radios are straight on the air.
     pub tag_mean_current_ma: Option<f64>,
-    /// What all tags took from their supplies, a position, microcoulombs.
+    /// The same charge, a position that was found meanwhile, microcoulombs.
     pub charge_per_fix_uc: Option<f64>,
+    /// What the mean current goes for.
+    pub tag_currents_ma: Option<Charges>,
     /// What there is to tell of beacons, where there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bluetooth: Option<BluetoothSummary>,
@@ -237,16 +241,19 @@ impl Summary {
             airtime_share: air.airtime_s * per_second,
             tag_mean_current_ma: None,
             charge_per_fix_uc: None,
+            tag_currents_ma: None,
             bluetooth: None,
         }
     }
 
-    /// With what all tags together took, microcoulombs.
-    pub(super) fn with_charge(self, charge_uc: Option<f64>) -> Self {
-        let tag_seconds = self.tags as f64 * self.seconds;
+    /// With what all tags together drew.
+    pub(super) fn with_charge(self, drawn: Option<Drawn>) -> Self {
+        let currents_ma = drawn.and_then(|drawn| drawn.currents_ma());
+        let per_fix = |drawn: Drawn| drawn.charges.sum() / drawn.fixes as f64;
         Self {
-            tag_mean_current_ma: charge_uc.filter(|_| tag_seconds > 0.0).map(|charge| charge / tag_seconds / 1e3),
-            charge_per_fix_uc: charge_uc.filter(|_| self.fixes > 0).map(|charge| charge / self.fixes as f64),
+            tag_mean_current_ma: currents_ma.map(|currents| currents.sum()),
+            charge_per_fix_uc: drawn.filter(|drawn| drawn.fixes > 0).map(per_fix),
+            tag_currents_ma: currents_ma,
             ..self
         }
     }
@@ -287,7 +294,9 @@ mod tests {
     fn charge_is_shared_among_tags_and_positions() {
         let summary = Summary::new([2, 4], 5.0, vec![0.1; 4], AirStatistics::default());
         // 20 mC by two tags in five seconds: 2 mA each; four positions: 5 mC each.
-        let charged = summary.clone().with_charge(Some(20_000.0));
+        let charges = Charges { receiving: 15_000.0, processor: 5_000.0, ..Charges::default() };
+        let charged = summary.clone().with_charge(Some(Drawn { charges, seconds: 10.0, fixes: 4 }));
+        assert_eq!(charged.tag_currents_ma.map(|currents| (currents.receiving, currents.processor)), Some((1.5, 0.5)));
         assert_eq!((charged.tag_mean_current_ma, charged.charge_per_fix_uc), (Some(2.0), Some(5_000.0)));
         assert_eq!(summary.clone().with_charge(None), summary);
     }

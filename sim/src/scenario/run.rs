@@ -20,6 +20,7 @@ use ranging::node::Restart;
 use ranging::{RadioDuration, decaranging, dw1000};
 
 use super::beacon::{BeaconNode, listed};
+use super::draw::{Draw, Drawn};
 use super::hardware::{Firmware, Hardware, NodePlan};
 use super::record::{BluetoothSummary, Record, Summary};
 use super::sink::{AnchorSink, Log, Notebook, TagSink};
@@ -32,6 +33,8 @@ use crate::{AirConfig, ClockConfig, Interrupts, Node, Processor, SimDelay, TrueT
 
 /// Rounds a second of a DecaRanging tag that nobody told.
 const DECARANGING_HZ: f64 = 20.0;
+/// How often it is looked for tags' first positions, seconds.
+const LOOK_S: f64 = 0.1;
 
 /// A scenario that runs.
 pub struct Simulation {
@@ -41,6 +44,8 @@ pub struct Simulation {
     addresses: HashMap<PortId, u16>,
     nodes: Rc<HashMap<u16, Hardware>>,
     bluetooth: Option<Bluetooth>,
+    /// What tags had drawn, and how many positions they had, soon after their first.
+    settled: HashMap<u16, (Draw, usize)>,
 }
 
 impl Simulation {
@@ -103,7 +108,7 @@ impl Simulation {
                 }
             });
         }
-        Self { world, scenario, log, addresses, nodes, bluetooth }
+        Self { world, scenario, log, addresses, nodes, bluetooth, settled: HashMap::new() }
     }
 
     /// The scenario.
@@ -118,8 +123,34 @@ impl Simulation {
 
     /// Lets everything happen up to this time, seconds; what happened since the last call.
     pub fn run_until(&mut self, seconds: f64) -> Vec<Record> {
+        while self.settled.len() < self.scenario.tags.len() && self.now_s() + LOOK_S < seconds {
+            self.world.run_until(TrueTime::from_secs_f64(self.now_s() + LOOK_S));
+            self.note_settled();
+        }
         self.world.run_until(TrueTime::from_secs_f64(seconds));
         std::mem::take(&mut self.log.borrow_mut().records)
+    }
+
+    /// Notes what tags have drawn that have a position.
+    fn note_settled(&mut self) {
+        let log = self.log.borrow();
+        for (&address, &fixes) in &log.fixes {
+            let draw = self.nodes.get(&address).and_then(|node| node.draw(self.world.now()));
+            if let Some(draw) = draw {
+                self.settled.entry(address).or_insert((draw, fixes));
+            }
+        }
+    }
+
+    /// What all tags have drawn since they settled.
+    fn drawn(&self) -> Option<Drawn> {
+        let log = self.log.borrow();
+        self.scenario.tags.iter().try_fold(Drawn::default(), |drawn, tag| {
+            let draw = self.nodes.get(&tag.address)?.draw(self.world.now())?;
+            let (earlier, before) = self.settled.get(&tag.address).copied().unzip();
+            let fixes = log.fixes.get(&tag.address).copied().unwrap_or(0) - before.unwrap_or(0);
+            Some(drawn.plus(draw.since(earlier), fixes))
+        })
     }
 
     /// Calls `sniffer` for each frame on the air, in the order of time.
@@ -145,8 +176,7 @@ impl Simulation {
         let of_beacons =
             |air: &Bluetooth| BluetoothSummary::new(self.scenario.beacons.len(), &log.errors_m, air.statistics());
         let summary = Summary::new(nodes, self.now_s(), errors_m, self.world.statistics());
-        let tags = self.scenario.tags.iter().filter_map(|tag| self.nodes.get(&tag.address));
-        let summary = summary.with_charge(tags.map(|tag| tag.charge_uc(self.world.now())).sum());
+        let summary = summary.with_charge(self.drawn());
         Summary { bluetooth: self.bluetooth.as_ref().map(of_beacons), ..summary }
     }
 }
@@ -165,6 +195,7 @@ fn plan(world: &World, scenario: &Scenario, address: u16, path: Path, network: u
     // Calibrated: simulated chips have this delay at every pulse frequency.
     config.tx_antenna_delay = Some(dw1000::DEFAULT_ANTENNA_DELAY);
     config.rx_antenna_delay = Some(dw1000::DEFAULT_ANTENNA_DELAY);
+    config.sleeps = scenario.tag.sleep && matches!(role, Role::Tag);
     match (network.mode, role) {
         (Mode::Native, _) | (Mode::Listening { .. }, Role::Anchor) => {
             config.filter = dw1000::FrameFilter::DATA;
@@ -366,7 +397,8 @@ impl Firmware for TagFirmware {
                         Some(hz) => native::Rate::Every(period(hz)),
                         None => native::Rate::Greedy,
                     };
-                    let machine = native::Tag::new(native::TagConfig {
+                    let still = settings.still_rate_hz.map(|hz| native::Rate::Every(period(hz)));
+                    let mut machine = native::Tag::new(native::TagConfig {
                         address,
                         network: native_network(&network),
                         anchors: settings.anchors_per_round,
@@ -374,9 +406,12 @@ impl Firmware for TagFirmware {
                         scheme: settings.scheme,
                         tell_distances: false,
                     });
+                    if settings.sleep {
+                        machine.doze();
+                    }
                     // Native anchors tell where they are.
                     let locator = locator(&settings, &[], model);
-                    live(radio, delay, machine, (locator, Pace::new(rate, None)), sink, ears).await
+                    live(radio, delay, machine, (locator, Pace::new(rate, still)), sink, ears).await
                 }
                 Mode::Listening { .. } => {
                     let period = settings.rate_hz.map(period);

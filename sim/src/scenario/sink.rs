@@ -1,6 +1,7 @@
 //! Where the apps' results go: beside the truth, into the log, and with the time that a board's processor would take.
 
 use std::cell::RefCell;
+use std::collections::HashMap;
 use std::fmt::Debug;
 use std::rc::Rc;
 
@@ -22,6 +23,8 @@ pub(super) struct Log {
     pub(super) records: Vec<Record>,
     /// Epochs of all tags.
     epochs: u64,
+    /// Positions found by each tag.
+    pub(super) fixes: HashMap<u16, usize>,
     /// Errors of all positions, metres.
     pub(super) errors_m: Vec<(Source, f64)>,
 }
@@ -139,6 +142,9 @@ impl firmware_tag::Sink for TagSink {
         {
             let mut log = log.borrow_mut();
             log.epochs += 1;
+            if error_m.is_some() {
+                *log.fixes.entry(self.notebook.node).or_default() += 1;
+            }
             log.errors_m.extend(error_m.map(|error_m| (source, error_m)));
         }
         self.notebook.write(What::Epoch(record));

@@ -1,0 +1,83 @@
+//! When a tag without a network listens: all the time at first, then less and less often.
+//!
+//! Anchors repeat their beacons each superframe: a little more than one is enough to hear whoever is there. With a receiver of some 115 mA, a
+//! superframe of 100 ms and a pause of a minute take 0.23 mA in the mean.
+
+use super::timing::SUPERFRAME;
+use crate::{RadioDuration, RadioInstant};
+
+/// At first the tag listens for so long.
+const FIRST: RadioDuration = RadioDuration::from_micros(2_000_000);
+/// From then on for a superframe and this part of it.
+const MORE: i64 = 5;
+/// The first pause, milliseconds; each is twice as long as the one before, up to the longest.
+const FIRST_PAUSE_MS: u32 = 2_000;
+const LONGEST_PAUSE_MS: u32 = 64_000;
+/// A pause in one piece, milliseconds: instants are told apart within 8.6 s.
+const PIECE_MS: u32 = 6_000;
+
+/// A search.
+#[derive(Clone, Debug, Default)]
+pub struct Search {
+    /// Until when the tag listens now.
+    until: Option<RadioInstant>,
+    /// Pauses so far.
+    pauses: u8,
+    /// What is left of the present one.
+    left_ms: u32,
+}
+
+/// What a searching tag does next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Next {
+    /// It listens for so long.
+    Listen(RadioDuration),
+    /// It does nothing until then; its clock may be lost.
+    Pause(RadioInstant),
+}
+
+impl Search {
+    /// What is next.
+    pub fn next(&mut self, present: RadioInstant) -> Next {
+        if self.left_ms == 0 {
+            let listening =
+                if self.pauses == 0 { FIRST.ticks() } else { SUPERFRAME.ticks() + SUPERFRAME.ticks() / MORE };
+            let until = *self.until.get_or_insert(present.plus(RadioDuration::from_ticks(listening)));
+            let rest = until.since(present);
+            if rest > RadioDuration::ZERO {
+                return Next::Listen(rest);
+            }
+            self.left_ms = (FIRST_PAUSE_MS << self.pauses.min(5)).min(LONGEST_PAUSE_MS);
+            self.pauses = self.pauses.saturating_add(1);
+        }
+        self.until = None;
+        let piece = self.left_ms.min(PIECE_MS);
+        self.left_ms -= piece;
+        Next::Pause(present.plus(RadioDuration::from_micros(1_000 * piece)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_receiver_is_on_for_two_seconds_and_then_a_five_hundredth_of_the_time() {
+        let (mut search, mut now) = (Search::default(), RadioInstant::from_ticks(0));
+        let (mut listened_ms, mut passed_ms) = (std::vec::Vec::new(), 0);
+        while passed_ms < 3_600_000 {
+            let until = match search.next(now) {
+                Next::Listen(window) => {
+                    listened_ms.push(window.as_micros() / 1000);
+                    now.plus(window)
+                }
+                Next::Pause(until) => until,
+            };
+            passed_ms += until.since(now).as_micros() / 1000;
+            now = until;
+        }
+        assert_eq!(listened_ms[..3], [2_000, 120, 120]);
+        // Pauses of 2, 4, 8, 16, 32 and then 64 s: in an hour 5 + (3600 − 62 − 2) / 64.1 = 60 times 120 ms.
+        assert!((58..=62).contains(&(listened_ms.len() - 1)), "{}", listened_ms.len());
+    }
+}

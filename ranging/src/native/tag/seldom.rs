@@ -1,0 +1,298 @@
+//! What a tag does that ranges at a certain rate, so that its receiver is on for as short as can be: it listens to one beacon, is off
+//! until its round and between its rounds, and where it may, its radio sleeps meanwhile and begins its clock anew.
+
+use super::super::SHORTEST_WAIT;
+use super::super::layout::Scheme;
+use super::super::plan::{next_round, owned_slots, share_of};
+use super::super::search::Next;
+use super::super::timing::{HOLDOVER_SUPERFRAMES, SUPERFRAME, Timing};
+use super::super::wakes::Slept;
+use super::super::watch::{Listening, Watched};
+use super::{Doing, Rate, Tag};
+use crate::exchange::Action;
+use crate::frame::native::{BEACON_BYTES, POLL_BYTES, Share};
+use crate::time::TICKS_PER_SECOND;
+use crate::{RadioDuration, RadioInstant, Start};
+
+/// A dozing tag gives up its clock between turns that are at least so many superframes apart: fewer it naps, and counts on its clock.
+const DOZE_FROM: u16 = 2;
+/// A wait in one piece is at most so long: instants are told apart within 8.6 s.
+const LONGEST_WAIT: RadioDuration = RadioDuration::from_micros(6_000_000);
+/// Waits shorter than this are not worth a sleep, of which the node wakes with a doubt.
+const NAP_FROM: RadioDuration = RadioDuration::from_micros(7_000);
+/// The tag listens to all beacons for so many superframes before it is content with one: to know all anchors.
+const ACQUAINTING: u16 = 10;
+/// From a decision until a receiver is ready to start at an instant.
+const ARMING: RadioDuration = RadioDuration::from_micros(150);
+/// The receiver starts so much before what it is to hear: its own start takes 16 µs.
+const RECEIVER_START: RadioDuration = RadioDuration::from_micros(20);
+/// The coordinator ends a lease after ten turns without a poll: who ranges even more seldom than its share says makes use of half of them.
+const TURNS_A_POLL: i64 = 5;
+
+/// A wait through which the radio may sleep.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Nap {
+    from: RadioInstant,
+    until: RadioInstant,
+}
+
+/// What a doze ends with.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Aim {
+    superframe: u16,
+    listening: Listening,
+}
+
+/// An anchor whose beacon is awaited, and until when.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Awaited {
+    address: u16,
+    until: RadioInstant,
+}
+
+const fn sum(a: RadioDuration, b: RadioDuration) -> RadioDuration {
+    RadioDuration::from_ticks(a.ticks() + b.ticks())
+}
+
+const fn difference(a: RadioDuration, b: RadioDuration) -> RadioDuration {
+    RadioDuration::from_ticks(a.ticks() - b.ticks())
+}
+
+impl Tag {
+    /// When, from its beginning, the receiver is on in a superframe for the beacon of a slot, by a node that may be off by `doubt`.
+    fn beacon_window(&self, timing: &Timing, slot: u8, doubt: RadioDuration) -> [RadioDuration; 2] {
+        let rmarker = timing.beacon(slot.into());
+        let early = sum(timing.to_rmarker, sum(doubt, RECEIVER_START));
+        let late = sum(self.config.network.phy.time_after_rmarker(BEACON_BYTES), sum(doubt, timing.guard));
+        [difference(rmarker, early), sum(rmarker, late)]
+    }
+
+    /// Waits, asleep where the tag dozes and the radio likes to.
+    pub(super) fn pause(&mut self, present: RadioInstant, until: RadioInstant) -> Action<'static> {
+        self.nap = self.dozes.then_some(Nap { from: present, until });
+        Action::WaitUntil(until)
+    }
+
+    /// The radio has slept: its clock has begun anew.
+    pub(super) fn woke(&mut self, nap: Nap, now: RadioInstant) {
+        let once = Slept::once(nap.until.since(nap.from));
+        let before = nap.until.plus(self.wakes.late(once));
+        self.slept = self.slept.and(once);
+        self.neighbours.sleep(nap.until.since(nap.from).ticks() as f32 / TICKS_PER_SECOND as f32);
+        if let Some(network) = &mut self.network {
+            network.following.rebase(before, now);
+            network.following.doubt = self.wakes.doubt(self.slept);
+        }
+        self.resume(now);
+    }
+
+    /// A wait is over. Who dozed listens from now on.
+    pub(super) fn resume(&mut self, now: RadioInstant) {
+        if let Some(since) = self.network.as_mut().and_then(|network| network.following.adrift.as_mut()) {
+            *since = now;
+        }
+    }
+
+    /// What a searching tag does.
+    pub(super) fn search(&mut self, present: RadioInstant) -> Action<'static> {
+        if !self.dozes {
+            return Self::listen(SUPERFRAME);
+        }
+        self.slept = Slept::default();
+        match self.search.next(present) {
+            Next::Listen(window) => Self::listen(window),
+            Next::Pause(until) => self.pause(present, until),
+        }
+    }
+
+    /// Whether the tag has the share that it wants, of a certain rate, and knows who is there.
+    pub(super) fn is_seldom(&self) -> bool {
+        let (Some(rate @ Rate::Every(_)), Some(network)) = (self.rate, &self.network) else { return false };
+        if network.followed < ACQUAINTING {
+            return false;
+        }
+        let course = &network.following.course;
+        let share = share_of(rate, &course.timing);
+        course.membership.members().iter().any(|member| member.tag == self.config.address && member.share == share)
+    }
+
+    /// Listens from `open` to `close`.
+    fn receive(present: RadioInstant, open: RadioInstant, close: RadioInstant) -> Action<'static> {
+        let (start, begin) = match open.since(present) > SHORTEST_WAIT {
+            true => (Start::At(open), open),
+            false => (Start::Now, present),
+        };
+        Action::Receive { start, window: close.since(begin), keep_listening: false }
+    }
+
+    /// The window for a beacon could not be opened in time: at once, then.
+    pub(super) fn receive_late(&mut self, awaited: Awaited, present: RadioInstant) -> Option<Action<'static>> {
+        let window = awaited.until.since(present);
+        (window > RadioDuration::ZERO).then(|| {
+            self.awaited = Some(awaited);
+            Action::Receive { start: Start::Now, window, keep_listening: false }
+        })
+    }
+
+    /// A beacon did not come in its slot.
+    pub(super) fn missed(&mut self, awaited: Awaited) {
+        self.watch.missed(awaited.address);
+        if !self.slept.is_none() {
+            self.wakes.missed();
+        }
+        if let Some(network) = self.network.as_ref().filter(|network| network.following.adrift.is_none()) {
+            self.watch.is_over(network.following.course.phase.number);
+        }
+    }
+
+    /// In a doze: waits on for the beacon that ends it, and listens for it. `None` where there is none, or no more.
+    pub(super) fn end_doze(&mut self, present: RadioInstant) -> Option<Action<'static>> {
+        let Aim { superframe, listening } = self.aim?;
+        let course = &self.network.as_ref()?.following.course;
+        let (timing, phase) = (course.timing, course.phase);
+        let superframes = i64::from(superframe.wrapping_sub(phase.number) as i16);
+        let begin = superframes * timing.superframe.ticks() - present.since(phase.start).ticks();
+        let begin = RadioDuration::from_ticks(begin);
+        let doubt = self.wakes.doubt(Slept::once(RadioDuration::ZERO));
+        let (open, one) = match listening {
+            Listening::One(anchor) => {
+                let [open, close] = self.beacon_window(&timing, anchor.slot, doubt);
+                (sum(begin, open), Some((anchor, sum(begin, close))))
+            }
+            Listening::All | Listening::Nothing => (difference(begin, doubt), None),
+        };
+        let wait = difference(open, ARMING);
+        if wait > SHORTEST_WAIT {
+            return Some(self.pause(present, present.plus(wait.min(LONGEST_WAIT))));
+        }
+        self.aim = None;
+        let (Watched { address, .. }, close) = one.filter(|(_, close)| *close > RadioDuration::ZERO)?;
+        self.awaited = Some(Awaited { address, until: present.plus(close) });
+        Some(Self::receive(present, present.plus(open), present.plus(close)))
+    }
+
+    /// In the beacon slots, before `end`: listens to what is planned. `None`: to nothing more.
+    pub(super) fn among_few_beacons(&mut self, passed: RadioDuration, end: RadioDuration) -> Option<Action<'static>> {
+        let following = &self.network.as_ref()?.following;
+        let (timing, phase, silent) = (following.course.timing, following.course.phase, following.silent());
+        let doubt = following.doubt;
+        let anchor = match self.watch.plan(phase.number, silent) {
+            Listening::All => return Some(Self::listen(difference(end, passed))),
+            Listening::One(anchor) if silent > 0 => anchor,
+            Listening::One(_) | Listening::Nothing => return None,
+        };
+        let [open, close] = self.beacon_window(&timing, anchor.slot, doubt);
+        let present = phase.at(passed);
+        let wait = difference(difference(open, ARMING), passed);
+        if wait > SHORTEST_WAIT {
+            return Some(self.pause(present, phase.at(difference(open, ARMING))));
+        }
+        let awaited = Awaited { address: anchor.address, until: phase.at(close) };
+        if close <= passed {
+            self.missed(awaited);
+            return None;
+        }
+        self.awaited = Some(awaited);
+        Some(Self::receive(present, phase.at(open), phase.at(close)))
+    }
+
+    /// Where a round `pulse` from the superframe's beginning is to wait for: the end of a nap from which it can still be made.
+    pub(super) fn nap_before(&mut self, pulse: RadioDuration, passed: RadioDuration) -> Option<Action<'static>> {
+        let wait = difference(difference(pulse, passed), self.meter.lead());
+        if !self.dozes || wait < NAP_FROM || !self.is_seldom() {
+            return None;
+        }
+        let network = self.network.as_ref()?;
+        let (timing, phase) = (network.following.course.timing, network.following.course.phase);
+        let doubt = self.wakes.doubt(Slept::once(wait));
+        let later = next_round(network.owned, &timing, pulse, self.round.asked(), doubt)?;
+        (self.wake_at, self.pulse_at) = (None, None);
+        let until = difference(later, sum(self.meter.lead(), doubt));
+        Some(self.pause(phase.at(passed), phase.at(until)))
+    }
+
+    /// Nothing more is to be done in this superframe: off until what is next.
+    pub(super) fn rest(&mut self, passed: RadioDuration) -> Action<'static> {
+        let lead = self.meter.lead();
+        let is_seldom = self.is_seldom();
+        let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
+        let (timing, phase) = (network.following.course.timing, network.following.course.phase);
+        let present = phase.at(passed);
+        let next = phase.at(timing.superframe);
+        let begin = next.plus(difference(RadioDuration::ZERO, lead));
+        let Some(rate) = self.rate.filter(|_| is_seldom) else { return Action::WaitUntil(begin) };
+        if let Some(turns) =
+            network.next_turn(self.config.address, rate).filter(|turns| *turns >= DOZE_FROM && self.dozes)
+        {
+            network.following.adrift = Some(present);
+            let superframe = phase.number.wrapping_add(turns);
+            self.aim = Some(Aim { superframe, listening: self.watch.after_doze(superframe) });
+            return self.end_doze(present).unwrap_or(Action::WaitUntil(begin));
+        }
+        // After a nap the clock is in doubt: a round needs room for that, or a beacon before it.
+        let doubt = if self.dozes { self.wakes.doubt(Slept::once(timing.superframe)) } else { network.following.doubt };
+        let number = phase.number.wrapping_add(1);
+        let owned = match network.following.course.membership.in_force() {
+            Some(members) if network.following.course.membership.countdown() == 0 => {
+                owned_slots(members, self.config.address, number, timing.round_slots)
+            }
+            Some(_) | None => 0,
+        };
+        let pulse = next_round(owned, &timing, timing.rounds(), self.round.asked(), doubt);
+        let silent = network.following.silent() + 1;
+        let silent = if pulse.is_none() { silent.max(HOLDOVER_SUPERFRAMES) } else { silent };
+        let wake = match (self.watch.plan(number, silent), pulse) {
+            (Listening::One(anchor), _) => difference(self.beacon_window(&timing, anchor.slot, doubt)[0], ARMING),
+            (Listening::Nothing, Some(pulse)) => difference(pulse, sum(lead, doubt)),
+            (Listening::Nothing, None) | (Listening::All, _) => difference(RadioDuration::ZERO, sum(lead, doubt)),
+        };
+        self.pause(present, next.plus(wake))
+    }
+
+    /// The poll has left: off until the first response, where that is worth it.
+    pub(super) fn await_first_response(&self, departure: RadioInstant) -> Option<Action<'static>> {
+        let timing = &self.network.as_ref()?.following.course.timing;
+        let (first, length) = self.round.responses(timing);
+        let open = first.plus(difference(RadioDuration::ZERO, sum(RECEIVER_START, timing.guard)));
+        let poll = self.config.network.phy.time_after_rmarker(POLL_BYTES);
+        (open.since(departure) > sum(poll, ARMING)).then(|| Action::Receive {
+            start: Start::At(open),
+            window: departure.plus(length).since(open),
+            keep_listening: self.round.asked() > 1,
+        })
+    }
+
+    /// Whether the receiver stays off after a poll.
+    pub(super) fn is_off_after_poll(&self, scheme: Scheme) -> bool {
+        self.doing == Doing::Polling && scheme == Scheme::SingleSided && self.is_seldom()
+    }
+
+    /// A round is over: who answered is there.
+    pub(super) fn note_outcomes(&mut self) {
+        for (anchor, answered) in self.round.outcomes() {
+            if answered {
+                self.watch.answered(anchor);
+            } else {
+                self.watch.missed(anchor);
+            }
+        }
+    }
+}
+
+impl super::Followed {
+    /// In how many superframes a tag's next turn is, as far as that is settled.
+    fn next_turn(&self, address: u16, rate: Rate) -> Option<u16> {
+        let course = &self.following.course;
+        let members = course.membership.in_force().filter(|_| course.membership.countdown() == 0)?;
+        let share = share_of(rate, &course.timing);
+        let place = members.iter().position(|member| member.tag == address && member.share == share)?;
+        let (Share::OneIn(every), Rate::Every(period)) = (share, rate) else { return Some(1) };
+        let is_turn = |turns: &u16| {
+            course.phase.number.wrapping_add(*turns).wrapping_add(place as u16).is_multiple_of(u16::from(every).max(1))
+        };
+        let next = (1..=u16::from(every)).find(is_turn).unwrap_or(u16::from(every));
+        let turn = i64::from(every) * course.timing.superframe.ticks();
+        let skipped = (period.ticks() / turn.max(1)).clamp(1, TURNS_A_POLL) - 1;
+        Some(next.saturating_add(skipped as u16 * u16::from(every)))
+    }
+}

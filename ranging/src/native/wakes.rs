@@ -1,0 +1,143 @@
+//! How well a node knows the time when its radio has slept.
+//!
+//! The radio's clock begins anew with each sleep. The node takes the instant that it asked to be woken at for the present; a beacon tells by
+//! how much that was wrong: by what waking takes longer, the same each time, and by what the processor's clock gains. In flow sleeps and such
+//! errors, out flow the error to expect and the doubt that is left. The fit is by least mean squares, normalised, in both parameters.
+
+use crate::RadioDuration;
+use crate::time::TICKS_PER_SECOND;
+
+/// The doubt before anything was measured, and the most there is.
+const MOST: RadioDuration = RadioDuration::from_micros(2_000);
+/// The least: steps of a slow timer, interrupts.
+const LEAST: RadioDuration = RadioDuration::from_micros(80);
+/// The doubt is so many mean deviations.
+const DEVIATIONS: f32 = 4.0;
+/// Weight of a new error in the fit.
+const STEP: f32 = 0.5;
+/// What a second's sleep weighs against one waking: clocks part by 40 µs in it, waking may be off by hundreds.
+const SECOND: f32 = 0.1;
+
+/// Sleeps since the clock was last compared.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Slept {
+    times: u8,
+    ticks: i64,
+}
+
+impl Slept {
+    /// One sleep.
+    pub const fn once(duration: RadioDuration) -> Self {
+        Self { times: 1, ticks: duration.ticks() }
+    }
+
+    /// Both, one after the other.
+    pub const fn and(self, other: Self) -> Self {
+        Self { times: self.times.saturating_add(other.times), ticks: self.ticks.saturating_add(other.ticks) }
+    }
+
+    /// Whether the clock is that of the last comparison.
+    pub const fn is_none(self) -> bool {
+        self.times == 0
+    }
+
+    fn weights(self) -> [f32; 2] {
+        [f32::from(self.times), SECOND * self.ticks as f32 / TICKS_PER_SECOND as f32]
+    }
+}
+
+/// What is known of wake-ups.
+#[derive(Clone, Debug)]
+pub struct Wakes {
+    /// Ticks that each waking is late, and ticks that each second of sleep adds, the latter by the weight of a second.
+    late: [f32; 2],
+    /// Mean deviation of the errors from that, ticks.
+    deviation: f32,
+}
+
+impl Wakes {
+    /// Nothing known.
+    pub const fn new() -> Self {
+        Self { late: [0.0; 2], deviation: MOST.ticks() as f32 / DEVIATIONS }
+    }
+
+    /// How late the node is awake, to be expected after these sleeps.
+    pub fn late(&self, slept: Slept) -> RadioDuration {
+        let [each, second] = slept.weights();
+        RadioDuration::from_ticks((self.late[0] * each + self.late[1] * second) as i64)
+    }
+
+    /// How far off the node may be after these sleeps and what was expected of them.
+    pub fn doubt(&self, slept: Slept) -> RadioDuration {
+        if slept.is_none() {
+            return RadioDuration::ZERO;
+        }
+        let measured = RadioDuration::from_ticks((DEVIATIONS * self.deviation) as i64);
+        RadioDuration::from_ticks(measured.ticks() + LEAST.ticks()).min(MOST)
+    }
+
+    /// After these sleeps, and with what was expected of them, the node was later than it knew by `error`.
+    pub fn learn(&mut self, slept: Slept, error: RadioDuration) {
+        let error = error.ticks().clamp(-2 * MOST.ticks(), 2 * MOST.ticks()) as f32;
+        let weights = slept.weights();
+        let square = weights[0] * weights[0] + weights[1] * weights[1];
+        if square > 0.0 {
+            for (late, weight) in self.late.iter_mut().zip(weights) {
+                *late += STEP * error * weight / square;
+            }
+        }
+        // A larger error counts at once by half, smaller ones slowly.
+        let above = error.abs() - self.deviation;
+        self.deviation += above * if above > 0.0 { 0.5 } else { 0.125 };
+    }
+
+    /// Nothing came where it was expected.
+    pub fn missed(&mut self) {
+        self.deviation = (1.25 * self.deviation).min(MOST.ticks() as f32 / DEVIATIONS);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const fn us(micros: u32) -> RadioDuration {
+        RadioDuration::from_micros(micros)
+    }
+
+    #[test]
+    fn what_is_the_same_each_time_is_learned_and_the_doubt_shrinks() {
+        let mut wakes = Wakes::new();
+        let slept = Slept::once(us(1_000_000));
+        assert_eq!(wakes.doubt(slept), MOST);
+        for _ in 0..40 {
+            // 300 µs late each time, and 20 µs more or less.
+            for jitter in [-20, 20] {
+                let late = us(300).ticks() + jitter * us(1).ticks();
+                let error = RadioDuration::from_ticks(late - wakes.late(slept).ticks());
+                wakes.learn(slept, error);
+            }
+        }
+        assert!((280..=320).contains(&wakes.late(slept).as_micros()), "{wakes:?}");
+        // Nearly all of it is of waking, and so it is of a short sleep.
+        assert!((270..=320).contains(&wakes.late(Slept::once(us(10_000))).as_micros()), "{wakes:?}");
+        // Errors of 20 to 40 µs: four of them, and 80.
+        assert!((150..=260).contains(&wakes.doubt(slept).as_micros()), "{:?}", wakes.doubt(slept));
+    }
+
+    #[test]
+    fn one_large_error_widens_the_doubt_at_once_and_what_is_missed_too() {
+        let mut wakes = Wakes::new();
+        let slept = Slept::once(us(100_000));
+        (0..60).for_each(|_| wakes.learn(slept, RadioDuration::ZERO));
+        assert!(wakes.doubt(slept).as_micros() < 85);
+        wakes.learn(slept, us(400));
+        // Half of 400 µs, four times, and 80.
+        assert!((860..=900).contains(&wakes.doubt(slept).as_micros()), "{:?}", wakes.doubt(slept));
+        for _ in 0..10 {
+            wakes.missed();
+        }
+        assert_eq!(wakes.doubt(slept), MOST);
+        assert_eq!(wakes.doubt(Slept::default()), RadioDuration::ZERO);
+    }
+}

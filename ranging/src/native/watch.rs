@@ -1,0 +1,182 @@
+//! Which beacons a tag listens to that ranges at a certain rate: one is enough, of one anchor after the other.
+//!
+//! In flow beacons, answers, and what did not come; out flows what to listen to in a superframe. All beacon slots are listened to now and then,
+//! and sooner where few anchors are known.
+
+use heapless::Vec;
+
+use super::neighbours::MAX_NEIGHBOURS;
+use super::timing::HOLDOVER_SUPERFRAMES;
+use crate::frame::native::OWNED_BEACON_SLOTS;
+
+/// All beacon slots are listened to once in so many superframes that the tag does not sleep through …
+const ALL_AFTER: u16 = 600;
+/// … and once in so many where it knows fewer anchors than this.
+const ALL_SOON_AFTER: u16 = 20;
+const ENOUGH: usize = 4;
+/// An anchor that was awaited in vain so many times, one after the other, is given up.
+const MOST_MISSES: u8 = 6;
+
+/// An anchor that has a beacon slot of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Watched {
+    /// Short address.
+    pub address: u16,
+    /// Its beacon slot.
+    pub slot: u8,
+    misses: u8,
+}
+
+/// What is listened to in a superframe.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Listening {
+    /// All beacon slots.
+    All,
+    /// This anchor's.
+    One(Watched),
+    /// None.
+    Nothing,
+}
+
+/// The anchors whose beacon slots are known.
+#[derive(Clone, Debug, Default)]
+pub struct Watch {
+    anchors: Vec<Watched, MAX_NEIGHBOURS>,
+    /// Whose turn it is.
+    turn: usize,
+    /// Superframes since all slots were listened to.
+    since_all: u16,
+    /// What was decided for a superframe.
+    plan: Option<(u16, Listening)>,
+}
+
+impl Watch {
+    /// A beacon came.
+    pub fn hear(&mut self, address: u16, slot: u8) {
+        if usize::from(slot) >= OWNED_BEACON_SLOTS {
+            // Shared by all who have none: it comes now and then.
+            self.answered(address);
+            return;
+        }
+        match self.anchors.iter_mut().find(|anchor| anchor.address == address) {
+            Some(anchor) => *anchor = Watched { address, slot, misses: 0 },
+            None => {
+                // As many as neighbours: who finds no place is none of them.
+                let _ = self.anchors.push(Watched { address, slot, misses: 0 });
+            }
+        }
+    }
+
+    /// An anchor answered.
+    pub fn answered(&mut self, address: u16) {
+        if let Some(anchor) = self.anchors.iter_mut().find(|anchor| anchor.address == address) {
+            anchor.misses = 0;
+        }
+    }
+
+    /// An anchor did not send its beacon, or did not answer.
+    pub fn missed(&mut self, address: u16) {
+        if let Some(anchor) = self.anchors.iter_mut().find(|anchor| anchor.address == address) {
+            anchor.misses += 1;
+        }
+        self.anchors.retain(|anchor| anchor.misses <= MOST_MISSES);
+    }
+
+    /// The anchors.
+    pub fn anchors(&self) -> impl Iterator<Item = u16> {
+        self.anchors.iter().map(|anchor| anchor.address)
+    }
+
+    /// Whose beacon is next.
+    fn next(&mut self) -> Option<Watched> {
+        self.turn = (self.turn + 1).checked_rem(self.anchors.len())?;
+        self.anchors.get(self.turn).copied()
+    }
+
+    /// What to listen to in this superframe, the last beacon having come `silent` superframes before it: asked again for the same superframe, the
+    /// answer is the same.
+    pub fn plan(&mut self, superframe: u16, silent: u16) -> Listening {
+        if let Some((_, listening)) = self.plan.filter(|(planned, _)| *planned == superframe) {
+            return listening;
+        }
+        self.since_all = self.since_all.saturating_add(1);
+        let patience = if self.anchors.len() < ENOUGH { ALL_SOON_AFTER } else { ALL_AFTER };
+        let listening = if silent > HOLDOVER_SUPERFRAMES || self.since_all >= patience {
+            self.since_all = 0;
+            Listening::All
+        } else if silent < HOLDOVER_SUPERFRAMES {
+            Listening::Nothing
+        } else {
+            self.next().map_or(Listening::All, Listening::One)
+        };
+        self.plan = Some((superframe, listening));
+        listening
+    }
+
+    /// What to listen to in the superframe that a doze ends with.
+    pub fn after_doze(&mut self, superframe: u16) -> Listening {
+        // The clock is lost: a beacon is needed, but not all.
+        self.plan = None;
+        match self.plan(superframe, HOLDOVER_SUPERFRAMES) {
+            Listening::Nothing => Listening::All,
+            listening @ (Listening::All | Listening::One(_)) => listening,
+        }
+    }
+
+    /// What was planned for this superframe is over.
+    pub fn is_over(&mut self, superframe: u16) {
+        self.plan = Some((superframe, Listening::Nothing));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn watch(anchors: u16) -> Watch {
+        let mut watch = Watch::default();
+        (0..anchors).for_each(|i| watch.hear(10 + i, i as u8));
+        watch
+    }
+
+    #[test]
+    fn one_beacon_in_two_superframes_is_listened_to_each_anchors_in_turn() {
+        let mut watch = watch(4);
+        let (mut silent, mut heard) = (0, std::vec::Vec::new());
+        for superframe in 0..16 {
+            silent += 1;
+            match watch.plan(superframe, silent) {
+                Listening::One(anchor) => {
+                    assert_eq!(watch.plan(superframe, 0), Listening::One(anchor), "asked again");
+                    heard.push((superframe, anchor.address));
+                    silent = 0;
+                }
+                Listening::Nothing => {}
+                Listening::All => panic!("all at {superframe}"),
+            }
+        }
+        let expected = [11, 12, 13, 10, 11, 12, 13, 10];
+        assert_eq!(heard, expected.iter().zip(0..).map(|(a, i)| (2 * i + 1, *a)).collect::<std::vec::Vec<_>>());
+    }
+
+    #[test]
+    fn all_are_listened_to_seldom_and_sooner_where_few_are_known() {
+        for (anchors, every) in [(4, 600), (3, 20), (0, 20)] {
+            let mut watch = watch(anchors);
+            let all = |watch: &mut Watch| (0..6_000).filter(|n| watch.plan(*n, 1) == Listening::All).count();
+            assert_eq!(all(&mut watch), 6_000 / every, "{anchors} anchors");
+        }
+        assert_eq!(watch(4).plan(0, 3), Listening::All, "too long without a beacon");
+    }
+
+    #[test]
+    fn who_does_not_come_seven_times_is_given_up() {
+        let mut watch = watch(4);
+        (0..6).for_each(|_| watch.missed(11));
+        watch.answered(11);
+        (0..6).for_each(|_| watch.missed(11));
+        assert_eq!(watch.anchors().count(), 4);
+        watch.missed(11);
+        assert!(watch.anchors().eq([10, 12, 13]));
+    }
+}
