@@ -133,9 +133,9 @@ impl Meter {
         }
     }
 
-    /// From a decision to transmit at once to the first pulse.
+    /// From a decision to transmit at once to the first pulse: as for any transmission, where none has left at once yet.
     pub fn immediate(&self) -> RadioDuration {
-        self.immediate.with_margin()
+        if self.immediate.is_measured { self.immediate.with_margin() } else { self.lead() }
     }
 
     /// From the end of a frame until the node has dealt with it, about: half of what an answer takes, where that alone is known.
