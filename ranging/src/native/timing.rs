@@ -14,7 +14,7 @@ use crate::native::MAX_ROUND;
 use crate::{PhyConfig, RadioDuration, RadioInstant, RxFrame};
 
 /// How quick a board is, beside its frames' time on the air: interrupt latency, bus and computation together. In native mode each node
-/// measures it while it runs ([`Meter`](super::pace::Meter)), unless its record pins it; none of the values here was measured on a board.
+/// measures it by itself while it runs, unless its record pins it; none of the values here was measured on a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Turnaround {
