@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use ranging::native::{MAX_ROUND, Span, Turnaround};
+use ranging::native::{MAX_ROUND, Turnaround};
 use ranging::phy::{Channel, DataRate, PhyError, PreambleLength, Prf};
 use ranging::{PhyConfig, RadioDuration};
 
@@ -178,26 +178,11 @@ impl Record {
             pinned.validate()?;
         }
         self.network()?;
-        // What beacons tell of the slots; DecaRanging tells its own.
-        let told = || {
-            let Some(pinned) = turnaround else { return Ok(()) };
-            let must = "3968 at most: beacons cannot tell more";
-            let longest_us = Span::LONGEST.duration().as_micros();
-            for (field, us) in [
-                ("network.turnaround.answer_us", pinned.answer_us),
-                ("network.turnaround.listen_again_us", pinned.listen_again_us),
-            ] {
-                ensure(i64::from(us) <= longest_us, field, integer(us), must)?;
-            }
-            Ok(())
-        };
         match mode {
-            Mode::Native => told(),
-            Mode::DecaRanging { fast: _ } => Ok(()),
+            Mode::Native | Mode::DecaRanging { fast: _ } => Ok(()),
             Mode::Listening { rounds_chz } => {
                 let value = Value::Real(rounds_chz as f32 / 100.0);
-                ensure(RATES_CHZ.contains(&rounds_chz), "network.rounds_hz", value, RATES)?;
-                told()
+                ensure(RATES_CHZ.contains(&rounds_chz), "network.rounds_hz", value, RATES)
             }
         }
     }

@@ -8,7 +8,7 @@
 //! With [`Scheme::DoubleSided`] a final of the tag follows the responses, and each anchor tells in its next response when that came:
 //! N + 2 frames, and no model of clocks.
 //!
-//! **No hidden deadlines.** Each node measures how long it takes to answer, to hear again and to decide ([`pace`]), and asks for as
+//! **No hidden deadlines.** Each node measures how long it takes to answer, to hear again and to decide (`pace`), and asks for as
 //! much; the coordinator lays the slots out by what the slowest node asked for ([`Layout`]). What came too late is sent in the next
 //! slot there is.
 //!

@@ -4,8 +4,8 @@ use node_record::{
     Anchor, Beacon, Board, Identity, Invalid, Mode, Phy, Pins, Record, Region, Role, Scan, Scheme, Solver, Tag,
     Turnaround,
 };
-use ranging::PhyConfig;
 use ranging::phy::{Channel, DataRate, PreambleLength, Prf};
+use ranging::{PhyConfig, RadioDuration};
 
 use crate::examples::{anchor, beacon, longest, tag};
 
@@ -146,18 +146,13 @@ fn boards_without_bluetooth_neither_scan_nor_advertise() {
 }
 
 #[test]
-fn what_is_pinned_must_be_what_beacons_can_tell() {
-    // (16 + 15) · 2⁷ = 3968 µs is the longest.
-    let slow = Turnaround { answer_us: 250, listen_again_us: 13_000, transmit_us: 150 };
-    let said = refusal(anchor(), |record| record.network.turnaround = Some(slow));
-    assert!(said.starts_with("network.turnaround.listen_again_us is 13000: "), "{said}");
-    let mut alone = anchor();
-    alone.network.turnaround = Some(slow);
-    alone.network.mode = Mode::DecaRanging { fast: true };
-    assert_eq!(alone.validate(), Ok(()), "DecaRanging has no beacons");
-    alone.network.mode = Mode::Listening { rounds_chz: 1000 };
-    let said = alone.validate().unwrap_err().to_string();
-    assert!(said.starts_with("network.turnaround.listen_again_us is 13000: "), "{said}");
+fn what_is_pinned_longer_than_beacons_can_tell_is_told_as_the_longest() {
+    let mut record = anchor();
+    record.network.turnaround = Some(Turnaround { answer_us: 20_000, listen_again_us: 13_000, transmit_us: 150 });
+    let layout = record.network().unwrap().first_layout();
+    // (16 + 15) · 2⁷ = 3968 µs.
+    let longest = RadioDuration::from_micros(3968);
+    assert_eq!([layout.answer.duration(), layout.listen_again.duration()], [longest; 2]);
 }
 
 #[test]
@@ -222,7 +217,9 @@ fn the_network_in_the_other_crates_words() {
     let old = PhyConfig::new(Channel::Ch2, Prf::Mhz16, DataRate::Kbps110, PreambleLength::Symbols1024).unwrap();
     assert_eq!(beacon().phy(), Ok(old.with_preamble_code(4).unwrap()));
     let network = anchor().network().unwrap();
-    assert_eq!((network.pan, network.pinned), (0xDECA, None));
+    let [answer, listen_again, transmit] = [250, 40, 150].map(RadioDuration::from_micros);
+    let pinned = ranging::native::Turnaround { answer, listen_again, transmit };
+    assert_eq!((network.pan, network.pinned), (0xDECA, Some(pinned)));
 }
 
 #[test]

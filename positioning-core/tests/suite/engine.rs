@@ -106,6 +106,29 @@ fn a_link_that_becomes_longer_is_refused_and_then_taken_for_what_it_is() {
 }
 
 #[test]
+fn ranges_that_are_shortened_alike_are_refused_for_ever_and_move_nothing() {
+    let mut engine = Engine::new(Settings::track(PLANE));
+    let tag = [4.0, 3.0];
+    for k in 1..50 {
+        round(&mut engine, k * ROUND_US, tag, |_| 0.0);
+    }
+    for k in 50..450 {
+        for anchor in 0..ANCHORS.len() {
+            let excess = if anchor == 2 { -1.5 } else { 0.0 };
+            let output = engine.step(k * ROUND_US, &range(anchor, true_range(anchor, tag) + excess, None));
+            let expected = if anchor == 2 { Verdict::Refused } else { Verdict::Used };
+            assert_eq!(output.verdict, expected, "round {k}, anchor {anchor}");
+        }
+        let fix = engine.step(k * ROUND_US, &Measurement::RoundEnd).fix.expect("a track");
+        let error = (f64::from(fix.position[0]) - tag[0]).hypot(f64::from(fix.position[1]) - tag[1]);
+        assert!(error < 0.05, "round {k}: {error}");
+    }
+    // The true range again is taken at once.
+    let output = engine.step(450 * ROUND_US, &range(2, true_range(2, tag), None));
+    assert_eq!(output.verdict, Verdict::Used);
+}
+
+#[test]
 fn a_tag_that_is_carried_off_is_found_again() {
     let mut engine = Engine::new(Settings::track(PLANE));
     for k in 1..50 {

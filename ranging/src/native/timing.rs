@@ -14,7 +14,7 @@ use crate::native::MAX_ROUND;
 use crate::{PhyConfig, RadioDuration, RadioInstant, RxFrame};
 
 /// How quick a board is, beside its frames' time on the air: interrupt latency, bus and computation together. In native mode each node
-/// measures it while it runs ([`Meter`](super::pace::Meter)), unless its record pins it; none of the values here was measured on a board.
+/// measures it by itself while it runs, unless its record pins it; none of the values here was measured on a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Turnaround {
@@ -65,9 +65,9 @@ pub const MAX_ROUND_SLOTS: usize = 64;
 pub const SUPERFRAME: RadioDuration = RadioDuration::from_micros(100_000);
 /// It lasts at least this many times the beacon slots together.
 const BEACON_SHARE: i64 = 4;
-/// What a stamp's arrival may be off by over a reply, millionths: the drift of two clocks, warm or cold, and the stamps' noise, which is
-/// 1 ns of 469 µs.
-const REPLY_DRIFT_PPM: i64 = 50;
+/// A response's arrival may be off by this power of one half of the reply, 61 ppm: the drift of two clocks, ±20 ppm each, and the noise
+/// of stamps. A shift, because the chip has no division of 64 bits.
+const REPLY_DRIFT_SHIFT: u32 = 14;
 /// A delayed transmission starts at a multiple of this many ticks (DW1000 user manual, DX_TIME), 8 ns.
 const TX_STEP_TICKS: i64 = 512;
 /// Two clocks part by at most this many millionths (±20 ppm each) …
@@ -186,7 +186,7 @@ impl Timing {
     /// than the way between the anchors there and back.
     pub fn is_in_slot(&self, slot: usize, after_poll: RadioDuration) -> bool {
         let due = self.reply_in(slot).ticks();
-        let drift = due * REPLY_DRIFT_PPM / 1_000_000;
+        let drift = due >> REPLY_DRIFT_SHIFT;
         let late = after_poll.ticks() - due;
         (-TX_STEP_TICKS - drift..=WAY_THERE_AND_BACK.ticks() + drift).contains(&late)
     }

@@ -31,12 +31,12 @@ fn rounds(scenario: Scenario) -> Rounds {
     }
 }
 
-/// As many ranges within three in a hundred, and as many rounds: within three in a hundred where the processor costs nothing. Where it costs
+/// As many ranges within three in a hundred, and as many rounds: within five in a hundred where the processor costs nothing. Where it costs
 /// time, the air counts the driver's transactions by a table and the chips make them: the slots that the nodes ask for then differ by a step or
 /// two of their code, 3 to 6 % each, and the rounds by fifteen in a hundred at most.
 fn alike(board: &BoardProfile, a: &Rounds, b: &Rounds) -> bool {
     let near = |a: f64, b: f64, share: f64| (a - b).abs() <= share * b;
-    let share = if *board == BoardProfile::INSTANT { 0.03 } else { 0.15 };
+    let share = if *board == BoardProfile::INSTANT { 0.05 } else { 0.15 };
     near(a.fixes_per_s, b.fixes_per_s, share) && near(a.heard, b.heard, 0.03)
 }
 
