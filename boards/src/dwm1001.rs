@@ -3,9 +3,10 @@
 //! Priorities of interrupts: 0 and 4 are the Bluetooth controller's, 2 the drivers', 3 the ranging tasks' executor; the solver,
 //! telemetry and supervision run below all interrupts.
 //!
-//! Clocks: the 32 MHz crystal runs all the time, and the 32 kHz clock is made from it. The module's documentation promises no
-//! 32 kHz crystal, and the chip would wait for a missing one for ever; its RC oscillator may be off by 2 %, so that a tag would
-//! miss its slot after a wait of half a superframe. The crystal costs some 0.3 mA, a receiving DW1000 more than 100.
+//! Clocks: the 32 MHz crystal runs, and the 32 kHz clock is made from it, unless there is a 32 kHz crystal: the module's documentation promises
+//! none, so it is tried at the start, for a second at most. The RC oscillator may be off by 2 %, so that a tag would miss its slot after a wait of
+//! half a superframe. A tag that sleeps between its rounds has the 32 MHz crystal, which costs some 0.3 mA, and TIMER1 off meanwhile where the
+//! 32 kHz crystal runs and Bluetooth does not.
 
 #[cfg(feature = "ble")]
 pub mod bluetooth;
@@ -47,6 +48,8 @@ pub struct Board {
     pub uwb: Uwb,
     /// For the exchange's waits.
     pub delay: Delay,
+    /// Whether long waits may be [rests](Delay::rest).
+    pub may_rest: bool,
     /// For the supervisor.
     pub care: Care,
     /// What the node is told.
@@ -74,7 +77,8 @@ impl Board {
 
         let mut config = Config::default();
         config.hfclk_source = HfclkSource::ExternalXtal;
-        config.lfclk_source = LfclkSource::Synthesized;
+        let may_rest = cfg!(not(feature = "ble")) && slow_crystal_runs();
+        config.lfclk_source = if may_rest { LfclkSource::ExternalXtal } else { LfclkSource::Synthesized };
         // The module has the converter's inductor.
         config.dcdc.reg1 = true;
         config.gpiote_interrupt_priority = Priority::P2;
@@ -101,6 +105,7 @@ impl Board {
         Self {
             uwb,
             delay,
+            may_rest,
             care: Care {
                 leds: Leds {
                     state: Output::new(p.P0_30, Level::High, OutputDrive::Standard),
@@ -146,6 +151,23 @@ pub fn models() -> &'static [u8] {
     let at = const { node_record::Pages::DWM1001.models_address().unwrap() };
     // SAFETY: flash of the chip that the linker gives to nothing else (`memory.x`), and that no program writes while it runs.
     unsafe { core::slice::from_raw_parts(at as *const u8, node_record::MODELS_BYTES) }
+}
+
+/// Whether the 32 kHz crystal is there and starts. The clock is off again then.
+fn slow_crystal_runs() -> bool {
+    const PATIENCE_MS: u32 = 1_000;
+    const CYCLES_A_MS: u32 = 64_000;
+    let clock = pac::CLOCK;
+    clock.tasks_lfclkstop().write_value(1);
+    clock.lfclksrc().write(|w| w.set_src(pac::clock::vals::Lfclksrc::Xtal));
+    clock.events_lfclkstarted().write_value(0);
+    clock.tasks_lfclkstart().write_value(1);
+    let runs = (0..PATIENCE_MS).any(|_| {
+        cortex_m::asm::delay(CYCLES_A_MS);
+        clock.events_lfclkstarted().read() != 0
+    });
+    clock.tasks_lfclkstop().write_value(1);
+    runs
 }
 
 /// FICR.DEVICEID: 64 random bits of this chip.

@@ -3,7 +3,7 @@
 use core::convert::Infallible;
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_time::{Duration, Ticker};
+use embassy_time::Timer;
 use firmware_common::supervision::Lit;
 use firmware_common::{Settings, build, settings};
 use node_record::{Fault, Record};
@@ -18,8 +18,10 @@ pub const TELEMETRY_BYTES: usize = 1536;
 /// A node's reporter. Made at the start, in a `StaticCell`: as an initialised `static` it would lie in flash as well.
 pub type Reporter = firmware_common::Reporter<Guard, TELEMETRY_BYTES>;
 
-/// From one look at telemetry, lights and tasks to the next, milliseconds: the channel holds 10 ms of the busiest tag.
+/// From one look at telemetry, lights and tasks to the next, milliseconds: the channel holds 10 ms of the busiest tag …
 const LOOK_MS: u64 = 10;
+/// … and from the first on that found nothing to tell.
+const QUIET_LOOK_MS: u64 = 100;
 
 /// What a node is told at its start.
 pub struct Start {
@@ -98,9 +100,12 @@ pub async fn supervise(
     alive: impl Fn(&Reporter) -> Result<(), usize>,
     leave: impl Fn(Crash),
 ) -> Infallible {
-    let mut ticker = Ticker::every(Duration::from_millis(LOOK_MS));
     loop {
-        reporter.journal.drain(&mut write);
+        let mut is_quiet = true;
+        reporter.journal.drain(|frame| {
+            is_quiet = false;
+            write(frame)
+        });
         show(reporter.journal.lit(reporter.now_us()));
         match alive(reporter) {
             Ok(()) => feed(),
@@ -110,6 +115,6 @@ pub async fn supervise(
                 leave(Crash { reason: CrashReason::Stalled, program_counter: 0, line, file: 0 });
             }
         }
-        ticker.next().await;
+        Timer::after_millis(if is_quiet { QUIET_LOOK_MS } else { LOOK_MS }).await;
     }
 }

@@ -55,8 +55,10 @@ pub struct BoardProfile {
     pub wait_instructions: u32,
     /// The step of the timer that waits are made by, nanoseconds; a wait ends up to one later.
     pub timer_ns: u32,
-    /// Waits longer than this are slept through with the fast clocks off, on a slow timer; `None`: on this board none are.
+    /// Waits at least this long are slept through with the fast clocks off, on a slow timer; `None`: on this board none are.
     pub sleep_from: Option<Duration>,
+    /// The step of that slow timer, nanoseconds.
+    pub sleep_timer_ns: u32,
     /// Current while the processor runs, waits with its clocks on, and sleeps with them off, milliamperes.
     pub run_ma: f64,
     /// See [`run_ma`](Self::run_ma).
@@ -77,6 +79,8 @@ impl BoardProfile {
     /// * Interrupts: 3 µs from sleep to running (product specification, POWER: tIDLE2CPU), 12 cycles of stacking. Handler of all pins
     ///   and executor: about 200 instructions by the sources, not counted.
     /// * TIMER1 counts microseconds.
+    /// * Long waits count on the RTC, of a 32 kHz crystal, with the fast crystal and TIMER1 off: `sleep_from`. Bluetooth keeps both on,
+    ///   and so does a board without that crystal.
     /// * 3.7 mA running from flash with the DC/DC converter at 3 V (product specification, CPU); waiting with crystal, TIMER1
     ///   and PPI-less GPIOTE about 0.6 mA (sum of the modules' figures); 1.9 µA in System ON with the RTC and all RAM.
     pub const DWM1001: Self = Self {
@@ -96,7 +100,8 @@ impl BoardProfile {
         switch_instructions: 40,
         wait_instructions: 100,
         timer_ns: 1_000,
-        sleep_from: None,
+        sleep_from: Some(Duration::from_millis(3)),
+        sleep_timer_ns: 30_518,
         run_ma: 3.7,
         wait_ma: 0.6,
         sleep_ma: 0.0019,
@@ -127,6 +132,7 @@ impl BoardProfile {
         wait_instructions: 150,
         timer_ns: 1_000,
         sleep_from: None,
+        sleep_timer_ns: 0,
         run_ma: 28.3,
         wait_ma: 6.0,
         sleep_ma: 6.0,
@@ -159,6 +165,7 @@ impl BoardProfile {
         wait_instructions: 300,
         timer_ns: 1_000,
         sleep_from: None,
+        sleep_timer_ns: 0,
         run_ma: 23.0,
         wait_ma: 16.0,
         sleep_ma: 0.13,
@@ -194,6 +201,7 @@ impl BoardProfile {
         wait_instructions: 0,
         timer_ns: 0,
         sleep_from: None,
+        sleep_timer_ns: 0,
         run_ma: 0.0,
         wait_ma: 0.0,
         sleep_ma: 0.0,

@@ -156,7 +156,10 @@ impl Processor {
     pub(crate) fn timer_end(&self, now: TrueTime, duration: Duration) -> TrueTime {
         self.charge(self.0.board.wait_instructions);
         let end = self.settle(now) + duration;
-        match u64::from(self.0.board.timer_ns) * 1000 {
+        let board = &self.0.board;
+        let is_long = board.sleep_from.is_some_and(|from| duration >= from);
+        let step_ns = if is_long { board.sleep_timer_ns.max(board.timer_ns) } else { board.timer_ns };
+        match u64::from(step_ns) * 1000 {
             0 => end,
             step => TrueTime::from_ps(end.as_ps().div_ceil(step).saturating_mul(step)),
         }
@@ -354,11 +357,14 @@ mod tests {
 
     #[test]
     fn long_waits_are_slept_through_where_the_board_does_so() {
-        let sleeper = BoardProfile { sleep_from: Some(Duration::from_millis(1)), ..BOARD };
+        let sleeper = BoardProfile { sleep_from: Some(Duration::from_millis(1)), sleep_timer_ns: 30_000, ..BOARD };
         let processor = Processor::new(sleeper);
         processor.slept(999_000_000);
         processor.slept(4_000_000_000);
         assert_eq!(processor.times(at_us(10_000)).asleep, Duration::from_millis(4));
+        // Up to the next step of the slow timer: 34 · 30 µs.
+        assert_eq!(processor.timer_end(TrueTime::ZERO, Duration::from_millis(1)), at_us(1_020));
+        assert_eq!(processor.timer_end(TrueTime::ZERO, Duration::from_micros(999)), at_us(999));
         let processor = Processor::new(BOARD);
         processor.slept(4_000_000_000);
         assert_eq!(processor.times(at_us(10_000)).asleep, Duration::ZERO);

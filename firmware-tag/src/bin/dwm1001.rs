@@ -104,6 +104,9 @@ fn start(spawner: Spawner) {
     if let Some((record, settings)) = followed {
         match settings.role {
             Role::Tag(tag) => {
+                if board.may_rest && tag.sleep {
+                    board.delay.rest();
+                }
                 let uwb = board.uwb;
                 let radio =
                     RADIO.init_with(|| Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio));

@@ -88,7 +88,7 @@ impl Wakes {
         }
         // A larger error counts at once by half, smaller ones slowly.
         let above = error.abs() - self.deviation;
-        self.deviation += above * if above > 0.0 { 0.5 } else { 0.125 };
+        self.deviation += above * if above > 0.0 { 0.5 } else { 0.3 };
     }
 
     /// Nothing came where it was expected.

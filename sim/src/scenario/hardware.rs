@@ -52,8 +52,10 @@ impl Hardware {
     ) -> Self {
         let firmware = Rc::new(firmware);
         let costs = Costs::of(board.core);
+        // Only a tag whose radio sleeps lets its own clocks be off.
+        let sleep_from = board.sleep_from.filter(|_| node.config.sleeps);
         // To the board's own handlers comes the executor's way to the task.
-        let board = BoardProfile { wake_instructions: board.wake_instructions + costs.wake, ..board };
+        let board = BoardProfile { sleep_from, wake_instructions: board.wake_instructions + costs.wake, ..board };
         match level {
             Level::Spi => {
                 let chip = ChipConfig { clock: node.clock, ..ChipConfig::default() };

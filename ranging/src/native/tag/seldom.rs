@@ -23,7 +23,7 @@ const NAP_FROM: RadioDuration = RadioDuration::from_micros(7_000);
 /// The tag listens to all beacons for so many superframes before it is content with one: to know all anchors.
 const ACQUAINTING: u16 = 10;
 /// From a decision until a receiver is ready to start at an instant.
-const ARMING: RadioDuration = RadioDuration::from_micros(150);
+const ARMING: RadioDuration = RadioDuration::from_micros(250);
 /// The receiver starts so much before what it is to hear: its own start takes 16 µs.
 const RECEIVER_START: RadioDuration = RadioDuration::from_micros(20);
 /// The coordinator ends a lease after ten turns without a poll: who ranges even more seldom than its share says makes use of half of them.
@@ -118,10 +118,8 @@ impl Tag {
 
     /// Listens from `open` to `close`.
     fn receive(present: RadioInstant, open: RadioInstant, close: RadioInstant) -> Action<'static> {
-        let (start, begin) = match open.since(present) > SHORTEST_WAIT {
-            true => (Start::At(open), open),
-            false => (Start::Now, present),
-        };
+        let is_far = sum(open.since(present), open.since(present)) > ARMING;
+        let (start, begin) = if is_far { (Start::At(open), open) } else { (Start::Now, present) };
         Action::Receive { start, window: close.since(begin), keep_listening: false }
     }
 
