@@ -4,7 +4,7 @@ use heapless::Vec;
 
 use super::asking::Asking;
 use super::coordination::{Coordination, Heard};
-use super::layout::{Layout, Scheme};
+use super::layout::Scheme;
 use super::pace::Meter;
 use super::plan::Rate;
 use super::timing::{BEACON_SLOTS, Timing, end_of};
@@ -138,11 +138,6 @@ impl Anchor {
         }
     }
 
-    /// What this anchor asks of the layout: room for finals is for tags to ask.
-    fn wish(&self) -> Layout {
-        self.meter.wish(Scheme::SingleSided)
-    }
-
     fn hear(&mut self, frame: &RxFrame<'_>) {
         let Some(told) = Frame::parse(frame.bytes).filter(|told| told.pan == self.config.network.pan) else { return };
         let everyone = told.destination == BROADCAST;
@@ -257,12 +252,12 @@ impl Anchor {
 
     /// What is next in the course of the superframe: the beacon when it is due, else listening.
     fn schedule(&mut self, present: RadioInstant) -> Action<'_> {
-        let (address, lead, wish) = (self.config.address, self.meter.lead(), self.wish());
-        let first_layout = self.meter.first_layout();
+        let (address, lead) = (self.config.address, self.meter.lead());
         let phy = &self.config.network.phy;
         let network = match &mut self.network {
             Some(network) => network,
             None => {
+                let first_layout = self.meter.first_layout();
                 let timing = Timing::of(phy, first_layout);
                 let patience = SEARCH_SUPERFRAMES * timing.superframe.ticks()
                     + i64::from(spread(address, 0, SEARCH_SPREAD)) * timing.beacon_slot.ticks();
@@ -303,6 +298,8 @@ impl Anchor {
             return Self::listen(SHORTEST_WAIT);
         }
         let start = phase.at(rmarker).plus(RadioDuration::from_ticks(-self.config.antenna_delay.ticks()));
+        // Room for finals is for tags to ask.
+        let wish = self.meter.wish(Scheme::SingleSided);
         let (beacon, takes_over) = network.tell(slot, self.position, wish);
         if takes_over {
             self.link = Some(Link::Coordinating);
@@ -314,7 +311,7 @@ impl Anchor {
 
     /// In the round slots: asks the other anchors in slots of its own, else listens.
     fn among_rounds(&mut self, passed: RadioDuration, rest: RadioDuration) -> Action<'_> {
-        let (lead, wish) = (self.meter.lead(), self.wish());
+        let lead = self.meter.lead();
         let Some(network) = &mut self.network else { return Self::listen(rest) };
         let timing = network.course.timing;
         self.asking.plan(network, self.config.address);
@@ -340,7 +337,7 @@ impl Anchor {
         let rmarker = pulse_at.plus(timing.to_rmarker);
         // Its own lease.
         network.hear_tag(self.config.address);
-        let poll = self.asking.poll(&timing, pulse_at, self.meter.reading(), wish);
+        let poll = self.asking.poll(&timing, pulse_at, self.meter.reading(), self.meter.wish(Scheme::SingleSided));
         self.doing = Doing::Polling;
         self.write(BROADCAST, Message::Poll(poll));
         // At once would be before the slot, where the board is quicker than it must be: who listens goes by the slot.

@@ -11,17 +11,28 @@ use crate::RadioDuration;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Span(u8);
 
+/// As [`RadioDuration::from_micros`] rounds it up, so that a whole number of microseconds is its own span.
+const MICROSECOND: RadioDuration = RadioDuration::from_ticks(63_898);
+
 impl Span {
     /// The longest, 3.968 ms.
     pub const LONGEST: Self = Self(0x7F);
 
     /// The shortest that lasts at least as long; the longest for what lasts longer than that.
     pub const fn at_least(duration: RadioDuration) -> Self {
-        let mut code = 0;
-        while code < Self::LONGEST.0 && Self(code).duration().ticks() < duration.ticks() {
-            code += 1;
+        let ticks = duration.ticks();
+        // Octave by octave, each of sixteen steps; the first begins at 16 µs.
+        let mut octave = 0;
+        let mut step = MICROSECOND.ticks();
+        while octave < 7 && ticks > 31 * step {
+            octave += 1;
+            step *= 2;
         }
-        Self(code)
+        let mut within = 0;
+        while within < 15 && ticks > (16 + within) * step {
+            within += 1;
+        }
+        Self(octave << 4 | within as u8)
     }
 
     /// Of the lowest seven bits of a byte.

@@ -67,7 +67,8 @@ fn who_only_listens_hears_the_last_answer_too() {
         assert!(alike(&board, &air, &chips), "{board:?}: {air:?} and {chips:?}");
         for all in [&chips, &air] {
             // The reference comes with the differences.
-            assert!((all.heard - all.asked - 1.0).abs() < 0.01, "{board:?}: an answer is missed: {all:?}");
+            let missed = if board == BoardProfile::EVB1000 { 0.02 * all.asked } else { 0.01 };
+            assert!((all.heard - all.asked - 1.0).abs() < missed, "{board:?}: an answer is missed: {all:?}");
         }
     }
 }
