@@ -49,7 +49,7 @@ fn chips_and_air_make_the_same_rounds_on_every_board() {
             assert!(alike(&board, &air, &chips), "{board:?}, {anchors} anchors, {tags} tags: {air:?} and {chips:?}");
             for all in [&chips, &air] {
                 // While slots are still being laid out, a slow board may miss one.
-                let missed = if board == BoardProfile::EVB1000 { 0.02 * all.asked } else { 1e-9 };
+                let missed = if board == BoardProfile::EVB1000 { 0.03 * all.asked } else { 1e-9 };
                 assert!((all.heard - all.asked).abs() < missed, "{board:?}: an answer is missed: {all:?}");
                 assert_eq!(all.collisions, 0, "{board:?}: {all:?}");
             }
@@ -67,7 +67,7 @@ fn who_only_listens_hears_the_last_answer_too() {
         assert!(alike(&board, &air, &chips), "{board:?}: {air:?} and {chips:?}");
         for all in [&chips, &air] {
             // The reference comes with the differences.
-            let missed = if board == BoardProfile::EVB1000 { 0.02 * all.asked } else { 0.01 };
+            let missed = if board == BoardProfile::EVB1000 { 0.03 * all.asked } else { 0.01 };
             assert!((all.heard - all.asked - 1.0).abs() < missed, "{board:?}: an answer is missed: {all:?}");
         }
     }
