@@ -64,7 +64,8 @@ impl Wakes {
     /// How late the node is awake, to be expected after these sleeps.
     pub fn late(&self, slept: Slept) -> RadioDuration {
         let [each, second] = slept.weights();
-        RadioDuration::from_ticks((self.late[0] * each + self.late[1] * second) as i64)
+        let late = (self.late[0] * each + self.late[1] * second) as i64;
+        RadioDuration::from_ticks(late.clamp(-2 * MOST.ticks(), 2 * MOST.ticks()))
     }
 
     /// How far off the node may be after these sleeps and what was expected of them.
