@@ -102,7 +102,9 @@ fn torment(mut machine: impl Machine, seed: u64) {
             (_, 3) if wild => Event::Corrupt,
             (_, 4) if wild => Event::Timeout,
             (Owned::Transmit { .. }, _) => Event::Sent(now),
-            (Owned::WaitUntil(_), _) => Event::Woken,
+            // The radio slept: its clock began anew.
+            (Owned::WaitUntil(_), _) if machine.may_sleep() => Event::Started,
+            (Owned::WaitUntil(_) | Owned::Sleep(_), _) => Event::Woken,
             (Owned::Round { .. } | Owned::Differences { .. } | Owned::Link(_), _) => Event::Reported,
             (Owned::Receive { .. }, 0) => Event::Timeout,
             (Owned::Receive { .. }, _) => {
@@ -126,7 +128,7 @@ fn torment(mut machine: impl Machine, seed: u64) {
                 let micros = window.as_micros();
                 assert!((0..LONGEST_WAIT_US).contains(&micros), "step {step}: window of {micros} µs");
             }
-            Owned::WaitUntil(instant) => {
+            Owned::WaitUntil(instant) | Owned::Sleep(instant) => {
                 let ahead = instant.since(now).as_micros();
                 assert!((0..LONGEST_WAIT_US).contains(&ahead), "step {step}: wait of {ahead} µs");
             }
@@ -140,20 +142,21 @@ fn torment(mut machine: impl Machine, seed: u64) {
 #[test]
 fn a_native_tag_survives_anything() {
     use ranging::native::{Tag, TagConfig};
-    for seed in 0..3 {
+    for seed in 0..5 {
         let tell_distances = seed % 2 == 0;
         let rate = if seed == 0 { Rate::Greedy } else { Rate::Every(RadioDuration::from_micros(30_000)) };
-        torment(
-            Tag::new(TagConfig {
-                address: ADDRESS,
-                network: NETWORK,
-                anchors: 8,
-                rate,
-                scheme: Scheme::DoubleSided,
-                tell_distances,
-            }),
-            seed,
-        );
+        let mut tag = Tag::new(TagConfig {
+            address: ADDRESS,
+            network: NETWORK,
+            anchors: 8,
+            rate,
+            scheme: if seed < 3 { Scheme::DoubleSided } else { Scheme::SingleSided },
+            tell_distances,
+        });
+        if seed > 1 {
+            tag.doze();
+        }
+        torment(tag, seed);
     }
 }
 

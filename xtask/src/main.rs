@@ -2,6 +2,7 @@
 
 mod accuracy;
 mod baliza;
+mod battery;
 mod beacons;
 mod bench;
 mod chip;

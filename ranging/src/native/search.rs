@@ -14,7 +14,7 @@ const MORE: i64 = 5;
 const FIRST_PAUSE_MS: u32 = 2_000;
 const LONGEST_PAUSE_MS: u32 = 64_000;
 /// A pause in one piece, milliseconds: instants are told apart within 8.6 s.
-const PIECE_MS: u32 = 6_000;
+const PIECE_MS: u32 = 8_000;
 
 /// A search.
 #[derive(Clone, Debug, Default)]

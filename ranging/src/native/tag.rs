@@ -309,14 +309,8 @@ impl Tag {
         }
         let begun = network.following.advance(present.plus(early));
         network.followed = network.followed.saturating_add(begun);
-        if is_seldom {
-            for address in self.watch.anchors() {
-                if let Some(anchor) = self.neighbours.get_mut(address) {
-                    anchor.keep();
-                }
-            }
-        }
-        self.neighbours.advance(begun);
+        self.age_neighbours(begun, is_seldom);
+        let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
         if network.following.silent() > LOST_AFTER {
             return self.lose_network();
         }
@@ -422,10 +416,11 @@ impl Tag {
         // Woken for a round, the tag makes it as long as its instant lies ahead.
         let spare = |pulse: RadioDuration| RadioDuration::from_ticks(pulse.ticks() - passed.ticks() - lead.ticks());
         let planned = self.pulse_at.take().map(|pulse| pulse.since(phase.start));
-        if let Some(wake) = self.wake_at.filter(|_| planned.is_some_and(|pulse| pulse <= passed)) {
+        let is_in_time = |pulse: &RadioDuration| *pulse > passed && 2 * spare(*pulse).ticks() > -lead.ticks();
+        if let Some(wake) = self.wake_at.filter(|_| planned.is_some_and(|pulse| !is_in_time(&pulse))) {
             self.meter.overslept(phase.at(passed).since(wake));
         }
-        let planned = planned.filter(|pulse| *pulse > passed && spare(*pulse) <= SHORTEST_WAIT);
+        let planned = planned.filter(|pulse| anchors > 0 && network.owned != 0 && is_in_time(pulse));
         if let Some(pulse) = planned.or_else(|| after(in_time)) {
             let pulse_at = phase.at(pulse);
             let at_once = planned.is_none() && pulse == in_time;
@@ -534,12 +529,12 @@ impl Machine for Tag {
         match event {
             Event::Started => {
                 self.doing = Doing::Nothing;
-                (self.wake_at, self.pulse_at) = (None, None);
+                self.wake_at = None;
                 self.round.forget();
                 match nap {
                     Some(nap) => self.woke(nap, now),
                     None => {
-                        (self.network, self.aim, self.search) = (None, None, Search::default());
+                        (self.network, self.aim, self.pulse_at, self.search) = (None, None, None, Search::default());
                         self.neighbours.forget_clocks();
                     }
                 }

@@ -33,6 +33,7 @@ pub enum Owned {
     Transmit { frame: Vec<u8>, start: Start, listen: bool },
     Receive { start: Start, window: RadioDuration, keep_listening: bool },
     WaitUntil(RadioInstant),
+    Sleep(RadioInstant),
     Round { number: u16, asked: u8, ranges: Vec<Range> },
     Differences { reference: u16, differences: Vec<Difference> },
     Link(Link),
@@ -59,6 +60,21 @@ pub fn boxed(mut machine: impl Machine + 'static) -> Boxed {
     Box::new(move |now, pace, event| {
         machine.pace(pace);
         machine.step(now, event).into()
+    })
+}
+
+/// As [`boxed`], on a radio that sleeps where it may: its clock begins anew then.
+pub fn boxed_sleeper(mut machine: impl Machine + 'static) -> Boxed {
+    Box::new(move |now, pace, event| {
+        machine.pace(pace);
+        let action = machine.step(now, event).into();
+        match action {
+            // As the driver's: shorter sleeps do not pay.
+            Owned::WaitUntil(instant) if machine.may_sleep() && instant.since(now).as_micros() > 7_000 => {
+                Owned::Sleep(instant)
+            }
+            action => action,
+        }
     })
 }
 
@@ -146,6 +162,10 @@ struct Node {
     listening: Option<f64>,
     /// Frames heard and not yet handed over, with the time at which they can be: (when, outcome).
     heard: VecDeque<(f64, Heard)>,
+    /// How long its receiver was on, without what follows a transmission, seconds.
+    received: f64,
+    /// When the last reception began.
+    receiving: f64,
 }
 
 enum State {
@@ -172,6 +192,8 @@ enum Plain {
     Timeout,
     Late,
     Woken,
+    /// Woken with another clock.
+    Slept,
     Reported,
 }
 
@@ -238,6 +260,8 @@ impl Air {
             state: State::Step(begin, Plain::Started),
             listening: None,
             heard: VecDeque::new(),
+            received: 0.0,
+            receiving: 0.0,
         });
         self.nodes.len() - 1
     }
@@ -322,13 +346,20 @@ impl Air {
 
     fn wake(&mut self, node: usize) {
         let now = self.now;
+        if let State::Step(_, Plain::Slept) = self.nodes[node].state {
+            let count = self.rng.random_range(0..1 << 40);
+            self.set_clock(node, count);
+        }
         let local = self.local(node, now);
         let this = &mut self.nodes[node];
+        if let State::Listening { .. } = this.state {
+            this.received += (now - this.receiving).max(0.0);
+        }
         match std::mem::replace(&mut this.state, State::Off) {
             State::Off => {}
             State::Step(_, plain) => {
                 let event = match plain {
-                    Plain::Started => Event::Started,
+                    Plain::Started | Plain::Slept => Event::Started,
                     Plain::Sent(departure) => Event::Sent(departure),
                     Plain::Timeout => Event::Timeout,
                     Plain::Late => Event::Late,
@@ -391,6 +422,13 @@ impl Air {
                 let late = self.rng.random_range(0.0..30e-6);
                 State::Step(self.global(node, instant, now).max(now) + late, Plain::Woken)
             }
+            Owned::Sleep(instant) => {
+                self.nodes[node].listening = None;
+                self.nodes[node].heard.clear();
+                // Waking takes 300 µs longer than is known, and the slow clock's steps.
+                let late = 300e-6 + self.rng.random_range(0.0..30e-6);
+                State::Step(self.global(node, instant, now).max(now) + late, Plain::Slept)
+            }
             Owned::Receive { start, window, keep_listening } => {
                 let on = match start {
                     Start::Now => now,
@@ -399,6 +437,7 @@ impl Air {
                 if on < now {
                     State::Step(now, Plain::Late)
                 } else {
+                    self.nodes[node].receiving = on;
                     self.nodes[node].listening.get_or_insert(on + 5e-6);
                     State::Listening { until: on + window.ticks() as f64 / TICKS, keep: keep_listening }
                 }
@@ -513,6 +552,11 @@ impl Air {
             What::Differences { .. } | What::Round { .. } | What::Link(_) => None,
         };
         self.reports.iter().filter_map(of).collect()
+    }
+
+    /// How long a node has listened, seconds.
+    pub fn received(&self, node: usize) -> f64 {
+        self.nodes[node].received
     }
 
     /// Changes that a node reported: (time, change).

@@ -17,7 +17,7 @@ use crate::{RadioDuration, RadioInstant, Start};
 /// A dozing tag gives up its clock between turns that are at least so many superframes apart: fewer it naps, and counts on its clock.
 const DOZE_FROM: u16 = 2;
 /// A wait in one piece is at most so long: instants are told apart within 8.6 s.
-const LONGEST_WAIT: RadioDuration = RadioDuration::from_micros(6_000_000);
+const LONGEST_WAIT: RadioDuration = RadioDuration::from_micros(8_000_000);
 /// Waits shorter than this are not worth a sleep, of which the node wakes with a doubt.
 const NAP_FROM: RadioDuration = RadioDuration::from_micros(7_000);
 /// The tag listens to all beacons for so many superframes before it is content with one: to know all anchors.
@@ -67,9 +67,14 @@ impl Tag {
         [difference(rmarker, early), sum(rmarker, late)]
     }
 
-    /// Waits, asleep where the tag dozes and the radio likes to.
+    /// Waits, asleep where the tag dozes and the radio likes to: it is to be awake in time, so it is woken as much earlier as it is late.
     pub(super) fn pause(&mut self, present: RadioInstant, until: RadioInstant) -> Action<'static> {
-        self.nap = self.dozes.then_some(Nap { from: present, until });
+        let wait = until.since(present);
+        if !self.dozes || wait < NAP_FROM {
+            return Action::WaitUntil(until);
+        }
+        let until = present.plus(difference(wait, self.wakes.late(Slept::once(wait))));
+        self.nap = Some(Nap { from: present, until });
         Action::WaitUntil(until)
     }
 
@@ -78,6 +83,7 @@ impl Tag {
         let once = Slept::once(nap.until.since(nap.from));
         let before = nap.until.plus(self.wakes.late(once));
         self.slept = self.slept.and(once);
+        self.pulse_at = self.pulse_at.map(|pulse| now.plus(pulse.since(before)));
         self.neighbours.sleep(nap.until.since(nap.from).ticks() as f32 / TICKS_PER_SECOND as f32);
         if let Some(network) = &mut self.network {
             network.following.rebase(before, now);
@@ -204,7 +210,7 @@ impl Tag {
         let (timing, phase) = (network.following.course.timing, network.following.course.phase);
         let doubt = self.wakes.doubt(Slept::once(wait));
         let later = next_round(network.owned, &timing, pulse, self.round.asked(), doubt)?;
-        (self.wake_at, self.pulse_at) = (None, None);
+        (self.wake_at, self.pulse_at) = (None, Some(phase.at(later)));
         let until = difference(later, sum(self.meter.lead(), doubt));
         Some(self.pause(phase.at(passed), phase.at(until)))
     }
@@ -224,6 +230,8 @@ impl Tag {
         {
             network.following.adrift = Some(present);
             let superframe = phase.number.wrapping_add(turns);
+            // What is dozed through counts as one.
+            self.age_neighbours(1, true);
             self.aim = Some(Aim { superframe, listening: self.watch.after_doze(superframe) });
             return self.end_doze(present).unwrap_or(Action::WaitUntil(begin));
         }
@@ -239,9 +247,13 @@ impl Tag {
         let pulse = next_round(owned, &timing, timing.rounds(), self.round.asked(), doubt);
         let silent = network.following.silent() + 1;
         let silent = if pulse.is_none() { silent.max(HOLDOVER_SUPERFRAMES) } else { silent };
+        self.pulse_at = None;
         let wake = match (self.watch.plan(number, silent), pulse) {
             (Listening::One(anchor), _) => difference(self.beacon_window(&timing, anchor.slot, doubt)[0], ARMING),
-            (Listening::Nothing, Some(pulse)) => difference(pulse, sum(lead, doubt)),
+            (Listening::Nothing, Some(pulse)) => {
+                self.pulse_at = Some(next.plus(pulse));
+                difference(pulse, sum(lead, doubt))
+            }
             (Listening::Nothing, None) | (Listening::All, _) => difference(RadioDuration::ZERO, sum(lead, doubt)),
         };
         self.pause(present, next.plus(wake))
@@ -263,6 +275,16 @@ impl Tag {
     /// Whether the receiver stays off after a poll.
     pub(super) fn is_off_after_poll(&self, scheme: Scheme) -> bool {
         self.doing == Doing::Polling && scheme == Scheme::SingleSided && self.is_seldom()
+    }
+
+    /// `superframes` have begun. Who listens seldom keeps those that it awaits in turn.
+    pub(super) fn age_neighbours(&mut self, superframes: u16, is_seldom: bool) {
+        for address in self.watch.anchors().filter(|_| is_seldom) {
+            if let Some(anchor) = self.neighbours.get_mut(address) {
+                anchor.keep();
+            }
+        }
+        self.neighbours.advance(superframes);
     }
 
     /// A round is over: who answered is there.
