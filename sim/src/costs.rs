@@ -93,6 +93,8 @@ pub struct TagCosts {
     pub solve_space: [u32; 2],
     /// A position goes to the telemetry.
     pub publish: u32,
+    /// A range goes to the telemetry.
+    pub publish_range: u32,
     /// The features of an impulse response that was read, its magnitudes included.
     pub features: u32,
     /// A beacon's advertisement, found in the list and smoothed.
@@ -174,6 +176,7 @@ fn parse(table: &str, name: &str) -> Result<Costs, String> {
             solve_plane: rounds("tag.solve-plane")?,
             solve_space: rounds("tag.solve-space")?,
             publish: cost("tag.publish")?,
+            publish_range: cost("tag.publish-range")?,
             features: cost("tag.features")?,
             advert: cost("tag.advert")?,
         },

@@ -67,7 +67,7 @@ fn main() -> ! {
     }
     print("tag", "handover", &costs.handover);
 
-    let mut publish = Mean::new();
+    let [mut publish, mut publish_range] = [Mean::new(), Mean::new()];
     for (name, tracks, space) in [
         ("track-plane", true, false),
         ("track-space", true, true),
@@ -77,10 +77,11 @@ fn main() -> ! {
         for ranges in tag::RANGES {
             let costs = tag::measure(ranges, tracks, space);
             println!("cost tag.{name}-{ranges} {}", costs.round.get().unwrap_or_default());
-            publish = costs.publish;
+            (publish, publish_range) = (costs.publish, costs.publish_range);
         }
     }
     print("tag", "publish", &publish);
+    print("tag", "publish-range", &publish_range);
     println!("done");
     semihosting::process::exit(0)
 }

@@ -7,7 +7,7 @@ use core::task::{Context, Waker};
 
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_common::Reporter;
-use firmware_tag::{Locator, Measured, Sink, Told, Tracker};
+use firmware_tag::{Epoch, Locator, Measured, Sink, Told, Tracker};
 use oorandom::Rand32;
 use positioning_core::Method;
 use positioning_core::engine::{Settings, Solvers};
@@ -24,13 +24,15 @@ const MOST: usize = 8;
 /// From one round to the next, microseconds.
 const ROUND_US: u64 = 20_000;
 
-/// A round in the engine, and a position told; instructions.
+/// A round in the engine, and what is told of it, out of the journal again; instructions.
 #[derive(Default)]
 pub struct Costs {
     /// The round.
     pub round: Mean,
     /// The position.
     pub publish: Mean,
+    /// A range beside it.
+    pub publish_range: Mean,
 }
 
 /// Range by range, as a tag has it that walks at a metre a second through a room of as many anchors; one in four is blocked, and its powers tell.
@@ -60,7 +62,6 @@ pub fn measure(ranges: u16, tracks: bool, space: bool) -> Costs {
     }
     let mut tracker = Tracker::new(locator);
     let reporter = Reporter::<NoopRawMutex, 1024>::new(|| 0);
-    let sink = Told::new(&reporter, false);
     let mut random = Rand32::new(u64::from(ranges));
     for number in 0..WARM_UP + ROUNDS {
         let (poll_us, made) = round(ranges, number, &mut random);
@@ -71,13 +72,27 @@ pub fn measure(ranges: u16, tracks: bool, space: bool) -> Costs {
         let epoch = tracker.follow(Measured::Ranges(black_box(round)), None, poll_us);
         let instructions = since(begun);
         assert!(epoch.outcome.is_ok() || number < WARM_UP, "no position");
-        let begun = stamp();
-        let told = pin!(sink.publish(epoch)).poll(&mut Context::from_waker(Waker::noop()));
+        let position = tell(&reporter, epoch.clone(), false);
+        let with_ranges = tell(&reporter, epoch, true);
         if number >= WARM_UP {
-            costs.publish.add(since(begun));
             costs.round.add(instructions);
+            costs.publish.add(position);
+            costs.publish_range.add((with_ranges - position) / u32::from(asked));
         }
-        assert!(told.is_ready());
     }
     costs
+}
+
+/// What it takes to tell of a round, with its ranges or without, instructions.
+fn tell(reporter: &Reporter<NoopRawMutex, 1024>, epoch: Epoch<'_>, report_ranges: bool) -> u32 {
+    let sink = Told::new(reporter, report_ranges);
+    let begun = stamp();
+    let told = pin!(sink.publish(epoch)).poll(&mut Context::from_waker(Waker::noop()));
+    reporter.journal.drain(|frame| {
+        black_box(frame);
+        true
+    });
+    let instructions = since(begun);
+    assert!(told.is_ready());
+    instructions
 }

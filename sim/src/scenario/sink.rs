@@ -127,7 +127,8 @@ impl firmware_tag::Sink for TagSink {
         let costs = &Costs::of(self.processor.board().core).tag;
         let space = scenario.tag.height_m.is_none();
         let round = costs.round(scenario.tag.method.is_none(), space, measured);
-        self.processor.background(world, round + costs.publish).await;
+        let told = costs.publish + costs.publish_range * measured as u32;
+        self.processor.background(world, round + told).await;
         let number = log.borrow().epochs;
         let record = Epoch {
             number,

@@ -92,10 +92,11 @@ fn spent(outcome: &Outcome) -> String {
             let frames = life.frames();
             let each = |count: u64, of: u64| count.checked_div(of).unwrap_or(0);
             text += &format!(
-                "{role}: {transactions} transactions, {frames} frames; instructions of ranging {} a transaction, {} a frame; of the rest {} a frame\n",
+                "{role}: {transactions} transactions, {frames} frames; instructions of ranging {} a transaction, {} a frame; of the rest {} a frame; {} rounds dropped\n",
                 each(ranging, transactions),
                 each(ranging, frames),
                 each(background, frames),
+                life.rounds_dropped(),
             );
         }
     }

@@ -67,6 +67,15 @@ impl Life {
         self.told.iter().rev().find_map(|(_, message)| handled(message)).unwrap_or(0)
     }
 
+    /// Rounds that no position was computed of, as it told at its end.
+    pub fn rounds_dropped(&self) -> u32 {
+        let dropped = |message: &telemetry::Message| {
+            let telemetry::Message::Counters(counters) = message else { return None };
+            Some(counters.rounds_dropped.into())
+        };
+        self.told.iter().rev().find_map(|(_, message)| dropped(message)).unwrap_or(0)
+    }
+
     fn add(&mut self, asked: &Asked<'_>) {
         let Spent { ranging, background } = asked.spent;
         self.work.ranging += u64::from(ranging);

@@ -17,7 +17,7 @@ use crate::toolchain::Toolchain;
 const FILE: &str = "sim/src/costs.csv";
 
 /// What the rows are, for the document.
-const ROWS: [(&str, &str); 30] = [
+const ROWS: [(&str, &str); 31] = [
     ("executor.wake", "executor and node's loop: from the interrupt handler's word to what the task waited for"),
     ("driver.transaction", "driver: a transaction, beside the bus's own code"),
     ("driver.now", "the clock is read"),
@@ -46,6 +46,7 @@ const ROWS: [(&str, &str); 30] = [
     ("tag.solve-space-4", "of 4, in space"),
     ("tag.solve-space-8", "of 8"),
     ("tag.publish", "a position goes to the telemetry"),
+    ("tag.publish-range", "a range goes to the telemetry"),
     ("tag.features", "features of an impulse response"),
     ("tag.advert", "a beacon's advertisement"),
 ];
