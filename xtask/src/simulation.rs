@@ -19,9 +19,14 @@ struct Summary {
 }
 
 /// What is simulated, with which arguments, and what other systems do.
-const ROWS: [[&str; 3]; 7] = [
+const ROWS: [[&str; 3]; 12] = [
     ["1 tag, 4 anchors", "--tags 1 --anchors 4", "PANS 10, best field report 100 to 300"],
     ["1 tag, 8 anchors", "--tags 1 --anchors 8", "Loco Positioning, two-way: below 100"],
+    ["1 tag, 4 anchors, all code takes twice as long", "--tags 1 --anchors 4 --cpu-slowdown 2", ""],
+    ["1 tag, 4 anchors, four times as long", "--tags 1 --anchors 4 --cpu-slowdown 4", ""],
+    ["1 tag, 4 anchors, double-sided", "--tags 1 --anchors 4 --scheme double-sided", ""],
+    ["1 tag, 4 anchors, ESP32-C3", "--tags 1 --anchors 4 --board esp32c3", ""],
+    ["1 tag, 4 anchors, EVK1000", "--tags 1 --anchors 4 --board evk1000", ""],
     ["15 tags, 16 anchors", "--tags 15 --anchors 16 --seconds 30", "PANS 150 together"],
     ["1 tag, 4 anchors, 30 % of receptions lost", "--tags 1 --anchors 4 --loss 0.3", ""],
     ["1 tag, 8 anchors, 30 % of receptions lost", "--tags 1 --anchors 8 --loss 0.3", ""],
