@@ -54,7 +54,7 @@ const FIELDS: [&str; 7] =
 
 #[test]
 fn native_frames_are_data_frames_of_their_network() {
-    let Some(frames) = frames_of(&hall("seconds = 1", 4, &[STAND]), &FIELDS, &[]) else { return };
+    let Some(frames) = frames_of(&hall("seconds = 2", 4, &[STAND]), &FIELDS, &[]) else { return };
     assert!(frames.len() > 1000);
     let mut last_of_tag: Option<u8> = None;
     for frame in &frames {

@@ -116,7 +116,7 @@ pub fn frames(measured: &Measured) -> Result<String> {
     );
     // Transactions and bytes beside the frame's: `ranging::dw1000`, held by its test `costs_are_those_of_the_table`.
     for (name, title, (transactions, beside)) in [
-        ("poll", "tag makes the poll; sent at once", (5, 13)),
+        ("poll", "tag makes the poll; sent at its instant", (5, 13)),
         ("answer", "anchor answers a poll; response sent at an instant", (6, 17)),
         ("response", "tag makes a range of a response; received, listening on", (9, 47)),
     ] {
