@@ -50,6 +50,14 @@ fn a_frame_goes_through_every_status_bit() {
     assert_eq!(b.read(0x27, 0x2C), 119u16.to_le_bytes());
 }
 
+/// Microseconds until the host's interrupt line rises.
+fn until_interrupt_us(world: &World, host: &Host) -> f64 {
+    let from = world.now();
+    let mut irq = host.node.peripherals().irq;
+    world.block_on(embedded_hal_async::digital::Wait::wait_for_high(&mut irq)).unwrap().unwrap();
+    world.now().ps_since(from) as f64 / 1e6
+}
+
 /// Bit by bit, least significant first, polynomial 0x8408 (ITU-T V.41 as IEEE 802.15.4 uses it).
 fn kermit(bytes: &[u8]) -> u16 {
     let mut crc = 0u16;
@@ -185,11 +193,8 @@ fn frame_wait_timeout_in_units_of_1_0256_microseconds() {
     b.write_u32(0x0E, 0, RXRFTO as u32);
     b.clear_status();
     b.command(RXENAB);
-    let from = world.now();
-    let mut irq = b.node.peripherals().irq;
-    world.block_on(embedded_hal_async::digital::Wait::wait_for_high(&mut irq)).unwrap().unwrap();
     // 16 µs until the receiver is on and 1000 × 512 / 499.2 MHz = 1025.64 µs.
-    let passed = world.now().ps_since(from) as f64 / 1e6;
+    let passed = until_interrupt_us(&world, &b);
     assert!((passed - 1041.64).abs() < 0.02, "{passed}");
     assert_ne!(b.status() & RXRFTO, 0);
     assert_eq!(b.read::<1>(0x19, 2), [1], "idle");
@@ -202,11 +207,8 @@ fn preamble_timeout_counts_one_chunk_more() {
     b.write_u32(0x0E, 0, RXPTO as u32);
     b.clear_status();
     b.command(RXENAB);
-    let from = world.now();
-    let mut irq = b.node.peripherals().irq;
-    world.block_on(embedded_hal_async::digital::Wait::wait_for_high(&mut irq)).unwrap().unwrap();
     // 16 µs and (9 + 1) chunks of 8 symbols of 993.59 ns = 79.49 µs.
-    let passed = world.now().ps_since(from) as f64 / 1e6;
+    let passed = until_interrupt_us(&world, &b);
     assert!((passed - 95.49).abs() < 0.02, "{passed}");
     // A preamble found in time stops it.
     b.clear_status();

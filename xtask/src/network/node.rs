@@ -60,20 +60,20 @@ impl Life {
 
     /// Frames that it sent or received, as it told at its end.
     pub fn frames(&self) -> u64 {
-        let handled = |message: &telemetry::Message| {
-            let telemetry::Message::Counters(counters) = message else { return None };
-            Some(u64::from(counters.sent) + u64::from(counters.received))
-        };
-        self.told.iter().rev().find_map(|(_, message)| handled(message)).unwrap_or(0)
+        self.counters().map_or(0, |counters| u64::from(counters.sent) + u64::from(counters.received))
     }
 
     /// Rounds that no position was computed of, as it told at its end.
     pub fn rounds_dropped(&self) -> u32 {
-        let dropped = |message: &telemetry::Message| {
-            let telemetry::Message::Counters(counters) = message else { return None };
-            Some(counters.rounds_dropped.into())
-        };
-        self.told.iter().rev().find_map(|(_, message)| dropped(message)).unwrap_or(0)
+        self.counters().map_or(0, |counters| counters.rounds_dropped)
+    }
+
+    /// The last that it told.
+    fn counters(&self) -> Option<&telemetry::Counters> {
+        self.told.iter().rev().find_map(|(_, message)| match message {
+            telemetry::Message::Counters(counters) => Some(counters),
+            _ => None,
+        })
     }
 
     fn add(&mut self, asked: &Asked<'_>) {
