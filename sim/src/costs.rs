@@ -74,6 +74,8 @@ pub struct MachineCosts {
     pub beacon_received: u32,
     /// An anchor makes its beacon.
     pub beacon_made: u32,
+    /// A frame is left alone that is for somebody else.
+    pub overheard: u32,
     /// Anything else: the next window or wait is chosen.
     pub scheduled: u32,
 }
@@ -167,6 +169,7 @@ fn parse(table: &str, name: &str) -> Result<Costs, String> {
             round_ended: cost("machine.round-ended")?,
             beacon_received: cost("machine.beacon-received")?,
             beacon_made: cost("machine.beacon-made")?,
+            overheard: cost("machine.overheard")?,
             scheduled: cost("machine.scheduled")?,
         },
         tag: TagCosts {
@@ -192,20 +195,27 @@ pub struct Charged<T> {
     listens: bool,
     /// Of a machine: the last step reported a round, which goes to the engine before the next.
     hands_over: bool,
+    /// Of a machine: responses for others than this address it leaves alone. `None`: it takes all.
+    address: Option<u16>,
 }
 
 impl<T> Charged<T> {
     /// Charges `processor` for what `inner` does.
     pub fn new(inner: T, processor: &Processor) -> Self {
         let costs = Costs::of(processor.board().core);
-        Self { inner, processor: processor.clone(), costs, listens: false, hands_over: false }
+        Self { inner, processor: processor.clone(), costs, listens: false, hands_over: false, address: None }
+    }
+
+    /// Of a machine that leaves alone what is for others than this address.
+    pub fn with_address(self, address: u16) -> Self {
+        Self { address: Some(address), ..self }
     }
 }
 
 impl MachineCosts {
     /// What a step was about. A frame of another exchange counts as the native one in its place: a blink or an answer as what is made or
     /// received.
-    fn of_step(&self, event: &Event<'_>, action: &Action<'_>) -> u32 {
+    fn of_step(&self, address: Option<u16>, event: &Event<'_>, action: &Action<'_>) -> u32 {
         let message = |bytes: &[u8]| Frame::parse(bytes).map(|frame| frame.message);
         let sent = match action {
             Action::Transmit { frame, .. } => Some(message(frame)),
@@ -219,11 +229,17 @@ impl MachineCosts {
             | Action::WaitUntil(_) => false,
         };
         match event {
-            Event::Received(frame) => match message(frame.bytes) {
-                Some(Message::Poll(_)) => self.poll_answered,
-                Some(Message::Response(_)) if reports_round => self.round_ended,
-                Some(Message::Response(_)) => self.response_received,
-                Some(Message::Beacon(_) | Message::Request(_) | Message::Final { .. }) => self.beacon_received,
+            Event::Received(received) => match Frame::parse(received.bytes) {
+                Some(frame) => match frame.message {
+                    Message::Poll(_) if sent.is_none() => self.overheard,
+                    Message::Poll(_) => self.poll_answered,
+                    Message::Response(_) if address.is_some_and(|address| frame.destination != address) => {
+                        self.overheard
+                    }
+                    Message::Response(_) if reports_round => self.round_ended,
+                    Message::Response(_) => self.response_received,
+                    Message::Beacon(_) | Message::Request(_) | Message::Final { .. } => self.beacon_received,
+                },
                 None if sent.is_some() => self.poll_answered,
                 None => self.response_received,
             },
@@ -257,7 +273,7 @@ impl<M: Machine> Machine for Charged<M> {
             | Action::Receive { .. }
             | Action::WaitUntil(_) => false,
         };
-        self.processor.charge(self.costs.machine.of_step(&event, &action) + handover);
+        self.processor.charge(self.costs.machine.of_step(self.address, &event, &action) + handover);
         action
     }
 

@@ -61,6 +61,7 @@ fn main() -> ! {
         ("round-ended", &costs.round_ended),
         ("beacon-received", &costs.beacon_received),
         ("beacon-made", &costs.beacon_made),
+        ("overheard", &costs.overheard),
         ("scheduled", &costs.scheduled),
     ] {
         print("machine", name, mean);

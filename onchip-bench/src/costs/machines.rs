@@ -39,6 +39,8 @@ pub struct Costs {
     pub beacon_received: Mean,
     /// A beacon is made.
     pub beacon_made: Mean,
+    /// A frame is left alone that is for somebody else.
+    pub overheard: Mean,
     /// What is next is chosen.
     pub scheduled: Mean,
     /// From a tag's report of a round to the exchange's going on.
@@ -46,24 +48,29 @@ pub struct Costs {
 }
 
 impl Costs {
-    /// The mean that a step belongs to.
-    fn of(&self, event: &Event<'_>, action: &Action<'_>) -> Option<&Mean> {
+    /// The mean that a step of the node with this address belongs to.
+    fn of(&self, address: u16, event: &Event<'_>, action: &Action<'_>) -> Option<&Mean> {
         let message = |bytes: &[u8]| Frame::parse(bytes).map(|frame| frame.message);
         let sent = match action {
             Action::Transmit { frame, .. } => message(frame),
             Action::Receive { .. } | Action::WaitUntil(_) | Action::Report(_) => None,
         };
         match event {
-            Event::Received(frame) => match message(frame.bytes)? {
-                // Polls that name somebody else are left alone.
-                Message::Poll(_) => sent.is_some().then_some(&self.poll_answered),
-                Message::Response(_) => Some(match action {
-                    Action::Report(_) => &self.round_ended,
-                    Action::Transmit { .. } | Action::Receive { .. } | Action::WaitUntil(_) => &self.response_received,
-                }),
-                Message::Beacon(_) => Some(&self.beacon_received),
-                Message::Request(_) | Message::Final { .. } => None,
-            },
+            Event::Received(received) => {
+                let frame = Frame::parse(received.bytes)?;
+                match frame.message {
+                    Message::Poll(_) => Some(if sent.is_some() { &self.poll_answered } else { &self.overheard }),
+                    Message::Response(_) if frame.destination != address => Some(&self.overheard),
+                    Message::Response(_) => Some(match action {
+                        Action::Report(_) => &self.round_ended,
+                        Action::Transmit { .. } | Action::Receive { .. } | Action::WaitUntil(_) => {
+                            &self.response_received
+                        }
+                    }),
+                    Message::Beacon(_) => Some(&self.beacon_received),
+                    Message::Request(_) | Message::Final { .. } => None,
+                }
+            }
             Event::Started
             | Event::Sent(_)
             | Event::NotSent
@@ -84,6 +91,7 @@ impl Costs {
 /// A machine whose steps are measured.
 struct Measured<'a, M> {
     machine: M,
+    address: u16,
     costs: &'a Costs,
     reported: Option<u32>,
 }
@@ -93,7 +101,7 @@ impl<M: Machine> Machine for Measured<'_, M> {
         let begun = stamp();
         let action = black_box(self.machine.step(black_box(now), black_box(event)));
         let instructions = since(begun);
-        if let Some(mean) = self.costs.of(&event, &action) {
+        if let Some(mean) = self.costs.of(self.address, &event, &action) {
             mean.add(instructions);
         }
         self.reported = match &action {
@@ -137,7 +145,7 @@ pub fn measure() -> Costs {
             scheme: Scheme::SingleSided,
             tell_distances: false,
         };
-        let machine = Measured { machine: Tag::new(config), costs: &costs, reported: None };
+        let machine = Measured { address: config.address, machine: Tag::new(config), costs: &costs, reported: None };
         let reporter = Reporter::<NoopRawMutex, 256>::new(uptime_us);
         let handover = Handover::<NoopRawMutex>::new();
         let radio = radio.expect("the air has room");
@@ -158,7 +166,7 @@ async fn anchor(world: &World, number: usize, costs: &Costs) -> Infallible {
         position_m: Some(place.map(|mm| mm as f32 / 1000.0)),
         rounds: None,
     };
-    let mut machine = Measured { machine: Anchor::new(config), costs, reported: None };
+    let mut machine = Measured { address: config.address, machine: Anchor::new(config), costs, reported: None };
     node::run(&mut radio, &mut world.delay(), &mut machine, &mut Silent).await
 }
 

@@ -277,7 +277,8 @@ impl Firmware for AnchorFirmware {
                         position_m: Some(at.map(|metres| metres as f32)),
                         rounds,
                     });
-                    firmware_anchor::run(radio, delay, Charged::new(machine, &processor), sink).await
+                    let machine = Charged::new(machine, &processor).with_address(address);
+                    firmware_anchor::run(radio, delay, machine, sink).await
                 }
                 // The anchor answers in the tag's variant.
                 Mode::DecaRanging(_) => {
@@ -355,7 +356,6 @@ async fn live<R: Restart + 'static>(
     ears: Option<Ears>,
 ) -> Infallible {
     let processor = sink.processor.clone();
-    let machine = Charged::new(machine, &processor);
     let background = delay.for_background();
     let (handover, sink) = (Rc::new(Handover::<NoopRawMutex>::new()), Rc::new(sink));
     let Some(Ears { air, address, path, plan, known, levels }) = ears else {
@@ -409,6 +409,7 @@ impl Firmware for TagFirmware {
                     if settings.sleep {
                         machine.doze();
                     }
+                    let machine = Charged::new(machine, &sink.processor).with_address(address);
                     // Native anchors tell where they are.
                     let locator = locator(&settings, &[], model);
                     live(radio, delay, machine, (locator, Pace::new(rate, still)), sink, ears).await
@@ -417,6 +418,7 @@ impl Firmware for TagFirmware {
                     let period = settings.rate_hz.map(period);
                     let network = native_network(&network);
                     let machine = native::ListeningTag::new(native::ListeningTagConfig { network, period });
+                    let machine = Charged::new(machine, &sink.processor);
                     let rate = period.map_or(native::Rate::Greedy, native::Rate::Every);
                     let locator = locator(&settings, &[], model);
                     live(radio, delay, machine, (locator, Pace::new(rate, None)), sink, ears).await
@@ -431,6 +433,7 @@ impl Firmware for TagFirmware {
                         antenna_delay: antenna_delay(scenario.level),
                         period,
                     });
+                    let machine = Charged::new(machine, &sink.processor);
                     let places = scenario.anchors.iter().map(|anchor| AnchorPlace {
                         address: anchor.address,
                         position_m: anchor.at.map(|metres| metres as f32),

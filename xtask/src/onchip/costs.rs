@@ -17,7 +17,7 @@ use crate::toolchain::Toolchain;
 const FILE: &str = "sim/src/costs.csv";
 
 /// What the rows are, for the document.
-const ROWS: [(&str, &str); 31] = [
+const ROWS: [(&str, &str); 32] = [
     ("executor.wake", "executor and node's loop: from the interrupt handler's word to what the task waited for"),
     ("driver.transaction", "driver: a transaction, beside the bus's own code"),
     ("driver.now", "the clock is read"),
@@ -35,6 +35,7 @@ const ROWS: [(&str, &str); 31] = [
     ("machine.round-ended", "the same of the last"),
     ("machine.beacon-received", "a beacon is taken in"),
     ("machine.beacon-made", "an anchor makes a beacon"),
+    ("machine.overheard", "a frame for somebody else is left alone"),
     ("machine.scheduled", "the next window or wait is chosen"),
     ("tag.handover", "tag: a round goes to the engine"),
     ("tag.track-plane-4", "engine: a round of 4 ranges, in the plane"),
