@@ -23,5 +23,7 @@ fn main() -> std::io::Result<()> {
     }
     println!("cargo::rustc-link-search={}", out.display());
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
+    // The image that measures the log.
+    println!("cargo::rustc-link-arg-bin=costs=-Tdefmt.x");
     Ok(())
 }

@@ -12,6 +12,7 @@ use ranging::exchange::Link;
 use telemetry::{Condition, Counters, Difference, Fix, Hello, Message, Queue, Range, Reset, Room, Sighting, State};
 
 use crate::Counts;
+use crate::lines::LinePace;
 #[cfg(feature = "defmt")]
 use crate::lines::{CountersLine, FixLine, HelloLine, ResetLine, RoomLine, StateLine};
 use crate::supervision::{Lights, Lit};
@@ -24,6 +25,7 @@ const COUNTERS_S: u32 = 5;
 pub struct Journal<M: RawMutex, const BYTES: usize> {
     queue: Mutex<M, RefCell<Queue<BYTES>>>,
     lights: Mutex<M, Cell<Lights>>,
+    fix_lines: Mutex<M, Cell<LinePace>>,
 }
 
 /// A line of the log; nothing without a log.
@@ -37,7 +39,11 @@ macro_rules! log {
 impl<M: RawMutex, const BYTES: usize> Journal<M, BYTES> {
     /// An empty one.
     pub const fn new() -> Self {
-        Self { queue: Mutex::new(RefCell::new(Queue::new())), lights: Mutex::new(Cell::new(Lights::new())) }
+        Self {
+            queue: Mutex::new(RefCell::new(Queue::new())),
+            lights: Mutex::new(Cell::new(Lights::new())),
+            fix_lines: Mutex::new(Cell::new(LinePace::new())),
+        }
     }
 
     fn tell(&self, message: &Message) {
@@ -55,11 +61,22 @@ impl<M: RawMutex, const BYTES: usize> Journal<M, BYTES> {
         self.hello(hello);
     }
 
-    /// What became of a round in which so many anchors answered.
+    /// What became of a round in which so many anchors answered. The log has it where the last line is old enough.
     pub fn fix(&self, fix: Fix, answered: u8) {
         let _ = answered;
-        log!(info, FixLine::of(&fix, answered));
+        if self.gets_line(fix.t_us) {
+            log!(info, FixLine::of(&fix, answered));
+        }
         self.tell(&Message::Fix(fix));
+    }
+
+    fn gets_line(&self, t_us: u64) -> bool {
+        self.fix_lines.lock(|lines| {
+            let mut pace = lines.get();
+            let due = pace.is_due(t_us);
+            lines.set(pace);
+            due
+        })
     }
 
     /// A range of a round.

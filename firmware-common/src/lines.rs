@@ -133,6 +133,32 @@ text!(FixLine, |this| this;
         ("no fix: {} ({} of {} answered){}", reason.as_str(), answered, asked, by),
 );
 
+/// From the line of one round to that of the next, at least, microseconds: nobody reads more, and no interrupt is served while a line is
+/// written. Telemetry has every round.
+const FIX_LINE_US: u64 = 40_000;
+
+/// Which rounds get a line.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LinePace {
+    last_us: Option<u64>,
+}
+
+impl LinePace {
+    /// None had one yet.
+    pub const fn new() -> Self {
+        Self { last_us: None }
+    }
+
+    /// Whether the round of `t_us`, microseconds, gets one.
+    pub fn is_due(&mut self, t_us: u64) -> bool {
+        let due = self.last_us.is_none_or(|last_us| t_us.saturating_sub(last_us) >= FIX_LINE_US);
+        if due {
+            self.last_us = Some(t_us);
+        }
+        due
+    }
+}
+
 /// Who is speaking.
 pub struct HelloLine(pub Hello);
 
@@ -241,6 +267,16 @@ mod tests {
         // √(300² + 400² + 350²) = 610: 6.1 cm. √(300² + 400²) = 500: 5 cm.
         assert_eq!(fix([300, 400, 350]), "fix x=3.21 y=-0.05 z=1.50 ±0.06 m, 6 anchors, 12 ms, b-wls");
         assert_eq!(fix([300, 400, 0]), "fix x=3.21 y=-0.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms, b-wls");
+    }
+
+    #[test]
+    fn of_many_rounds_some_get_a_line_and_of_few_each() {
+        let lines = |every_us: u64| {
+            let mut pace = LinePace::new();
+            (0..1_000_000).step_by(every_us as usize).filter(|t_us| pace.is_due(*t_us)).count()
+        };
+        // 400 rounds a second: each 40 ms. 20 rounds a second: all.
+        assert_eq!((lines(2_500), lines(50_000)), (25, 20));
     }
 
     #[test]

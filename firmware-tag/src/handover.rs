@@ -11,7 +11,7 @@ use embassy_sync::signal::Signal;
 use firmware_common::counts::Tally;
 use heapless::Vec;
 use positioning_core::ble::path_loss::PathLoss;
-use ranging::exchange::{self, Difference, Guidance, Range};
+use ranging::exchange::{self, Difference, Differences, Guidance, Range};
 use ranging::native::MAX_ROUND;
 
 use crate::Sounding;
@@ -122,12 +122,12 @@ enum Owned {
 }
 
 impl Round {
-    pub(crate) fn of_ranges(round: &exchange::Round<'_>, poll_us: u64, sounding: Option<Sounding>) -> Self {
+    fn of_ranges(round: &exchange::Round<'_>, poll_us: u64, sounding: Option<Sounding>) -> Self {
         let ranges = round.ranges.iter().take(MAX_ROUND).copied().collect();
         Self { poll_us, sounding, owned: Owned::Ranges(exchange::Round { ranges: &[], ..*round }, ranges) }
     }
 
-    pub(crate) fn of_differences(round: &exchange::Differences<'_>, poll_us: u64, sounding: Option<Sounding>) -> Self {
+    fn of_differences(round: &Differences<'_>, poll_us: u64, sounding: Option<Sounding>) -> Self {
         let differences = round.differences.iter().take(MAX_ROUND).copied().collect();
         let owned = Owned::Differences(exchange::Differences { differences: &[], ..*round }, differences);
         Self { poll_us, sounding, owned }
@@ -184,9 +184,15 @@ impl<M: RawMutex> Handover<M> {
         }
     }
 
-    /// Hands a round to the engine; how many older ones that cost.
-    pub(crate) fn put_round(&self, round: Round) -> u32 {
-        put(&self.rounds, round)
+    /// Hands a round to the engine, whose poll left or came at `poll_us`, microseconds since the node started, with the impulse response of
+    /// its last frame where that was read; how many older ones that cost.
+    pub fn put_ranges(&self, round: &exchange::Round<'_>, poll_us: u64, sounding: Option<Sounding>) -> u32 {
+        put(&self.rounds, Round::of_ranges(round, poll_us, sounding))
+    }
+
+    /// The same of a round that was overheard.
+    pub fn put_differences(&self, round: &Differences<'_>, poll_us: u64, sounding: Option<Sounding>) -> u32 {
+        put(&self.rounds, Round::of_differences(round, poll_us, sounding))
     }
 
     pub(crate) async fn next_round(&self) -> Round {
@@ -246,15 +252,14 @@ mod tests {
     use ranging::RadioInstant;
     use ranging::native::Rate;
 
-    fn round(number: u16) -> Round {
-        let measured = exchange::Round { number, poll: RadioInstant::default(), asked: 4, ranges: &[] };
-        Round::of_ranges(&measured, 0, None)
+    fn round(number: u16) -> exchange::Round<'static> {
+        exchange::Round { number, poll: RadioInstant::default(), asked: 4, ranges: &[] }
     }
 
     #[test]
     fn the_oldest_round_goes_when_the_engine_is_late() {
         let handover = Handover::<NoopRawMutex>::new();
-        let dropped: std::vec::Vec<u32> = (1..=4).map(|number| handover.put_round(round(number))).collect();
+        let dropped: std::vec::Vec<u32> = (1..=4).map(|number| handover.put_ranges(&round(number), 0, None)).collect();
         assert_eq!(dropped, [0, 0, 1, 1]);
         assert_eq!(block_on(handover.next_round()).measured().number(), 3);
         assert_eq!(block_on(handover.next_round()).measured().number(), 4);

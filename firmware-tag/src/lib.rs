@@ -38,7 +38,7 @@ use ranging::node::{self, Listener, Restart};
 use ranging::{Radio, RadioInstant};
 use telemetry::{Board, Condition, Hello, Role, Sighting};
 
-use handover::{Quiet, Round};
+use handover::Quiet;
 use sounding::Sounder;
 
 pub use digest::Digest;
@@ -236,11 +236,6 @@ struct Ranging<'a, M: RawMutex, S> {
 }
 
 impl<M: RawMutex, S: Sink> Ranging<'_, M, S> {
-    fn hand_over(&self, round: Round) {
-        let dropped = self.handover.put_round(round);
-        (0..dropped).for_each(|_| self.sink.round_dropped());
-    }
-
     /// When a poll left or came, since the node started, microseconds.
     fn poll_us(&self, poll: RadioInstant, present: RadioInstant) -> u64 {
         let age_us = u64::try_from(present.since(poll).as_micros()).unwrap_or(0);
@@ -250,17 +245,21 @@ impl<M: RawMutex, S: Sink> Ranging<'_, M, S> {
 
 impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
     async fn report(&mut self, report: Report<'_>, present: RadioInstant) -> Guidance {
-        match report {
+        let dropped = match report {
             Report::Round(round) => {
-                let sounding = self.sounder.take();
-                self.hand_over(Round::of_ranges(&round, self.poll_us(round.poll, present), sounding));
+                let poll_us = self.poll_us(round.poll, present);
+                self.handover.put_ranges(&round, poll_us, self.sounder.take())
             }
             Report::Differences(round) => {
-                let sounding = self.sounder.take();
-                self.hand_over(Round::of_differences(&round, self.poll_us(round.poll, present), sounding));
+                let poll_us = self.poll_us(round.poll, present);
+                self.handover.put_differences(&round, poll_us, self.sounder.take())
             }
-            Report::Link(link) => self.sink.link(link),
-        }
+            Report::Link(link) => {
+                self.sink.link(link);
+                0
+            }
+        };
+        (0..dropped).for_each(|_| self.sink.round_dropped());
         let guidance = self.handover.take_guidance();
         self.sounder.wanted = guidance.turns;
         guidance

@@ -85,7 +85,7 @@ pub struct MachineCosts {
 pub struct TagCosts {
     /// A round goes from ranging to the engine: ranging's part.
     pub handover: u32,
-    /// A round of 4 and of 8 ranges in the engine that tracks, in the plane.
+    /// A round of 4 and of 8 ranges in the engine that tracks, in the plane, with the position told.
     pub track_plane: [u32; 2],
     /// The same in space.
     pub track_space: [u32; 2],
@@ -93,10 +93,10 @@ pub struct TagCosts {
     pub solve_plane: [u32; 2],
     /// The same in space.
     pub solve_space: [u32; 2],
-    /// A position goes to the telemetry.
-    pub publish: u32,
-    /// A range goes to the telemetry.
+    /// A range is told beside it.
     pub publish_range: u32,
+    /// A line of the log.
+    pub line: u32,
     /// The features of an impulse response that was read, its magnitudes included.
     pub features: u32,
     /// A beacon's advertisement, found in the list and smoothed.
@@ -178,8 +178,8 @@ fn parse(table: &str, name: &str) -> Result<Costs, String> {
             track_space: rounds("tag.track-space")?,
             solve_plane: rounds("tag.solve-plane")?,
             solve_space: rounds("tag.solve-space")?,
-            publish: cost("tag.publish")?,
             publish_range: cost("tag.publish-range")?,
+            line: cost("tag.line")?,
             features: cost("tag.features")?,
             advert: cost("tag.advert")?,
         },

@@ -1,18 +1,23 @@
-//! What a tag does beside ranging: a round in the engine, with its ranges' lines of sight judged, and a position told.
+//! What a tag does beside ranging: a round in the task of the engine, with its ranges' lines of sight judged and the position told, and
+//! a line of the log.
 
-use core::future::Future;
+use core::convert::Infallible;
+use core::future::{Future, pending};
 use core::hint::black_box;
-use core::pin::pin;
+use core::pin::{Pin, pin};
 use core::task::{Context, Waker};
 
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
-use firmware_common::Reporter;
-use firmware_tag::{Epoch, Locator, Measured, Sink, Told, Tracker};
+use embedded_hal_async::delay::DelayNs;
+use firmware_common::{Journal, Reporter};
+use firmware_tag::{Handover, Locator, Pace, Told};
 use oorandom::Rand32;
 use positioning_core::Method;
 use positioning_core::engine::{Settings, Solvers};
 use ranging::exchange::{Range, Round};
+use ranging::native::Rate;
 use ranging::{Diagnostics, RadioInstant};
+use telemetry::{Fix, Outcome, Solver};
 
 use super::{Mean, since};
 use crate::instrument::stamp;
@@ -23,15 +28,17 @@ pub const RANGES: [u16; 2] = [4, 8];
 const MOST: usize = 8;
 /// From one round to the next, microseconds.
 const ROUND_US: u64 = 20_000;
+/// Bytes of frames that wait.
+const BYTES: usize = 1024;
 
-/// A round in the engine, and what is told of it, out of the journal again; instructions.
+type Guard = NoopRawMutex;
+
+/// A round in the task of the engine, and what is told of it, out of the journal again; instructions.
 #[derive(Default)]
 pub struct Costs {
-    /// The round.
+    /// The round, with its position told.
     pub round: Mean,
-    /// The position.
-    pub publish: Mean,
-    /// A range beside it.
+    /// A range told beside it.
     pub publish_range: Mean,
 }
 
@@ -56,43 +63,73 @@ fn round(ranges: u16, number: u32, random: &mut Rand32) -> (u64, [Range; MOST]) 
 /// Measures rounds of so many ranges, tracked or each solved by itself, in the plane or in space.
 pub fn measure(ranges: u16, tracks: bool, space: bool) -> Costs {
     let costs = Costs::default();
-    let mut locator = Locator::new((!space).then_some(1.2), &[]);
-    if !tracks {
-        locator.settings = Settings::solve(locator.settings.dimensions, Solvers::of(Method::Robust));
-    }
-    let mut tracker = Tracker::new(locator);
-    let reporter = Reporter::<NoopRawMutex, 1024>::new(|| 0);
+    let handovers = [Handover::<Guard>::new(), Handover::new()];
+    // Every instant is the same one: no line of the log but the first.
+    let reporters = [Reporter::<Guard, BYTES>::new(|| 0), Reporter::new(|| 0)];
+    let told = [false, true].map(|report_ranges| Told::new(&reporters[usize::from(report_ranges)], report_ranges));
+    let engine = |tag: usize| {
+        let mut locator = Locator::new((!space).then_some(1.2), &[]);
+        if !tracks {
+            locator.settings = Settings::solve(locator.settings.dimensions, Solvers::of(Method::Robust));
+        }
+        firmware_tag::engine(&handovers[tag], Never, locator, Pace::new(Rate::Greedy, None), &told[tag])
+    };
+    let (mut silent, mut telling) = (pin!(engine(0)), pin!(engine(1)));
+    run(silent.as_mut(), &reporters[0]);
+    run(telling.as_mut(), &reporters[1]);
     let mut random = Rand32::new(u64::from(ranges));
     for number in 0..WARM_UP + ROUNDS {
         let (poll_us, made) = round(ranges, number, &mut random);
         let ranges = &made[..usize::from(ranges).min(MOST)];
         let asked = ranges.len() as u8;
         let round = Round { number: number as u16, poll: RadioInstant::from_ticks(0), asked, ranges };
-        let begun = stamp();
-        let epoch = tracker.follow(Measured::Ranges(black_box(round)), None, poll_us);
-        let instructions = since(begun);
-        assert!(epoch.outcome.is_ok() || number < WARM_UP, "no position");
-        let position = tell(&reporter, epoch.clone(), false);
-        let with_ranges = tell(&reporter, epoch, true);
+        handovers.iter().for_each(|handover| assert_eq!(handover.put_ranges(black_box(&round), poll_us, None), 0));
+        let (alone, _) = run(silent.as_mut(), &reporters[0]);
+        let (with_ranges, frames) = run(telling.as_mut(), &reporters[1]);
+        assert_eq!(frames, 1 + u32::from(asked), "a position and its ranges are told");
         if number >= WARM_UP {
-            costs.round.add(instructions);
-            costs.publish.add(position);
-            costs.publish_range.add((with_ranges - position) / u32::from(asked));
+            costs.round.add(alone);
+            costs.publish_range.add((with_ranges - alone) / u32::from(asked));
         }
     }
     costs
 }
 
-/// What it takes to tell of a round, with its ranges or without, instructions.
-fn tell(reporter: &Reporter<NoopRawMutex, 1024>, epoch: Epoch<'_>, report_ranges: bool) -> u32 {
-    let sink = Told::new(reporter, report_ranges);
+/// Lets the engine take what there is, and the journal's frames out; instructions, and how many frames there were.
+fn run(engine: Pin<&mut impl Future<Output = Infallible>>, reporter: &Reporter<Guard, BYTES>) -> (u32, u32) {
     let begun = stamp();
-    let told = pin!(sink.publish(epoch)).poll(&mut Context::from_waker(Waker::noop()));
+    let ended = engine.poll(&mut Context::from_waker(Waker::noop()));
+    let mut frames = 0;
     reporter.journal.drain(|frame| {
         black_box(frame);
+        frames += 1;
         true
     });
     let instructions = since(begun);
-    assert!(told.is_ready());
-    instructions
+    assert!(ended.is_pending());
+    (instructions, frames)
+}
+
+/// A delay that never ends: the engine waits for rounds alone.
+#[derive(Clone)]
+struct Never;
+
+impl DelayNs for Never {
+    async fn delay_ns(&mut self, _: u32) {
+        pending().await
+    }
+}
+
+/// What a position's line of the log takes, instructions.
+pub fn measure_line() -> u32 {
+    let journal = Journal::<Guard, BYTES>::new();
+    let outcome = Outcome::position([3.21, 4.05, 1.5], [[0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0; 3]], 0b1111, 0.9);
+    let fix = Fix { t_us: 1_000_000, round: 7, age_us: 2_400, asked: 4, outcome, solver: Solver::Track };
+    // The first gets a line, the second of the same instant none.
+    let [with_line, without] = [(); 2].map(|()| {
+        let begun = stamp();
+        journal.fix(black_box(fix), 4);
+        since(begun)
+    });
+    with_line - without
 }

@@ -1,6 +1,6 @@
 //! A scenario put into a world and run.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
 use std::convert::Infallible;
 use std::rc::Rc;
@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use embassy_futures::join::{join, join3};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use firmware_common::lines::LinePace;
 use firmware_tag::scan::{self, Plan};
 use firmware_tag::{AnchorPlace, Handover, KnownBeacons, Locator, Pace, Surveyed};
 use positioning_core::Blocked;
@@ -387,7 +388,8 @@ impl Firmware for TagFirmware {
         let network = network_of(&scenario, self.tag.network);
         let settings = scenario.tag;
         let (address, ears) = (self.tag.address, self.ears.clone());
-        let sink = TagSink { notebook: self.notebook.clone(), walk: self.tag.walk.clone(), processor };
+        let (notebook, walk) = (self.notebook.clone(), self.tag.walk.clone());
+        let sink = TagSink { notebook, walk, processor, lines: Cell::new(LinePace::new()) };
         async move {
             let model = settings.model.and_then(|bytes| Model::decode(bytes).ok()).map(|(model, _)| model);
             let model = model.as_ref();

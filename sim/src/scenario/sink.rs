@@ -1,10 +1,11 @@
 //! Where the apps' results go: beside the truth, into the log, and with the time that a board's processor would take.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
 use std::fmt::Debug;
 use std::rc::Rc;
 
+use firmware_common::lines::LinePace;
 use firmware_tag::{Measured, RoomTold};
 use ranging::RadioInstant;
 use ranging::exchange::{Difference, Guidance, Link, Report};
@@ -72,6 +73,8 @@ pub(super) struct TagSink {
     pub(super) notebook: Notebook,
     pub(super) walk: Walk,
     pub(super) processor: Processor,
+    /// Which positions a board would log.
+    pub(super) lines: Cell<LinePace>,
 }
 
 impl TagSink {
@@ -127,8 +130,10 @@ impl firmware_tag::Sink for TagSink {
         let costs = &Costs::of(self.processor.board().core).tag;
         let space = scenario.tag.height_m.is_none();
         let round = costs.round(scenario.tag.method.is_none(), space, measured);
-        let told = costs.publish + costs.publish_range * measured as u32;
-        self.processor.background(world, round + told).await;
+        let mut lines = self.lines.get();
+        let line = if lines.is_due(self.now_us()) { costs.line } else { 0 };
+        self.lines.set(lines);
+        self.processor.background(world, round + costs.publish_range * measured as u32 + line).await;
         let number = log.borrow().epochs;
         let record = Epoch {
             number,
