@@ -32,7 +32,7 @@ pub struct Told<'r, M: RawMutex, const BYTES: usize>(pub &'r Reporter<M, BYTES>)
 impl<M: RawMutex, const BYTES: usize> Listener for Told<'_, M, BYTES> {
     async fn report(&mut self, report: Report<'_>, _: RadioInstant) -> Guidance {
         self.0.report(report);
-        Guidance::default()
+        Guidance::NONE
     }
 
     fn observe(&mut self, _: RadioInstant, event: &Event<'_>, _: &Action<'_>) {

@@ -1,5 +1,6 @@
 //! What passes between a tag's tasks: rounds to the engine, guidance back to the exchange, sightings to the engine, and word of
-//! when the radio is quiet to the Bluetooth scan. Nobody waits for anybody: what is full drops its oldest.
+//! when the radio is quiet to the Bluetooth scan. Nobody waits for anybody: what is full drops its oldest. The guidance tells how long
+//! the engine will be busy, so that the exchange makes no rounds in vain.
 
 use core::cell::Cell;
 
@@ -11,10 +12,12 @@ use embassy_sync::signal::Signal;
 use firmware_common::counts::Tally;
 use heapless::Vec;
 use positioning_core::ble::path_loss::PathLoss;
+use ranging::RadioDuration;
 use ranging::exchange::{self, Difference, Differences, Guidance, Range};
 use ranging::native::MAX_ROUND;
 
 use crate::Sounding;
+use crate::workload::Workload;
 
 /// Rounds that may wait for the engine: it is late by two at most, then the oldest go.
 const ROUNDS: usize = 2;
@@ -166,6 +169,7 @@ pub(crate) struct Quiet {
 pub struct Handover<M: RawMutex> {
     rounds: Channel<M, Round, ROUNDS>,
     guidance: Mutex<M, Cell<Guidance>>,
+    workload: Mutex<M, Cell<Workload>>,
     sightings: Channel<M, Heard, SIGHTINGS>,
     quiet: Signal<M, Quiet>,
     /// Advertisements heard, whoever's: a sign that the scanner works.
@@ -177,7 +181,8 @@ impl<M: RawMutex> Handover<M> {
     pub const fn new() -> Self {
         Self {
             rounds: Channel::new(),
-            guidance: Mutex::new(Cell::new(Guidance { position_m: None, rate: None, turns: false })),
+            guidance: Mutex::new(Cell::new(Guidance::NONE)),
+            workload: Mutex::new(Cell::new(Workload::new())),
             sightings: Channel::new(),
             quiet: Signal::new(),
             heard: Tally::new(),
@@ -199,6 +204,24 @@ impl<M: RawMutex> Handover<M> {
         self.rounds.receive().await
     }
 
+    /// The engine has taken a round at this time, microseconds since the node started.
+    pub(crate) fn begin(&self, now_us: u64) {
+        self.note(|workload| workload.begin(now_us));
+    }
+
+    /// The engine is done with it.
+    pub(crate) fn end(&self, now_us: u64) {
+        self.note(|workload| workload.end(now_us));
+    }
+
+    fn note(&self, note: impl FnOnce(&mut Workload)) {
+        self.workload.lock(|cell| {
+            let mut workload = cell.get();
+            note(&mut workload);
+            cell.set(workload);
+        });
+    }
+
     /// The scanner has heard a beacon; how many older sightings that cost.
     pub(crate) fn put_sighting(&self, heard: Heard) -> u32 {
         put(&self.sightings, heard)
@@ -213,8 +236,11 @@ impl<M: RawMutex> Handover<M> {
         self.guidance.lock(|cell| cell.set(Guidance { rate: guidance.rate.or(cell.get().rate), ..guidance }));
     }
 
-    pub(crate) fn take_guidance(&self) -> Guidance {
-        self.guidance.lock(|cell| cell.replace(Guidance { rate: None, ..cell.get() }))
+    pub(crate) fn take_guidance(&self, now_us: u64) -> Guidance {
+        let waiting = self.rounds.len();
+        let left_us = self.workload.lock(|cell| cell.get().left_us(now_us, waiting));
+        let guidance = self.guidance.lock(|cell| cell.replace(Guidance { rate: None, ..cell.get() }));
+        Guidance { busy: RadioDuration::from_micros(left_us), ..guidance }
     }
 
     /// The radio is off the air until then.
@@ -268,10 +294,27 @@ mod tests {
     #[test]
     fn a_rate_waits_until_it_is_taken_and_a_position_stays() {
         let handover = Handover::<NoopRawMutex>::new();
-        handover.guide(Guidance { position_m: None, rate: Some(Rate::Greedy), turns: false });
-        handover.guide(Guidance { position_m: Some([1.0, 2.0, 3.0]), rate: None, turns: true });
-        let taken = Guidance { position_m: Some([1.0, 2.0, 3.0]), rate: Some(Rate::Greedy), turns: true };
-        assert_eq!(handover.take_guidance(), taken);
-        assert_eq!(handover.take_guidance(), Guidance { rate: None, ..taken });
+        handover.guide(Guidance { rate: Some(Rate::Greedy), ..Guidance::NONE });
+        handover.guide(Guidance { position_m: Some([1.0, 2.0, 3.0]), turns: true, ..Guidance::NONE });
+        let rate = Some(Rate::Greedy);
+        let taken = Guidance { position_m: Some([1.0, 2.0, 3.0]), rate, turns: true, ..Guidance::NONE };
+        assert_eq!(handover.take_guidance(0), taken);
+        assert_eq!(handover.take_guidance(0), Guidance { rate: None, ..taken });
+    }
+
+    #[test]
+    fn ranging_hears_how_long_the_engine_will_be_busy() {
+        let handover = Handover::<NoopRawMutex>::new();
+        let busy = |now_us| handover.take_guidance(now_us).busy.as_micros();
+        handover.begin(10_000);
+        handover.end(13_000);
+        assert_eq!(busy(13_000), 0);
+        handover.put_ranges(&round(1), 0, None);
+        assert_eq!(busy(20_000), 3_000);
+        block_on(handover.next_round());
+        handover.begin(20_000);
+        handover.put_ranges(&round(2), 0, None);
+        // Two of the three milliseconds of the first, and three of the second.
+        assert_eq!(busy(21_000), 5_000);
     }
 }

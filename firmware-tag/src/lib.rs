@@ -22,6 +22,7 @@ mod surveyed;
 mod told;
 mod tracker;
 mod windows;
+mod workload;
 
 #[cfg(test)]
 extern crate std;
@@ -196,12 +197,15 @@ async fn watched_engine<M: RawMutex>(
         };
         match select3(handover.next_round(), handover.next_sighting(), delay.delay_ms(idle_ms)).await {
             Either3::First(round) => {
+                handover.begin(sink.now_us());
                 let epoch = tracker.follow(round.measured(), round.sounding.as_ref(), round.poll_us);
                 let position = epoch.outcome.as_ref().ok();
                 let rate = pace.after(sink.now_us(), position);
-                handover.guide(Guidance { position_m: position.map(|position| position.position_m), rate, turns });
+                let position_m = position.map(|position| position.position_m);
+                handover.guide(Guidance { position_m, rate, turns, ..Guidance::NONE });
                 watch(&epoch);
                 sink.publish(epoch).await;
+                handover.end(sink.now_us());
             }
             Either3::Second(heard) => {
                 if HEARS_BEACONS && let Some(sighting) = tracker.hear(&heard) {
@@ -213,7 +217,7 @@ async fn watched_engine<M: RawMutex>(
         if HEARS_BEACONS {
             if let Some(epoch) = tracker.window(sink.now_us()) {
                 if let Ok(position) = &epoch.outcome {
-                    handover.guide(Guidance { position_m: Some(position.position_m), rate: None, turns });
+                    handover.guide(Guidance { position_m: Some(position.position_m), turns, ..Guidance::NONE });
                 }
                 watch(&epoch);
                 sink.publish(epoch).await;
@@ -260,7 +264,7 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
             }
         };
         (0..dropped).for_each(|_| self.sink.round_dropped());
-        let guidance = self.handover.take_guidance();
+        let guidance = self.handover.take_guidance(self.sink.now_us());
         self.sounder.wanted = guidance.turns;
         guidance
     }

@@ -237,7 +237,7 @@ impl<M: Machine + ?Sized> Machine for &mut M {
 }
 
 /// What a node tells its machine between steps.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Guidance {
     /// Where the node is, metres, where that is known: a tag chooses its next anchors by it.
@@ -247,6 +247,14 @@ pub struct Guidance {
     /// Whether anchors take turns in being the last that a round asks, so that the impulse response of each can be read now and
     /// then ([`Radio::impulse_response`]).
     pub turns: bool,
+    /// How long the node will still compute with the rounds that it has: a tag that ranges as often as it can ends its next round no
+    /// sooner.
+    pub busy: RadioDuration,
+}
+
+impl Guidance {
+    /// Nothing is known, nothing is to change.
+    pub const NONE: Self = Self { position_m: None, rate: None, turns: false, busy: RadioDuration::ZERO };
 }
 
 /// Does an action with a radio; answers with the time and the event for the next step. A report is the caller's to read before.

@@ -174,7 +174,7 @@ struct Silent;
 
 impl Listener for Silent {
     async fn report(&mut self, _: Report<'_>, _: RadioInstant) -> Guidance {
-        Guidance::default()
+        Guidance::NONE
     }
 
     async fn radio_failed(&mut self, _: &impl core::fmt::Debug, _: u32) {}

@@ -79,6 +79,10 @@ pub struct Tag {
     network: Option<Followed>,
     neighbours: Neighbours,
     position_m: Option<[f32; 3]>,
+    /// How long the node computes with the last round and those before it, …
+    busy: RadioDuration,
+    /// … and so until when.
+    free_at: Option<RadioInstant>,
     round: Exchange,
     /// Whether the radio's clock may be lost between turns.
     dozes: bool,
@@ -149,6 +153,8 @@ impl Tag {
             network: None,
             neighbours: Neighbours::new(),
             position_m: None,
+            busy: RadioDuration::ZERO,
+            free_at: None,
             round: Exchange::new(),
             dozes: false,
             nap: None,
@@ -292,6 +298,8 @@ impl Tag {
     fn schedule(&mut self, present: RadioInstant) -> Action<'_> {
         let lead = self.meter.lead();
         let is_seldom = self.is_seldom();
+        let is_greedy = self.rate == Some(Rate::Greedy);
+        self.free_at = self.free_at.filter(|free_at| is_greedy && free_at.since(present) > RadioDuration::ZERO);
         let Some(network) = &mut self.network else { return self.search(present) };
         let superframe = network.following.course.timing.superframe;
         // A superframe begins for us as early as we must decide what to send first in it.
@@ -412,7 +420,10 @@ impl Tag {
         let after = |earliest: RadioDuration| {
             next_round(network.owned, &timing, earliest, anchors, doubt).filter(|_| anchors > 0)
         };
-        let in_time = RadioDuration::from_ticks(passed.ticks() + self.meter.immediate().ticks());
+        let soonest = RadioDuration::from_ticks(passed.ticks() + self.meter.immediate().ticks());
+        // What is measured before it can be computed is measured in vain.
+        let computed = self.free_at.map_or(RadioDuration::ZERO, |free_at| free_at.since(phase.start));
+        let in_time = soonest.max(RadioDuration::from_ticks(computed.ticks() - timing.round(anchors).ticks()));
         // Woken for a round, the tag makes it as long as its instant lies ahead.
         let spare = |pulse: RadioDuration| RadioDuration::from_ticks(pulse.ticks() - passed.ticks() - lead.ticks());
         let planned = self.pulse_at.take().map(|pulse| pulse.since(phase.start));
@@ -423,7 +434,7 @@ impl Tag {
         let planned = planned.filter(|pulse| anchors > 0 && network.owned != 0 && is_in_time(pulse));
         if let Some(pulse) = planned.or_else(|| after(in_time)) {
             let pulse_at = phase.at(pulse);
-            let at_once = planned.is_none() && pulse == in_time;
+            let at_once = planned.is_none() && pulse == soonest;
             if !at_once && spare(pulse) > SHORTEST_WAIT {
                 if let Some(action) = self.nap_before(pulse, passed) {
                     return action;
@@ -514,6 +525,7 @@ impl Machine for Tag {
 
     fn guide(&mut self, guidance: Guidance) {
         self.position_m = guidance.position_m;
+        self.busy = guidance.busy;
         self.round.set_turns(guidance.turns);
         if guidance.rate.is_some() {
             self.set_rate(guidance.rate);
@@ -576,7 +588,8 @@ impl Machine for Tag {
                 }
             }
             Event::Woken => self.resume(now),
-            Event::Corrupt | Event::Reported => {}
+            Event::Reported => self.free_at = Some(now.plus(core::mem::take(&mut self.busy))),
+            Event::Corrupt => {}
         }
         if let Some(awaited) = awaited {
             match event {

@@ -60,7 +60,7 @@ impl Listener for AnchorSink {
             Report::Round(_) | Report::Differences(_) => {}
             Report::Link(link) => self.0.write(What::Link(link)),
         }
-        Guidance::default()
+        Guidance::NONE
     }
 
     async fn radio_failed(&mut self, _: &impl Debug, failures: u32) {
