@@ -41,6 +41,19 @@ impl Course {
         Some(Self { phase, membership, timing, phy: *phy })
     }
 
+    /// That of a beacon that came at `rx_time` in the middle of a change of layout, of whoever knows what counted before and lost only the
+    /// time; `None` where another change may have been missed.
+    pub fn of_notice(&self, beacon: &Beacon, rx_time: RadioInstant) -> Option<Self> {
+        let is_next = beacon.version == self.membership.version().wrapping_add(1);
+        if !is_next || self.membership.countdown() > 0 || beacon.countdown == 0 {
+            return None;
+        }
+        let mut course = self.clone();
+        course.phase = Phase::from_beacon(&self.timing, beacon.superframe, beacon.slot, rx_time);
+        course.membership.hear(beacon);
+        Some(course)
+    }
+
     /// Goes on to the superframe that `now` is in; answers how many have begun since.
     pub fn advance(&mut self, now: RadioInstant) -> u16 {
         let mut begun = 0;

@@ -40,10 +40,12 @@ pub enum Heard {
 impl Following {
     /// The network that this beacon tells of; `None` in the middle of a change of its layout.
     pub fn new(phy: &PhyConfig, beacon: &Beacon, rx_time: RadioInstant) -> Option<Self> {
-        let course = Course::of_beacon(phy, beacon, rx_time)?;
-        let heard = course.phase.number;
-        let election = Election::joined(beacon);
-        Some(Self { course, election, adrift: None, doubt: RadioDuration::ZERO, heard })
+        Course::of_beacon(phy, beacon, rx_time).map(|course| Self::in_course(course, beacon))
+    }
+
+    fn in_course(course: Course, beacon: &Beacon) -> Self {
+        let (heard, election) = (course.phase.number, Election::joined(beacon));
+        Self { course, election, adrift: None, doubt: RadioDuration::ZERO, heard }
     }
 
     /// A beacon came.
@@ -74,8 +76,12 @@ impl Following {
                 (Choice::Change, None) | (Choice::Same | Choice::Older | Choice::Refused, _) => {}
             }
         }
-        let Some(anew) = Self::new(phy, beacon, rx_time) else { return Heard::Ignored };
         let is_as_before = self.adrift.is_some() && is_the_same;
+        let noticed = || self.course.of_notice(beacon, rx_time).filter(|_| is_as_before);
+        let anew = Self::new(phy, beacon, rx_time);
+        let Some(anew) = anew.or_else(|| noticed().map(|course| Self::in_course(course, beacon))) else {
+            return Heard::Ignored;
+        };
         *self = anew;
         if is_as_before { Heard::Followed } else { Heard::Anew }
     }

@@ -11,7 +11,8 @@ use crate::RadioDuration;
 
 /// What is added to a measured duration: the chip's own start (10 µs from the command to the first pulse), the steps of timers …
 const MARGIN: RadioDuration = RadioDuration::from_micros(30);
-/// … and this part of it.
+/// … and this part of it. To the time until the receiver is on again only this is added: a frame that it is late for has lost some symbols of
+/// its preamble.
 const MARGIN_SHARE: i64 = 8;
 /// The part of its distance to a shorter sample by which a high quantile sinks.
 const DECAY: i64 = 64;
@@ -45,9 +46,17 @@ impl Quantile {
         self.ticks = (self.ticks + self.ticks / 4).min(LONGEST.ticks());
     }
 
-    fn with_margin(&self) -> RadioDuration {
-        RadioDuration::from_ticks(self.ticks + self.ticks / MARGIN_SHARE + MARGIN.ticks())
+    fn with_share(&self) -> RadioDuration {
+        with_share(RadioDuration::from_ticks(self.ticks))
     }
+
+    fn with_margin(&self) -> RadioDuration {
+        RadioDuration::from_ticks(self.with_share().ticks() + MARGIN.ticks())
+    }
+}
+
+fn with_share(duration: RadioDuration) -> RadioDuration {
+    RadioDuration::from_ticks(duration.ticks() + duration.ticks() / MARGIN_SHARE)
 }
 
 /// What the node has measured of itself, or what its record says instead.
@@ -92,7 +101,7 @@ impl Meter {
     /// From the end of a frame until the node had dealt with it; the next one, which lasts `next`, comes meanwhile.
     pub fn dealt_with(&mut self, after: RadioDuration, next: RadioDuration) {
         self.reading.take(after);
-        self.listen_again.take(RadioDuration::from_ticks(after.ticks() - next.ticks()));
+        self.listen_again.take(RadioDuration::from_ticks(with_share(after).ticks() + MARGIN.ticks() - next.ticks()));
     }
 
     /// From a decision to transmit at once to the first pulse.
@@ -151,24 +160,21 @@ impl Meter {
 
     /// What this node asks of the network's layout: nothing where it has measured nothing.
     pub fn wish(&self, scheme: Scheme) -> Layout {
-        let asked = |pinned: Option<RadioDuration>, quantile: &Quantile| match pinned {
-            Some(pinned) => Span::at_least(pinned),
-            None if quantile.is_measured => Span::at_least(quantile.with_margin()),
-            None => Span::default(),
+        let measured =
+            |quantile: &Quantile, span| if quantile.is_measured { Span::at_least(span) } else { Span::default() };
+        let (answer, listen_again) = (self.answer_or_lead(), &self.listen_again);
+        let [answer, listen_again] = match self.pinned {
+            Some(pinned) => [pinned.answer, pinned.listen_again].map(Span::at_least),
+            None => [measured(answer, answer.with_margin()), measured(listen_again, listen_again.with_share())],
         };
-        Layout {
-            answer: asked(self.pinned.map(|pinned| pinned.answer), self.answer_or_lead()),
-            listen_again: asked(self.pinned.map(|pinned| pinned.listen_again), &self.listen_again),
-            scheme,
-        }
+        Layout { answer, listen_again, scheme }
     }
 
     /// The layout of a network that this node founds.
     pub fn first_layout(&self) -> Layout {
-        let [answer, listen_again] = [&self.answer, &self.listen_again].map(Quantile::with_margin);
         let first = Layout {
-            answer: Span::at_least(answer),
-            listen_again: Span::at_least(listen_again),
+            answer: Span::at_least(self.answer.with_margin()),
+            listen_again: Span::at_least(self.listen_again.with_share()),
             scheme: Scheme::SingleSided,
         };
         if self.pinned.is_some() { self.wish(Scheme::SingleSided) } else { first }
@@ -198,6 +204,17 @@ mod tests {
         }
         // 200 + 600 · (1 − 1/64)^64 = 200 + 600 · 0.365 = 419 µs; 419 · 9/8 + 30 = 501.
         assert!((499..=504).contains(&meter.lead().as_micros()), "{:?}", meter.lead());
+    }
+
+    #[test]
+    fn who_listens_again_late_asks_for_an_eighth_more_and_who_reads_long_for_the_rest_of_that() {
+        let mut meter = Meter::new(None);
+        meter.listened(us(64));
+        // 64 + 8 = 72 µs = (16 + 2) · 2².
+        assert_eq!(meter.wish(Scheme::SingleSided).listen_again.duration(), us(72));
+        // A frame takes 320 µs, and the next one is there after 230: 320 + 40 + 30 − 230 = 160, and 20 more: (16 + 7) · 2³ = 184.
+        meter.dealt_with(us(320), us(230));
+        assert_eq!(meter.wish(Scheme::SingleSided).listen_again.duration(), us(184));
     }
 
     #[test]

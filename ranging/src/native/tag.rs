@@ -421,9 +421,13 @@ impl Tag {
             next_round(network.owned, &timing, earliest, anchors, doubt).filter(|_| anchors > 0)
         };
         let soonest = RadioDuration::from_ticks(passed.ticks() + self.meter.immediate().ticks());
-        // What is measured before it can be computed is measured in vain.
+        // What is measured before it can be computed is measured in vain. From the round's end to its report takes about as long as two frames.
         let computed = self.free_at.map_or(RadioDuration::ZERO, |free_at| free_at.since(phase.start));
-        let in_time = soonest.max(RadioDuration::from_ticks(computed.ticks() - timing.round(anchors).ticks()));
+        let takes = timing.round(anchors).ticks() + 2 * self.meter.reading().ticks();
+        let in_time = soonest.max(RadioDuration::from_ticks(computed.ticks() - takes));
+        // But while beacons are heard there is time to compute what is measured now.
+        let next_rounds = RadioDuration::from_ticks(timing.superframe.ticks() + timing.rounds().ticks());
+        let in_time = if after(in_time).is_none() && computed < next_rounds { soonest } else { in_time };
         // Woken for a round, the tag makes it as long as its instant lies ahead.
         let spare = |pulse: RadioDuration| RadioDuration::from_ticks(pulse.ticks() - passed.ticks() - lead.ticks());
         let planned = self.pulse_at.take().map(|pulse| pulse.since(phase.start));
