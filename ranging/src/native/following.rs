@@ -111,3 +111,87 @@ impl Following {
         self.course.membership.in_force().filter(|_| self.silent() <= HOLDOVER_SUPERFRAMES)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::layout::{Layout, Span};
+    use super::super::timing::Timing;
+    use super::*;
+
+    const PHY: PhyConfig = PhyConfig::FAST;
+    const SLOT: u8 = 2;
+    /// Superframes until a new layout counts.
+    const NOTICE: u8 = 3;
+
+    fn layout(answer_us: u32) -> Layout {
+        Layout { answer: Span::at_least(RadioDuration::from_micros(answer_us)), ..Layout::LEAST }
+    }
+
+    /// The beacon of slot 2 in this superframe, sent by coordinator 1.
+    fn beacon(superframe: u16, version: u8, layout: Layout, countdown: u8) -> Beacon {
+        Beacon {
+            superframe,
+            term: 1,
+            age: 0,
+            hops: 0,
+            coordinator: 1,
+            slot: SLOT,
+            slot_owners: Default::default(),
+            request: None,
+            wish: Layout::LEAST,
+            heard: 0,
+            version,
+            countdown,
+            layout,
+            layout_is_new: countdown > 0,
+            position: None,
+            members: Default::default(),
+        }
+    }
+
+    /// A tag that has followed since superframe 10, whose slots are laid out for answers of 600 µs, and then dozed; when that superframe
+    /// began.
+    fn dozing() -> (Following, RadioInstant) {
+        let start = RadioInstant::from_ticks(5_000_000_000);
+        let heard = start.plus(Timing::of(&PHY, layout(600)).beacon(SLOT.into()));
+        let mut following = Following::new(&PHY, &beacon(10, 7, layout(600), 0), heard).expect("nothing changes");
+        following.adrift = Some(heard);
+        (following, start)
+    }
+
+    /// When the same slot of superframe 20 is heard by a clock that was off by half a millisecond in between.
+    fn heard_late(start: RadioInstant) -> RadioInstant {
+        let timing = Timing::of(&PHY, layout(600));
+        let ten = RadioDuration::from_ticks(10 * timing.superframe.ticks());
+        start.plus(ten).plus(timing.beacon(SLOT.into())).plus(RadioDuration::from_micros(500))
+    }
+
+    #[test]
+    fn who_wakes_in_the_middle_of_a_change_of_layout_keeps_step_by_the_former_one() {
+        let (mut following, start) = dozing();
+        let rx_time = heard_late(start);
+        assert_eq!(following.hear(&PHY, &beacon(20, 8, layout(300), NOTICE), rx_time), Heard::Followed);
+        assert_eq!((following.adrift, following.course.phase.number), (None, 20));
+        let (former, new) = (Timing::of(&PHY, layout(600)), Timing::of(&PHY, layout(300)));
+        assert_eq!(following.course.timing, former);
+        assert_eq!(following.course.phase.at(former.beacon(SLOT.into())), rx_time);
+        // The new one counts from the third superframe on, which begins where the former one's third ends.
+        let third = RadioDuration::from_ticks(i64::from(NOTICE) * former.superframe.ticks());
+        let begin = following.course.phase.start.plus(third);
+        following.advance(begin);
+        assert_eq!((following.course.timing, following.course.phase.start), (new, begin));
+    }
+
+    #[test]
+    fn who_may_have_missed_a_change_waits_for_the_end_of_this_one() {
+        let (mut following, start) = dozing();
+        let rx_time = heard_late(start);
+        assert_eq!(following.hear(&PHY, &beacon(20, 9, layout(300), NOTICE), rx_time), Heard::Ignored);
+        // Another coordinator's is no notice to go by.
+        let other = Beacon { coordinator: 2, ..beacon(20, 8, layout(300), NOTICE) };
+        assert_eq!(following.hear(&PHY, &other, rx_time), Heard::Ignored);
+        assert!(following.adrift.is_some());
+        assert_eq!(following.hear(&PHY, &beacon(20, 9, layout(300), 0), rx_time), Heard::Followed);
+        assert_eq!(following.course.timing, Timing::of(&PHY, layout(300)));
+    }
+}
