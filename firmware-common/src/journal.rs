@@ -25,7 +25,7 @@ const COUNTERS_S: u32 = 5;
 pub struct Journal<M: RawMutex, const BYTES: usize> {
     queue: Mutex<M, RefCell<Queue<BYTES>>>,
     lights: Mutex<M, Cell<Lights>>,
-    fix_lines: Mutex<M, Cell<LinePace>>,
+    fix_lines: Mutex<M, RefCell<LinePace>>,
 }
 
 /// A line of the log; nothing without a log.
@@ -42,7 +42,7 @@ impl<M: RawMutex, const BYTES: usize> Journal<M, BYTES> {
         Self {
             queue: Mutex::new(RefCell::new(Queue::new())),
             lights: Mutex::new(Cell::new(Lights::new())),
-            fix_lines: Mutex::new(Cell::new(LinePace::new())),
+            fix_lines: Mutex::new(RefCell::new(LinePace::new())),
         }
     }
 
@@ -64,19 +64,10 @@ impl<M: RawMutex, const BYTES: usize> Journal<M, BYTES> {
     /// What became of a round in which so many anchors answered. The log has it where the last line is old enough.
     pub fn fix(&self, fix: Fix, answered: u8) {
         let _ = answered;
-        if self.gets_line(fix.t_us) {
+        if self.fix_lines.lock(|lines| lines.borrow_mut().is_due(fix.t_us)) {
             log!(info, FixLine::of(&fix, answered));
         }
         self.tell(&Message::Fix(fix));
-    }
-
-    fn gets_line(&self, t_us: u64) -> bool {
-        self.fix_lines.lock(|lines| {
-            let mut pace = lines.get();
-            let due = pace.is_due(t_us);
-            lines.set(pace);
-            due
-        })
     }
 
     /// A range of a round.

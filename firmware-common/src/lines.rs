@@ -138,7 +138,7 @@ text!(FixLine, |this| this;
 const FIX_LINE_US: u64 = 40_000;
 
 /// Which rounds get a line.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Debug, Default)]
 pub struct LinePace {
     last_us: Option<u64>,
 }

@@ -2,7 +2,7 @@
 //! when the radio is quiet to the Bluetooth scan. Nobody waits for anybody: what is full drops its oldest. The guidance tells how long
 //! the engine will be busy, so that the exchange makes no rounds in vain.
 
-use core::cell::Cell;
+use core::cell::{Cell, RefCell};
 
 use advertising::Advertised;
 use embassy_sync::blocking_mutex::Mutex;
@@ -169,7 +169,7 @@ pub(crate) struct Quiet {
 pub struct Handover<M: RawMutex> {
     rounds: Channel<M, Round, ROUNDS>,
     guidance: Mutex<M, Cell<Guidance>>,
-    workload: Mutex<M, Cell<Workload>>,
+    workload: Mutex<M, RefCell<Workload>>,
     sightings: Channel<M, Heard, SIGHTINGS>,
     quiet: Signal<M, Quiet>,
     /// Advertisements heard, whoever's: a sign that the scanner works.
@@ -182,7 +182,7 @@ impl<M: RawMutex> Handover<M> {
         Self {
             rounds: Channel::new(),
             guidance: Mutex::new(Cell::new(Guidance::NONE)),
-            workload: Mutex::new(Cell::new(Workload::new())),
+            workload: Mutex::new(RefCell::new(Workload::new())),
             sightings: Channel::new(),
             quiet: Signal::new(),
             heard: Tally::new(),
@@ -206,20 +206,12 @@ impl<M: RawMutex> Handover<M> {
 
     /// The engine has taken a round at this time, microseconds since the node started.
     pub(crate) fn begin(&self, now_us: u64) {
-        self.note(|workload| workload.begin(now_us));
+        self.workload.lock(|workload| workload.borrow_mut().begin(now_us));
     }
 
     /// The engine is done with it.
     pub(crate) fn end(&self, now_us: u64) {
-        self.note(|workload| workload.end(now_us));
-    }
-
-    fn note(&self, note: impl FnOnce(&mut Workload)) {
-        self.workload.lock(|cell| {
-            let mut workload = cell.get();
-            note(&mut workload);
-            cell.set(workload);
-        });
+        self.workload.lock(|workload| workload.borrow_mut().end(now_us));
     }
 
     /// The scanner has heard a beacon; how many older sightings that cost.
@@ -238,7 +230,7 @@ impl<M: RawMutex> Handover<M> {
 
     pub(crate) fn take_guidance(&self, now_us: u64) -> Guidance {
         let waiting = self.rounds.len();
-        let left_us = self.workload.lock(|cell| cell.get().left_us(now_us, waiting));
+        let left_us = self.workload.lock(|workload| workload.borrow().left_us(now_us, waiting));
         let guidance = self.guidance.lock(|cell| cell.replace(Guidance { rate: None, ..cell.get() }));
         Guidance { busy: RadioDuration::from_micros(left_us), ..guidance }
     }

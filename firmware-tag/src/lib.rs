@@ -239,24 +239,16 @@ struct Ranging<'a, M: RawMutex, S> {
     sounder: Sounder,
 }
 
-impl<M: RawMutex, S: Sink> Ranging<'_, M, S> {
-    /// When a poll left or came, since the node started, microseconds.
-    fn poll_us(&self, poll: RadioInstant, present: RadioInstant) -> u64 {
-        let age_us = u64::try_from(present.since(poll).as_micros()).unwrap_or(0);
-        self.sink.now_us().saturating_sub(age_us)
-    }
-}
-
 impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
     async fn report(&mut self, report: Report<'_>, present: RadioInstant) -> Guidance {
+        let now_us = self.sink.now_us();
+        // When a poll left or came.
+        let poll_us =
+            |poll: RadioInstant| now_us.saturating_sub(u64::try_from(present.since(poll).as_micros()).unwrap_or(0));
         let dropped = match report {
-            Report::Round(round) => {
-                let poll_us = self.poll_us(round.poll, present);
-                self.handover.put_ranges(&round, poll_us, self.sounder.take())
-            }
+            Report::Round(round) => self.handover.put_ranges(&round, poll_us(round.poll), self.sounder.take()),
             Report::Differences(round) => {
-                let poll_us = self.poll_us(round.poll, present);
-                self.handover.put_differences(&round, poll_us, self.sounder.take())
+                self.handover.put_differences(&round, poll_us(round.poll), self.sounder.take())
             }
             Report::Link(link) => {
                 self.sink.link(link);
@@ -264,7 +256,7 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
             }
         };
         (0..dropped).for_each(|_| self.sink.round_dropped());
-        let guidance = self.handover.take_guidance(self.sink.now_us());
+        let guidance = self.handover.take_guidance(now_us);
         self.sounder.wanted = guidance.turns;
         guidance
     }

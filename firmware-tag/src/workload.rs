@@ -6,7 +6,7 @@ const SMOOTHING: i64 = 8;
 const LONGEST_US: u64 = 200_000;
 
 /// What the engine is at.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Debug)]
 pub(crate) struct Workload {
     /// When it took the present round, microseconds.
     begun_us: Option<u64>,

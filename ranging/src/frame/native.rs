@@ -407,6 +407,31 @@ impl Member {
 }
 
 #[cfg(test)]
+impl Beacon {
+    /// Of a new network of nobody, for tests: superframe 0, slot 1, no members.
+    pub(crate) fn blank() -> Self {
+        Self {
+            superframe: 0,
+            term: 0,
+            age: 0,
+            hops: 0,
+            coordinator: 1,
+            slot: 1,
+            slot_owners: Default::default(),
+            request: None,
+            wish: Layout::LEAST,
+            heard: 0,
+            version: 0,
+            countdown: 0,
+            layout: Layout::LEAST,
+            layout_is_new: false,
+            position: None,
+            members: Default::default(),
+        }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::radio::MAX_FRAME;

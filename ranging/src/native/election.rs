@@ -147,28 +147,10 @@ impl Election {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Layout;
     use super::*;
 
     fn beacon(term: u8, coordinator: u16) -> Beacon {
-        Beacon {
-            superframe: 0,
-            term,
-            age: 0,
-            hops: 0,
-            coordinator,
-            slot: 1,
-            slot_owners: Default::default(),
-            request: None,
-            wish: Layout::LEAST,
-            heard: 0,
-            version: 0,
-            countdown: 0,
-            layout: Layout::LEAST,
-            layout_is_new: false,
-            position: None,
-            members: Default::default(),
-        }
+        Beacon { term, coordinator, ..Beacon::blank() }
     }
 
     /// A node that has followed coordinator 5 in term 3 for a minute.

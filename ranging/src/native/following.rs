@@ -127,26 +127,10 @@ mod tests {
         Layout { answer: Span::at_least(RadioDuration::from_micros(answer_us)), ..Layout::LEAST }
     }
 
-    /// The beacon of slot 2 in this superframe, sent by coordinator 1.
+    /// The beacon of slot 2 in this superframe, of coordinator 1.
     fn beacon(superframe: u16, version: u8, layout: Layout, countdown: u8) -> Beacon {
-        Beacon {
-            superframe,
-            term: 1,
-            age: 0,
-            hops: 0,
-            coordinator: 1,
-            slot: SLOT,
-            slot_owners: Default::default(),
-            request: None,
-            wish: Layout::LEAST,
-            heard: 0,
-            version,
-            countdown,
-            layout,
-            layout_is_new: countdown > 0,
-            position: None,
-            members: Default::default(),
-        }
+        let (slot, layout_is_new) = (SLOT, countdown > 0);
+        Beacon { superframe, slot, version, layout, countdown, layout_is_new, ..Beacon::blank() }
     }
 
     /// A tag that has followed since superframe 10, whose slots are laid out for answers of 600 µs, and then dozed; when that superframe

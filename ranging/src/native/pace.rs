@@ -51,12 +51,16 @@ impl Quantile {
     }
 
     fn with_margin(&self) -> RadioDuration {
-        RadioDuration::from_ticks(self.with_share().ticks() + MARGIN.ticks())
+        with_margin(RadioDuration::from_ticks(self.ticks))
     }
 }
 
 fn with_share(duration: RadioDuration) -> RadioDuration {
     RadioDuration::from_ticks(duration.ticks() + duration.ticks() / MARGIN_SHARE)
+}
+
+fn with_margin(duration: RadioDuration) -> RadioDuration {
+    RadioDuration::from_ticks(with_share(duration).ticks() + MARGIN.ticks())
 }
 
 /// What the node has measured of itself, or what its record says instead.
@@ -101,7 +105,7 @@ impl Meter {
     /// From the end of a frame until the node had dealt with it; the next one, which lasts `next`, comes meanwhile.
     pub fn dealt_with(&mut self, after: RadioDuration, next: RadioDuration) {
         self.reading.take(after);
-        self.listen_again.take(RadioDuration::from_ticks(with_share(after).ticks() + MARGIN.ticks() - next.ticks()));
+        self.listen_again.take(RadioDuration::from_ticks(with_margin(after).ticks() - next.ticks()));
     }
 
     /// From a decision to transmit at once to the first pulse.

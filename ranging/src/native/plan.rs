@@ -319,22 +319,10 @@ mod tests {
     fn a_newcomer_knows_the_new_list_and_not_the_one_that_counts() {
         let [old, new] = [list(&[Share::Greedy]), list(&[Share::Greedy, Share::Slots(1)])];
         let beacon = |version, countdown, members: &Members| Beacon {
-            superframe: 0,
-            term: 0,
-            age: 0,
-            hops: 0,
-            coordinator: 1,
-            slot: 1,
-            slot_owners: Default::default(),
-            request: None,
-            wish: Layout::LEAST,
-            heard: 0,
             version,
             countdown,
-            layout: Layout::LEAST,
-            layout_is_new: false,
-            position: None,
             members: members.clone(),
+            ..Beacon::blank()
         };
         let mut newcomer = Membership::from_beacon(&beacon(2, 3, &new));
         assert_eq!(newcomer.in_force(), None);

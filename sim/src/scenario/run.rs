@@ -1,6 +1,6 @@
 //! A scenario put into a world and run.
 
-use std::cell::{Cell, RefCell};
+use std::cell::RefCell;
 use std::collections::HashMap;
 use std::convert::Infallible;
 use std::rc::Rc;
@@ -389,7 +389,7 @@ impl Firmware for TagFirmware {
         let settings = scenario.tag;
         let (address, ears) = (self.tag.address, self.ears.clone());
         let (notebook, walk) = (self.notebook.clone(), self.tag.walk.clone());
-        let sink = TagSink { notebook, walk, processor, lines: Cell::new(LinePace::new()) };
+        let sink = TagSink { notebook, walk, processor, lines: RefCell::new(LinePace::new()) };
         async move {
             let model = settings.model.and_then(|bytes| Model::decode(bytes).ok()).map(|(model, _)| model);
             let model = model.as_ref();

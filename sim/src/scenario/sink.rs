@@ -1,6 +1,6 @@
 //! Where the apps' results go: beside the truth, into the log, and with the time that a board's processor would take.
 
-use std::cell::{Cell, RefCell};
+use std::cell::RefCell;
 use std::collections::HashMap;
 use std::fmt::Debug;
 use std::rc::Rc;
@@ -74,7 +74,7 @@ pub(super) struct TagSink {
     pub(super) walk: Walk,
     pub(super) processor: Processor,
     /// Which positions a board would log.
-    pub(super) lines: Cell<LinePace>,
+    pub(super) lines: RefCell<LinePace>,
 }
 
 impl TagSink {
@@ -130,9 +130,7 @@ impl firmware_tag::Sink for TagSink {
         let costs = &Costs::of(self.processor.board().core).tag;
         let space = scenario.tag.height_m.is_none();
         let round = costs.round(scenario.tag.method.is_none(), space, measured);
-        let mut lines = self.lines.get();
-        let line = if lines.is_due(self.now_us()) { costs.line } else { 0 };
-        self.lines.set(lines);
+        let line = if self.lines.borrow_mut().is_due(self.now_us()) { costs.line } else { 0 };
         self.processor.background(world, round + costs.publish_range * measured as u32 + line).await;
         let number = log.borrow().epochs;
         let record = Epoch {
