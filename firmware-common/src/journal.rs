@@ -61,7 +61,7 @@ impl<M: RawMutex, const BYTES: usize> Journal<M, BYTES> {
         self.hello(hello);
     }
 
-    /// What became of a round in which so many anchors answered. The log has it where the last line is old enough.
+    /// What became of a round in which so many anchors answered. The log has a line of it, where the last such line is old enough.
     pub fn fix(&self, fix: Fix, answered: u8) {
         let _ = answered;
         if self.fix_lines.lock(|lines| lines.borrow_mut().is_due(fix.t_us)) {

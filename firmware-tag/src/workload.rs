@@ -1,6 +1,6 @@
 //! How long the engine will be busy: measured while it works, so that rounds are made when there is time to compute them.
 
-/// One part in so many of a new round's time goes into the mean.
+/// The mean is exponential: a new round has this share, one in so many.
 const SMOOTHING: i64 = 8;
 /// A round that took longer was interrupted by something else, microseconds.
 const LONGEST_US: u64 = 200_000;

@@ -85,7 +85,7 @@ pub struct MachineCosts {
 pub struct TagCosts {
     /// A round goes from ranging to the engine: ranging's part.
     pub handover: u32,
-    /// A round of 4 and of 8 ranges in the engine that tracks, in the plane, with the position told.
+    /// A round of 4 and of 8 ranges in the engine that tracks, in the plane, with its position published.
     pub track_plane: [u32; 2],
     /// The same in space.
     pub track_space: [u32; 2],
@@ -93,7 +93,7 @@ pub struct TagCosts {
     pub solve_plane: [u32; 2],
     /// The same in space.
     pub solve_space: [u32; 2],
-    /// A range is told beside it.
+    /// A range, published with it.
     pub publish_range: u32,
     /// A line of the log.
     pub line: u32,

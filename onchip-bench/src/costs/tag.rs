@@ -1,5 +1,5 @@
-//! What a tag does beside ranging: a round in the task of the engine, with its ranges' lines of sight judged and the position told, and
-//! a line of the log.
+//! What a tag does beside ranging: a round in the task of the engine, with its ranges' lines of sight judged and the position published,
+//! and a line of the log.
 
 use core::convert::Infallible;
 use core::future::{Future, pending};
@@ -33,12 +33,12 @@ const BYTES: usize = 1024;
 
 type Guard = NoopRawMutex;
 
-/// A round in the task of the engine, and what is told of it, out of the journal again; instructions.
+/// A round in the task of the engine, and what is published of it, taken out of the journal again; instructions.
 #[derive(Default)]
 pub struct Costs {
-    /// The round, with its position told.
+    /// The round, with its position published.
     pub round: Mean,
-    /// A range told beside it.
+    /// A range, published with it.
     pub publish_range: Mean,
 }
 
@@ -66,13 +66,13 @@ pub fn measure(ranges: u16, tracks: bool, space: bool) -> Costs {
     let handovers = [Handover::<Guard>::new(), Handover::new()];
     // Every instant is the same one: no line of the log but the first.
     let reporters = [Reporter::<Guard, BYTES>::new(|| 0), Reporter::new(|| 0)];
-    let told = [false, true].map(|report_ranges| Told::new(&reporters[usize::from(report_ranges)], report_ranges));
+    let sinks = [false, true].map(|report_ranges| Told::new(&reporters[usize::from(report_ranges)], report_ranges));
     let engine = |tag: usize| {
         let mut locator = Locator::new((!space).then_some(1.2), &[]);
         if !tracks {
             locator.settings = Settings::solve(locator.settings.dimensions, Solvers::of(Method::Robust));
         }
-        firmware_tag::engine(&handovers[tag], Never, locator, Pace::new(Rate::Greedy, None), &told[tag])
+        firmware_tag::engine(&handovers[tag], Never, locator, Pace::new(Rate::Greedy, None), &sinks[tag])
     };
     let (mut silent, mut telling) = (pin!(engine(0)), pin!(engine(1)));
     run(silent.as_mut(), &reporters[0]);
@@ -86,7 +86,7 @@ pub fn measure(ranges: u16, tracks: bool, space: bool) -> Costs {
         handovers.iter().for_each(|handover| assert_eq!(handover.put_ranges(black_box(&round), poll_us, None), 0));
         let (alone, _) = run(silent.as_mut(), &reporters[0]);
         let (with_ranges, frames) = run(telling.as_mut(), &reporters[1]);
-        assert_eq!(frames, 1 + u32::from(asked), "a position and its ranges are told");
+        assert_eq!(frames, 1 + u32::from(asked), "a position and its ranges are published");
         if number >= WARM_UP {
             costs.round.add(alone);
             costs.publish_range.add((with_ranges - alone) / u32::from(asked));

@@ -80,13 +80,19 @@ fn one_range_in_ten_may_be_anything() {
     }
 }
 
-#[test]
-fn a_link_that_becomes_longer_is_refused_and_then_taken_for_what_it_is() {
+/// An engine that has tracked a tag at rest for 49 rounds.
+fn tracked_at(tag: [f64; 2]) -> Engine<f32> {
     let mut engine = Engine::new(Settings::track(PLANE));
-    let tag = [4.0, 3.0];
     for k in 1..50 {
         round(&mut engine, k * ROUND_US, tag, |_| 0.0);
     }
+    engine
+}
+
+#[test]
+fn a_link_that_becomes_longer_is_refused_and_then_taken_for_what_it_is() {
+    let tag = [4.0, 3.0];
+    let mut engine = tracked_at(tag);
     let mut verdicts = Vec::new();
     for k in 50..90 {
         for anchor in 0..ANCHORS.len() {
@@ -107,11 +113,8 @@ fn a_link_that_becomes_longer_is_refused_and_then_taken_for_what_it_is() {
 
 #[test]
 fn ranges_that_are_shortened_alike_are_refused_for_ever_and_move_nothing() {
-    let mut engine = Engine::new(Settings::track(PLANE));
     let tag = [4.0, 3.0];
-    for k in 1..50 {
-        round(&mut engine, k * ROUND_US, tag, |_| 0.0);
-    }
+    let mut engine = tracked_at(tag);
     for k in 50..450 {
         for anchor in 0..ANCHORS.len() {
             let excess = if anchor == 2 { -1.5 } else { 0.0 };
@@ -130,10 +133,7 @@ fn ranges_that_are_shortened_alike_are_refused_for_ever_and_move_nothing() {
 
 #[test]
 fn a_tag_that_is_carried_off_is_found_again() {
-    let mut engine = Engine::new(Settings::track(PLANE));
-    for k in 1..50 {
-        round(&mut engine, k * ROUND_US, [2.0, 2.0], |_| 0.0);
-    }
+    let mut engine = tracked_at([2.0, 2.0]);
     let mut started = false;
     for k in 50..56 {
         for anchor in 0..ANCHORS.len() {
