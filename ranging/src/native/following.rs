@@ -95,6 +95,13 @@ impl Following {
         begun
     }
 
+    /// The next so many superframes pass unheard by intention. They count as one.
+    pub fn hold_over(&mut self, superframes: u16) {
+        let begin = i64::from(superframes) * self.course.timing.superframe.ticks();
+        self.advance(self.course.phase.at(RadioDuration::from_ticks(begin)));
+        self.heard = self.course.phase.number.wrapping_sub(1);
+    }
+
     /// Superframes since a beacon was heard.
     pub fn silent(&self) -> u16 {
         self.course.phase.number.wrapping_sub(self.heard)

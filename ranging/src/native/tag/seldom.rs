@@ -228,6 +228,10 @@ impl Tag {
         if let Some(turns) =
             network.next_turn(self.config.address, rate).filter(|turns| *turns >= DOZE_FROM && self.dozes)
         {
+            if let Some(action) = self.hold_over(present, turns) {
+                return action;
+            }
+            let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
             network.following.adrift = Some(present);
             let superframe = phase.number.wrapping_add(turns);
             // What is dozed through counts as one.
@@ -257,6 +261,28 @@ impl Tag {
             (Listening::Nothing, None) | (Listening::All, _) => difference(RadioDuration::ZERO, sum(lead, doubt)),
         };
         self.pause(present, next.plus(wake))
+    }
+
+    /// Nothing more is to be done before the turn in `turns` superframes: sleeps until its round, which it makes without a beacon before it.
+    /// `None` where this turn had none either, where the list changes, or where the round has no room for the doubt.
+    fn hold_over(&mut self, present: RadioInstant, turns: u16) -> Option<Action<'static>> {
+        let (lead, doubt) = (self.meter.lead(), self.wakes.doubt(Slept::once(LONGEST_WAIT)));
+        let network = self.network.as_mut().filter(|network| network.following.silent() == 0)?;
+        let (timing, phase) = (network.following.course.timing, network.following.course.phase);
+        let membership = &network.following.course.membership;
+        let members = membership.in_force().filter(|_| membership.countdown() == 0)?;
+        let owned = owned_slots(members, self.config.address, phase.number.wrapping_add(turns), timing.round_slots);
+        let pulse = next_round(owned, &timing, timing.rounds(), self.round.asked(), doubt)?;
+        let begin = RadioDuration::from_ticks(i64::from(turns) * timing.superframe.ticks());
+        let wait = difference(sum(begin, difference(pulse, sum(lead, doubt))), present.since(phase.start));
+        if wait > LONGEST_WAIT {
+            return None;
+        }
+        self.pulse_at = Some(phase.at(sum(begin, pulse)));
+        network.following.hold_over(turns);
+        // What is slept through counts as one.
+        self.age_neighbours(1, true);
+        Some(self.pause(present, present.plus(wait)))
     }
 
     /// The poll has left: off until the first response, where that is worth it.
