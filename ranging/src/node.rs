@@ -7,7 +7,7 @@ use core::convert::Infallible;
 
 use embedded_hal_async::delay::DelayNs;
 
-use crate::exchange::{Action, Event, Guidance, Machine, Report, execute, wait_until};
+use crate::exchange::{Action, Event, Guidance, Machine, Report, execute, left_of, wait, wait_until};
 use crate::radio::MAX_FRAME;
 use crate::{Pace, Radio, RadioInstant};
 
@@ -112,12 +112,17 @@ async fn attempt<R: Restart>(
                 event = Event::Reported;
                 continue;
             }
-            Action::WaitUntil(instant) => {
-                let slept = machine.may_sleep() && sleep_until(radio, instant).await?;
+            Action::Sleep { from, duration } => {
+                let micros = left_of(radio, from, duration).await?;
+                let slept = radio.sleep(micros).await?;
                 if !slept {
-                    wait_until(radio, delay, instant).await?;
+                    wait(radio, delay, micros).await?;
                 }
                 (now, event) = (radio.now().await?, if slept { Event::Started } else { Event::Woken });
+            }
+            Action::WaitUntil(instant) => {
+                wait_until(radio, delay, instant).await?;
+                (now, event) = (radio.now().await?, Event::Woken);
             }
             Action::Transmit { .. } | Action::Receive { .. } => {
                 (now, event) = execute(radio, delay, &mut buffer, action).await?;
@@ -127,10 +132,4 @@ async fn attempt<R: Restart>(
         // The radio did something, and did it well.
         *failures = 0;
     }
-}
-
-/// Lets the radio sleep until an instant, where it likes to.
-async fn sleep_until<R: Restart>(radio: &mut R, instant: RadioInstant) -> Result<bool, R::Error> {
-    let micros = instant.since(radio.now().await?).as_micros();
-    radio.sleep(u32::try_from(micros).unwrap_or(0)).await
 }

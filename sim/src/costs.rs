@@ -219,14 +219,15 @@ impl MachineCosts {
         let message = |bytes: &[u8]| Frame::parse(bytes).map(|frame| frame.message);
         let sent = match action {
             Action::Transmit { frame, .. } => Some(message(frame)),
-            Action::Receive { .. } | Action::WaitUntil(_) | Action::Report(_) => None,
+            Action::Receive { .. } | Action::WaitUntil(_) | Action::Sleep { .. } | Action::Report(_) => None,
         };
         let reports_round = match action {
             Action::Report(Report::Round(_) | Report::Differences(_)) => true,
             Action::Report(Report::Link(_))
             | Action::Transmit { .. }
             | Action::Receive { .. }
-            | Action::WaitUntil(_) => false,
+            | Action::WaitUntil(_)
+            | Action::Sleep { .. } => false,
         };
         match event {
             Event::Received(received) => match Frame::parse(received.bytes) {
@@ -271,14 +272,11 @@ impl<M: Machine> Machine for Charged<M> {
             Action::Report(Report::Link(_))
             | Action::Transmit { .. }
             | Action::Receive { .. }
-            | Action::WaitUntil(_) => false,
+            | Action::WaitUntil(_)
+            | Action::Sleep { .. } => false,
         };
         self.processor.charge(self.costs.machine.of_step(self.address, &event, &action) + handover);
         action
-    }
-
-    fn may_sleep(&self) -> bool {
-        self.inner.may_sleep()
     }
 
     fn calibrate(&mut self, antenna_delay: RadioDuration) {

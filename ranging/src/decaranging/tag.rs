@@ -23,7 +23,7 @@ pub struct TagConfig {
     pub turnaround: Turnaround,
     /// What the radio adds to the snapped start of a transmission, as [`Radio::departure`](crate::Radio::departure) does.
     pub antenna_delay: RadioDuration,
-    /// From one poll to the next.
+    /// From one poll to the next, 8 s at most.
     pub period: RadioDuration,
 }
 
@@ -229,7 +229,12 @@ impl Tag {
     fn begin(&mut self, now: RadioInstant) -> Action<'_> {
         let due = *self.next.get_or_insert(now);
         if due.since(now) > RadioDuration::ZERO {
-            return Action::WaitUntil(due);
+            // Between exchanges nothing hangs on the clock, but for a distance that comes later: a restart begins with the next poll or
+            // blink.
+            return match self.finished {
+                None => Action::Sleep { from: now, duration: due.since(now) },
+                Some(_) => Action::WaitUntil(due),
+            };
         }
         match self.paired {
             None => {
@@ -257,12 +262,6 @@ impl Tag {
 }
 
 impl Machine for Tag {
-    fn may_sleep(&self) -> bool {
-        // Between exchanges nothing hangs on the clock, but for a distance that comes later: a restart begins with the next poll or
-        // blink.
-        self.state == State::Between && self.finished.is_none()
-    }
-
     fn guide(&mut self, guidance: Guidance) {
         match guidance.rate {
             Some(Rate::Every(period)) => self.config.period = period,

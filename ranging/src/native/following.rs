@@ -95,11 +95,18 @@ impl Following {
         begun
     }
 
-    /// The next so many superframes pass unheard by intention. They count as one.
+    /// Goes on by so many superframes, which are slept through: from here on the clock counts from the last of them. They count as one
+    /// in which no beacon was heard.
     pub fn hold_over(&mut self, superframes: u16) {
-        let begin = i64::from(superframes) * self.course.timing.superframe.ticks();
-        self.advance(self.course.phase.at(RadioDuration::from_ticks(begin)));
+        (0..superframes).for_each(|_| self.course.next());
+        self.election.advance(superframes);
         self.heard = self.course.phase.number.wrapping_sub(1);
+    }
+
+    /// The same, after which the phase is not known any more.
+    pub fn doze(&mut self, superframes: u16, present: RadioInstant) {
+        self.hold_over(superframes);
+        self.adrift = Some(present);
     }
 
     /// Superframes since a beacon was heard.

@@ -509,10 +509,6 @@ impl Followed {
 }
 
 impl Machine for Tag {
-    fn may_sleep(&self) -> bool {
-        self.nap.is_some()
-    }
-
     fn pace(&mut self, pace: Pace) {
         self.listening_at = pace.listening;
         self.was_measured = pace.armed.is_some();
@@ -591,7 +587,10 @@ impl Machine for Tag {
                     Doing::Nothing | Doing::Ending => {}
                 }
             }
-            Event::Woken => self.resume(now),
+            Event::Woken => match nap {
+                Some(nap) => self.woke(nap, now),
+                None => self.resume(now),
+            },
             Event::Reported => self.free_at = Some(now.plus(core::mem::take(&mut self.busy))),
             Event::Corrupt => {}
         }
