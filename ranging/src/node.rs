@@ -4,7 +4,9 @@
 //! the radio is brought up again, after a pause that grows from failure to failure, and the machine begins anew.
 
 use core::convert::Infallible;
+use core::future::{Future, pending};
 
+use embassy_futures::select::{Either, select};
 use embedded_hal_async::delay::DelayNs;
 
 use crate::exchange::{Action, Event, Guidance, Machine, Report, execute, wait_until};
@@ -22,10 +24,10 @@ pub trait Restart: Radio {
     /// Resets the chip and configures it; its clock starts anew.
     async fn restart(&mut self) -> Result<(), Self::Error>;
 
-    /// Sleeps for so many microseconds, where the radio can, may, and gains by it; its clock has begun anew then. False: nothing was
-    /// done, and no time has passed.
-    async fn sleep(&mut self, micros: u32) -> Result<bool, Self::Error> {
-        let _ = micros;
+    /// Sleeps for so many microseconds, or until `roused` is done, where the radio can, may, and gains by it; its clock has begun anew
+    /// then. False: nothing was done, and no time has passed.
+    async fn sleep(&mut self, micros: u32, roused: impl Future<Output = ()>) -> Result<bool, Self::Error> {
+        let _ = (micros, roused);
         Ok(false)
     }
 }
@@ -35,8 +37,8 @@ impl<R: Restart> Restart for &mut R {
         (**self).restart().await
     }
 
-    async fn sleep(&mut self, micros: u32) -> Result<bool, Self::Error> {
-        (**self).sleep(micros).await
+    async fn sleep(&mut self, micros: u32, roused: impl Future<Output = ()>) -> Result<bool, Self::Error> {
+        (**self).sleep(micros, roused).await
     }
 }
 
@@ -58,6 +60,11 @@ pub trait Listener {
     /// whoever waits for the radio to be quiet. `now` is the step's.
     fn observe(&mut self, now: RadioInstant, event: &Event<'_>, action: &Action<'_>) {
         let _ = (now, event, action);
+    }
+
+    /// Done when the machine is to know something before the wait is over that it is in: that.
+    async fn roused(&mut self) -> Guidance {
+        pending().await
     }
 
     /// The radio failed, for the `failures`-th time since it last worked; it is brought up again.
@@ -113,9 +120,22 @@ async fn attempt<R: Restart>(
                 continue;
             }
             Action::WaitUntil(instant) => {
-                let slept = machine.may_sleep() && sleep_until(radio, instant).await?;
+                let mut roused = None;
+                let slept = if machine.may_sleep() {
+                    sleep_until(radio, instant, async { roused = Some(listener.roused().await) }).await
+                } else {
+                    Ok(false)
+                };
+                // Who rouses does it once: an error of the radio may not lose why.
+                if let Some(guidance) = roused {
+                    machine.rouse(guidance);
+                }
+                let slept = slept?;
                 if !slept {
-                    wait_until(radio, delay, instant).await?;
+                    match select(wait_until(radio, delay, instant), listener.roused()).await {
+                        Either::First(waited) => waited?,
+                        Either::Second(guidance) => machine.rouse(guidance),
+                    }
                 }
                 (now, event) = (radio.now().await?, if slept { Event::Started } else { Event::Woken });
             }
@@ -129,8 +149,12 @@ async fn attempt<R: Restart>(
     }
 }
 
-/// Lets the radio sleep until an instant, where it likes to.
-async fn sleep_until<R: Restart>(radio: &mut R, instant: RadioInstant) -> Result<bool, R::Error> {
+/// Lets the radio sleep until an instant, or until `roused` is done, where it likes to.
+async fn sleep_until<R: Restart>(
+    radio: &mut R,
+    instant: RadioInstant,
+    roused: impl Future<Output = ()>,
+) -> Result<bool, R::Error> {
     let micros = instant.since(radio.now().await?).as_micros();
-    radio.sleep(u32::try_from(micros).unwrap_or(0)).await
+    radio.sleep(u32::try_from(micros).unwrap_or(0), roused).await
 }
