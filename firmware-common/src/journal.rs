@@ -9,7 +9,9 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use ranging::exchange::Link;
-use telemetry::{Condition, Counters, Difference, Fix, Hello, Message, Queue, Range, Reset, Room, Sighting, State};
+use telemetry::{
+    Condition, Counters, Difference, Fix, Hello, Message, MotionSensor, Queue, Range, Reset, Room, Sighting, State,
+};
 
 use crate::Counts;
 use crate::lines::LinePace;
@@ -104,7 +106,8 @@ impl<M: RawMutex, const BYTES: usize> Journal<M, BYTES> {
             | Condition::ScannerRestarted(_)
             | Condition::Unused(..)
             | Condition::BeaconElsewhere(_)
-            | Condition::BeaconDoubled(_) => {
+            | Condition::BeaconDoubled(_)
+            | Condition::MotionSensor(MotionSensor::Silent | MotionSensor::Foreign | MotionSensor::Endless) => {
                 log!(warn, StateLine(is));
             }
             Condition::Searching
@@ -114,7 +117,8 @@ impl<M: RawMutex, const BYTES: usize> Journal<M, BYTES> {
             | Condition::Coordinating
             | Condition::Following(_)
             | Condition::Advertising
-            | Condition::BeaconBelieved(_) => {
+            | Condition::BeaconBelieved(_)
+            | Condition::MotionSensor(MotionSensor::Ready) => {
                 log!(info, StateLine(is));
             }
         }

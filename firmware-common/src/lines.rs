@@ -6,8 +6,8 @@
 use core::fmt;
 
 use telemetry::{
-    Condition, Counters, Crash, CrashReason, Fix, Hello, LevelsFault, Likely, Outcome, Reason, RecordFault, Reset,
-    ResetCause, Solver, Whereabouts,
+    Condition, Counters, Crash, CrashReason, Fix, Hello, LevelsFault, Likely, MotionSensor, Outcome, Reason,
+    RecordFault, Reset, ResetCause, Solver, Whereabouts,
 };
 
 /// Gives a type its text, once for both: a match whose arms are a format and its arguments.
@@ -206,6 +206,10 @@ text!(StateLine, |this| this.0;
     ),
     Condition::BeaconDoubled(of) => ("two senders are beacon {}-{}: {} s of levels; not used", of.major, of.minor, of.seconds),
     Condition::BeaconBelieved(of) => ("beacon {}-{} agrees again, for {} s", of.major, of.minor, of.seconds),
+    Condition::MotionSensor(MotionSensor::Ready) => ("motion sensor ready"),
+    Condition::MotionSensor(MotionSensor::Silent) => ("motion sensor does not answer: positions alone count"),
+    Condition::MotionSensor(MotionSensor::Foreign) => ("not the motion sensor answers: positions alone count"),
+    Condition::MotionSensor(MotionSensor::Endless) => ("motion sensor reports movement without end: positions alone count"),
 );
 
 /// In which room a tag is.

@@ -137,6 +137,14 @@ impl Machine for TagMachine {
             Self::Listening(tag) => tag.guide(guidance),
         }
     }
+
+    fn rouse(&mut self, guidance: Guidance) {
+        match self {
+            Self::Native(tag) => tag.rouse(guidance),
+            Self::DecaRanging(tag) => tag.rouse(guidance),
+            Self::Listening(tag) => tag.rouse(guidance),
+        }
+    }
 }
 
 impl Machine for AnchorMachine {

@@ -86,7 +86,8 @@ impl Lights {
             | Condition::Unused(..)
             | Condition::BeaconElsewhere(_)
             | Condition::BeaconDoubled(_)
-            | Condition::BeaconBelieved(_) => {}
+            | Condition::BeaconBelieved(_)
+            | Condition::MotionSensor(_) => {}
             Condition::NoRecord(_)
             | Condition::WrongRecord
             | Condition::Searching
@@ -112,7 +113,8 @@ impl Lights {
             | Condition::Unused(..)
             | Condition::BeaconElsewhere(_)
             | Condition::BeaconDoubled(_)
-            | Condition::BeaconBelieved(_) => (ms < 50, false),
+            | Condition::BeaconBelieved(_)
+            | Condition::MotionSensor(_) => (ms < 50, false),
             Condition::Synchronised(_) | Condition::NetworkFull => (ms < 50 || (200..250).contains(&ms), false),
             Condition::Paired(_)
             | Condition::Joined(_)

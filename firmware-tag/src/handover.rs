@@ -14,7 +14,7 @@ use heapless::Vec;
 use positioning_core::ble::path_loss::PathLoss;
 use ranging::RadioDuration;
 use ranging::exchange::{self, Difference, Differences, Guidance, Range};
-use ranging::native::MAX_ROUND;
+use ranging::native::{MAX_ROUND, Rate};
 
 use crate::Sounding;
 use crate::workload::Workload;
@@ -172,6 +172,9 @@ pub struct Handover<M: RawMutex> {
     workload: Mutex<M, RefCell<Workload>>,
     sightings: Channel<M, Heard, SIGHTINGS>,
     quiet: Signal<M, Quiet>,
+    movement: Signal<M, ()>,
+    /// The rate that waits to be taken is not to wait for the next report.
+    rouse: Signal<M, ()>,
     /// Advertisements heard, whoever's: a sign that the scanner works.
     pub(crate) heard: Tally,
 }
@@ -185,6 +188,8 @@ impl<M: RawMutex> Handover<M> {
             workload: Mutex::new(RefCell::new(Workload::new())),
             sightings: Channel::new(),
             quiet: Signal::new(),
+            movement: Signal::new(),
+            rouse: Signal::new(),
             heard: Tally::new(),
         }
     }
@@ -228,6 +233,32 @@ impl<M: RawMutex> Handover<M> {
         self.guidance.lock(|cell| cell.set(Guidance { rate: guidance.rate.or(cell.get().rate), ..guidance }));
     }
 
+    /// The tag is to range at this rate at once, whatever it waits for.
+    pub(crate) fn rouse(&self, rate: Rate) {
+        self.guidance.lock(|cell| cell.set(Guidance { rate: Some(rate), ..cell.get() }));
+        self.rouse.signal(());
+    }
+
+    /// Done when somebody has roused the tag, and its rate was not taken since.
+    pub(crate) async fn roused(&self, now_us: impl Fn() -> u64) -> Guidance {
+        loop {
+            self.rouse.wait().await;
+            let guidance = self.take_guidance(now_us());
+            if guidance.rate.is_some() {
+                return guidance;
+            }
+        }
+    }
+
+    /// The motion sensor reports movement.
+    pub(crate) fn tell_movement(&self) {
+        self.movement.signal(());
+    }
+
+    pub(crate) async fn next_movement(&self) {
+        self.movement.wait().await;
+    }
+
     pub(crate) fn take_guidance(&self, now_us: u64) -> Guidance {
         let waiting = self.rounds.len();
         let left_us = self.workload.lock(|workload| workload.borrow().left_us(now_us, waiting));
@@ -265,10 +296,9 @@ fn put<M: RawMutex, T, const N: usize>(channel: &Channel<M, T, N>, mut item: T) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use embassy_futures::block_on;
+    use embassy_futures::{block_on, poll_once};
     use embassy_sync::blocking_mutex::raw::NoopRawMutex;
     use ranging::RadioInstant;
-    use ranging::native::Rate;
 
     fn round(number: u16) -> exchange::Round<'static> {
         exchange::Round { number, poll: RadioInstant::default(), asked: 4, ranges: &[] }
@@ -292,6 +322,22 @@ mod tests {
         let taken = Guidance { position_m: Some([1.0, 2.0, 3.0]), rate, turns: true, ..Guidance::NONE };
         assert_eq!(handover.take_guidance(0), taken);
         assert_eq!(handover.take_guidance(0), Guidance { rate: None, ..taken });
+    }
+
+    #[test]
+    fn who_is_roused_takes_the_rate_once() {
+        let handover = Handover::<NoopRawMutex>::new();
+        let every = Rate::Every(RadioDuration::from_micros(100_000));
+        handover.guide(Guidance { position_m: Some([1.0, 2.0, 3.0]), ..Guidance::NONE });
+        handover.rouse(every);
+        let taken = Guidance { position_m: Some([1.0, 2.0, 3.0]), rate: Some(every), ..Guidance::NONE };
+        assert_eq!(block_on(handover.roused(|| 0)), taken);
+        // Taken by a report, it rouses nobody: the next one does.
+        handover.rouse(every);
+        handover.take_guidance(0);
+        assert_eq!(poll_once(handover.roused(|| 0)), core::task::Poll::Pending);
+        handover.rouse(Rate::Greedy);
+        assert_eq!(block_on(handover.roused(|| 0)).rate, Some(Rate::Greedy));
     }
 
     #[test]

@@ -3,7 +3,8 @@
 //!
 //! Radio → machine → a round of ranges, or of differences → [`Handover`] → [`Tracker`] → an [`Epoch`]: a position with its
 //! covariance, or the reason why there is none. Ranging never waits for the engine: where that is late, the oldest round goes, and is counted.
-//! Back flow the position, by which a tag chooses its anchors, and its [`Pace`]. A Bluetooth scan ([`scan`]) runs beside, and what it
+//! Back flow the position, by which a tag chooses its anchors, and its [`Pace`]. A motion sensor ([`motion`]) runs beside, so that a tag that
+//! is picked up ranges at once. A Bluetooth scan ([`scan`]) runs beside, and what it
 //! hears of listed beacons goes into the same track, so that a tag goes from anchors to beacons and back.
 #![no_std]
 #![forbid(unsafe_code)]
@@ -12,6 +13,7 @@ mod digest;
 mod handover;
 mod levels;
 mod locator;
+pub mod motion;
 mod pace;
 pub mod scan;
 #[cfg(feature = "_board")]
@@ -30,14 +32,14 @@ extern crate std;
 use core::convert::Infallible;
 
 use embassy_futures::join::{join, join3};
-use embassy_futures::select::{Either3, select3};
+use embassy_futures::select::{Either4, select4};
 use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
 use embedded_hal_async::delay::DelayNs;
 use firmware_common::{Reporter, Settings, TagMachine, build};
 use ranging::exchange::{Action, Event, Guidance, Link, Machine, Report};
 use ranging::node::{self, Listener, Restart};
 use ranging::{Radio, RadioDuration, RadioInstant};
-use telemetry::{Board, Condition, Hello, Role, Sighting};
+use telemetry::{Board, Condition, Hello, MotionSensor, Role, Sighting};
 
 use handover::Quiet;
 use sounding::Sounder;
@@ -106,6 +108,11 @@ pub trait Sink {
     /// The tag is in this room.
     fn room(&self, told: RoomTold) {
         let _ = told;
+    }
+
+    /// What the motion sensor is good for from now on.
+    fn motion_sensor(&self, state: MotionSensor) {
+        let _ = state;
     }
 
     /// A beacon's advertisement was heard, which cost so many older ones their place.
@@ -200,24 +207,41 @@ async fn watched_engine<M: RawMutex>(
             Some(end_us) => (end_us.saturating_sub(sink.now_us()).div_ceil(1000)).min(IDLE_MS.into()) as u32,
             None => IDLE_MS,
         };
-        match select3(handover.next_round(), handover.next_sighting(), delay.delay_ms(idle_ms)).await {
-            Either3::First(round) => {
+        let (round, sighting, movement) = (handover.next_round(), handover.next_sighting(), handover.next_movement());
+        match select4(round, sighting, movement, delay.delay_ms(idle_ms)).await {
+            Either4::First(round) => {
                 handover.begin(sink.now_us());
                 let epoch = tracker.follow(round.measured(), round.sounding.as_ref(), round.poll_us);
                 let position = epoch.outcome.as_ref().ok();
+                let was_shaken = pace.is_shaken();
                 let rate = pace.after(sink.now_us(), position);
                 let position_m = position.map(|position| position.position_m);
                 handover.guide(Guidance { position_m, rate, turns, ..Guidance::NONE });
+                if let Some(rate) = rate.filter(|_| !pace.is_still()) {
+                    handover.rouse(rate);
+                }
+                if pace.is_shaken() && !was_shaken {
+                    sink.motion_sensor(MotionSensor::Endless);
+                }
                 watch(&epoch);
                 sink.publish(epoch).await;
                 handover.end(sink.now_us());
             }
-            Either3::Second(heard) => {
+            Either4::Second(heard) => {
                 if HEARS_BEACONS && let Some(sighting) = tracker.hear(&heard) {
                     sink.sighting(sighting);
                 }
             }
-            Either3::Third(()) => {}
+            Either4::Third(()) => {
+                let was_shaken = pace.is_shaken();
+                if let Some(rate) = pace.moved(sink.now_us()) {
+                    handover.rouse(rate);
+                }
+                if was_shaken && !pace.is_shaken() {
+                    sink.motion_sensor(MotionSensor::Ready);
+                }
+            }
+            Either4::Fourth(()) => {}
         }
         if HEARS_BEACONS {
             if let Some(epoch) = tracker.window(sink.now_us()) {
@@ -288,6 +312,12 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
             Action::Sleep { duration, .. } => self.rest(*duration),
             Action::Transmit { .. } | Action::Receive { .. } | Action::Report(_) => {}
         }
+    }
+
+    async fn roused(&mut self) -> Guidance {
+        let guidance = self.handover.roused(|| self.sink.now_us()).await;
+        self.sounder.wanted = guidance.turns;
+        guidance
     }
 
     async fn radio_failed(&mut self, error: &impl core::fmt::Debug, failures: u32) {

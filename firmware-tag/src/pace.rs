@@ -1,24 +1,40 @@
-//! How often a tag ranges by how it moves: in flow positions, out flow changes of the rate.
+//! How often a tag ranges by how it moves: in flow positions and the movements that a motion sensor reports, out flow changes of the rate.
 //!
 //! A tag that stays where it is for some seconds, as far as its positions can tell, goes to its still rate. Where it stays is the
 //! mean of its positions since; one that is off by more than two standard deviations is a movement: most of what a track doubts, the
-//! errors of links, stays with the place. So is not to know: two
-//! rounds in a row without a position.
+//! errors of links, stays with the place. So is not to know: two rounds in a row without a position.
+//!
+//! A motion sensor makes waking quick, and does not replace positions. A tag with one goes to its still rate when both say that it is still:
+//! a trolley at constant speed is not accelerated, and only positions see it. Where there are no positions, a sensor that is quiet is enough.
+//! A movement that begins wakes the tag at once. What goes on is no news: a sensor that shakes with a machine, or whose line is stuck,
+//! keeps a tag awake that stays where it is for two minutes, and is ignored then until it is quiet. Where movements begin again and again and
+//! the tag never leaves its place, it is deaf to them for longer each time, five minutes at most; positions still count.
+
+mod sensor;
 
 use firmware_common::machines;
 use positioning_core::Real;
 use ranging::native::Rate;
 
+use self::sensor::Movements;
 use crate::Position;
 
 /// How long a tag has to stay before it is still, microseconds.
 const STILL_AFTER_US: u64 = 5_000_000;
-/// Off by more than this many standard deviations, it has moved.
+/// The same of a tag whose sensor reports movement all the time.
+const STILL_AFTER_SHAKEN_US: u64 = 120_000_000;
+/// Off by more than this many standard deviations, it has moved …
 const MOVED_SIGMAS: f32 = 2.0;
+/// … and by more than this many it has left its place for certain.
+const LEFT_SIGMAS: f32 = 4.0;
 /// Rounds without a position after which the full rate is worth a try.
 const FAILURES: u8 = 2;
 /// The mean forgets: its newest position counts at least one in so many, so that creeping is not movement for ever.
 const MEAN_OF: u16 = 32;
+/// After the first waking in vain the sensor is not listened to for so long, after each further one for twice as long, microseconds …
+const DEAF_US: u64 = 10_000_000;
+/// … up to the one of this number.
+const MOST_IN_VAIN: u8 = 6;
 
 /// The rates of a tag, and which it is at.
 #[derive(Clone, Debug)]
@@ -29,6 +45,17 @@ pub struct Pace {
     is_still: bool,
     place: Option<Place>,
     failures: u8,
+    /// Since when there has been no position.
+    lost_since_us: Option<u64>,
+    /// What the sensor reports; `None`: there is none.
+    movements: Option<Movements>,
+    /// The sensor's movement goes on and is ignored.
+    is_shaken: bool,
+    /// Why the tag was last woken, and what came of it.
+    waking: Option<Waking>,
+    /// Wakings by the sensor, in a row, after which the tag had not left its place.
+    in_vain: u8,
+    deaf_until_us: u64,
 }
 
 /// Where the tag stays.
@@ -37,6 +64,14 @@ struct Place {
     since_us: u64,
     mean_m: [f32; 3],
     count: u16,
+}
+
+/// From the still rate to the full one.
+#[derive(Clone, Copy, Debug)]
+struct Waking {
+    from: Option<Place>,
+    by_sensor: bool,
+    has_left: bool,
 }
 
 impl Pace {
@@ -48,16 +83,64 @@ impl Pace {
 
     /// A tag that ranges at the full rate, and at the still rate, if it has one, while it does not move.
     pub const fn new(full: Rate, still: Option<Rate>) -> Self {
-        Self { full, still, is_still: false, place: None, failures: 0 }
+        Self {
+            full,
+            still,
+            is_still: false,
+            place: None,
+            failures: 0,
+            lost_since_us: None,
+            movements: None,
+            is_shaken: false,
+            waking: None,
+            in_vain: 0,
+            deaf_until_us: 0,
+        }
+    }
+
+    /// Whether the tag is at its still rate.
+    pub const fn is_still(&self) -> bool {
+        self.is_still
+    }
+
+    /// Whether the sensor's movement goes on without end and is ignored.
+    pub const fn is_shaken(&self) -> bool {
+        self.is_shaken
+    }
+
+    /// The sensor watches and reports movement, now; the rate from now on where that changes.
+    pub fn moved(&mut self, now_us: u64) -> Option<Rate> {
+        let begins = match &mut self.movements {
+            None => {
+                self.movements = Some(Movements::begin(now_us));
+                true
+            }
+            Some(movements) => movements.note(now_us),
+        };
+        if begins {
+            self.is_shaken = false;
+        }
+        if !self.is_still || !begins || now_us < self.deaf_until_us {
+            return None;
+        }
+        let waking = Waking { from: self.place, by_sensor: true, has_left: false };
+        Some(self.wake(waking))
     }
 
     /// A round is over, now; the rate from now on where that changes.
     pub fn after(&mut self, now_us: u64, position: Option<&Position>) -> Option<Rate> {
         let still = self.still?;
+        let from = self.place;
+        let is_quiet = self.movements.map(|movements| movements.is_quiet(now_us));
         let stays = match position {
             Some(position) => {
-                self.failures = 0;
-                self.stays(now_us, position)
+                (self.failures, self.lost_since_us) = (0, None);
+                if let Some(waking) = &mut self.waking {
+                    waking.has_left |= waking.from.is_none_or(|place| place.is_left(position, LEFT_SIGMAS));
+                }
+                let stayed_us = self.stayed_us(now_us, position);
+                let quiet = is_quiet.unwrap_or(true) || self.is_shaken;
+                stayed_us >= if quiet { STILL_AFTER_US } else { STILL_AFTER_SHAKEN_US }
             }
             None => {
                 self.failures = self.failures.saturating_add(1);
@@ -65,35 +148,58 @@ impl Pace {
                     return None;
                 }
                 self.place = None;
-                false
+                let lost_us = now_us.saturating_sub(*self.lost_since_us.get_or_insert(now_us));
+                is_quiet == Some(true) && (self.is_still || lost_us >= STILL_AFTER_US)
             }
         };
         if stays == self.is_still {
             return None;
         }
-        self.is_still = stays;
-        Some(if stays { still } else { self.full })
+        if !stays {
+            let has_left = from.zip(position).is_some_and(|(place, position)| place.is_left(position, LEFT_SIGMAS));
+            return Some(self.wake(Waking { from, by_sensor: false, has_left }));
+        }
+        self.is_still = true;
+        self.is_shaken |= is_quiet == Some(false);
+        self.judge_waking(now_us);
+        Some(still)
     }
 
-    /// Whether the tag has stayed for long enough.
-    fn stays(&mut self, now_us: u64, position: &Position) -> bool {
-        let Some(place) = self.place.as_mut().filter(|place| !place.is_left(position)) else {
+    fn wake(&mut self, waking: Waking) -> Rate {
+        (self.is_still, self.waking) = (false, Some(waking));
+        self.full
+    }
+
+    /// The tag is still again: whether it was woken in vain.
+    fn judge_waking(&mut self, now_us: u64) {
+        let Some(waking) = self.waking.take() else { return };
+        if waking.has_left {
+            (self.in_vain, self.deaf_until_us) = (0, now_us);
+        } else if waking.by_sensor {
+            self.deaf_until_us = now_us + (DEAF_US << self.in_vain);
+            self.in_vain = (self.in_vain + 1).min(MOST_IN_VAIN - 1);
+        }
+    }
+
+    /// For how long the tag has stayed.
+    fn stayed_us(&mut self, now_us: u64, position: &Position) -> u64 {
+        let Some(place) = self.place.as_mut().filter(|place| !place.is_left(position, MOVED_SIGMAS)) else {
             self.place = Some(Place { since_us: now_us, mean_m: position.position_m, count: 1 });
-            return false;
+            return 0;
         };
         place.count = (place.count + 1).min(MEAN_OF);
         for (mean, new) in place.mean_m.iter_mut().zip(position.position_m) {
             *mean += (new - *mean) / f32::from(place.count);
         }
-        now_us.saturating_sub(place.since_us) >= STILL_AFTER_US
+        now_us.saturating_sub(place.since_us)
     }
 }
 
 impl Place {
-    fn is_left(&self, position: &Position) -> bool {
+    fn is_left(&self, position: &Position, sigmas: f32) -> bool {
         let away = self.mean_m.iter().zip(position.position_m).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
         let variance: f32 = (0..3).map(|axis| position.covariance_m2[axis][axis]).sum();
-        Real::sqrt(away) > MOVED_SIGMAS * Real::sqrt(variance)
+        Real::sqrt(away) > sigmas * Real::sqrt(variance)
     }
 }
 
@@ -101,6 +207,7 @@ impl Place {
 mod tests {
     use super::*;
     use ranging::RadioDuration;
+    use std::vec::Vec;
 
     const SLOW: Rate = Rate::Every(RadioDuration::from_micros(1_000_000));
 
@@ -166,5 +273,94 @@ mod tests {
     fn without_a_still_rate_nothing_changes() {
         let mut pace = Pace::new(Rate::Greedy, None);
         assert!((0..1000_u64).all(|step| pace.after(step * 100_000, Some(&at(0.0))).is_none()));
+    }
+
+    /// Rounds each second with a position at x, and movements each half second, from `from_s` to `to_s`; when the rate changed, seconds.
+    fn shaken(pace: &mut Pace, x: f32, from_s: u64, to_s: u64) -> Vec<(u64, Rate)> {
+        let mut changes = Vec::new();
+        for second in from_s..to_s {
+            let mut note = |rate: Option<Rate>| changes.extend(rate.map(|rate| (second, rate)));
+            note(pace.moved(second * 1_000_000));
+            note(pace.moved(second * 1_000_000 + 500_000));
+            note(pace.after(second * 1_000_000 + 600_000, Some(&at(x))));
+        }
+        changes
+    }
+
+    /// A tag with a sensor that has been still since 6 s.
+    fn watched() -> Pace {
+        let mut pace = pace();
+        assert_eq!(pace.moved(0), None);
+        until_still(&mut pace, 1.0);
+        pace
+    }
+
+    #[test]
+    fn a_movement_wakes_at_once_and_both_have_to_be_still() {
+        let mut pace = watched();
+        assert_eq!(pace.moved(20_000_000), Some(Rate::Greedy));
+        // It goes on until 23 s, while positions stay: quiet five seconds later.
+        assert_eq!(pace.moved(23_000_000), None);
+        assert_eq!(pace.after(27_900_000, Some(&at(0.0))), None);
+        assert_eq!(pace.after(28_000_000, Some(&at(0.0))), Some(SLOW));
+    }
+
+    #[test]
+    fn a_trolley_at_constant_speed_is_never_still_though_the_sensor_is_quiet() {
+        let mut pace = watched();
+        // A creeping start that the sensor misses: positions see it.
+        assert_eq!(pace.after(20_000_000, Some(&at(0.3))), Some(Rate::Greedy));
+        for step in 1..600_u64 {
+            assert_eq!(pace.after(20_000_000 + step * 100_000, Some(&at(0.3 + 0.03 * step as f32))), None);
+        }
+    }
+
+    #[test]
+    fn what_shakes_without_end_keeps_a_tag_awake_for_two_minutes() {
+        let mut pace = watched();
+        // It has stayed since 1 s: still again from 121 s on.
+        assert_eq!(shaken(&mut pace, 0.0, 100, 200), [(100, Rate::Greedy), (121, SLOW)]);
+        assert!(pace.is_shaken());
+        // No movement of those that go on wakes it, but positions do, and do not wait for two minutes again.
+        assert_eq!(shaken(&mut pace, 1.0, 200, 220), [(200, Rate::Greedy), (205, SLOW)]);
+        // Quiet, it is believed again.
+        assert_eq!(pace.after(230_000_000, Some(&at(1.0))), None);
+        assert_eq!(pace.moved(231_000_000), Some(Rate::Greedy));
+        assert!(!pace.is_shaken());
+    }
+
+    #[test]
+    fn who_is_woken_in_vain_is_deaf_for_longer_each_time() {
+        let mut pace = watched();
+        let mut now_us = 20_000_000;
+        let mut deaf_s = Vec::new();
+        for _ in 0..8 {
+            // A knock each second that begins anew, as far as it is quiet for five seconds between.
+            let asleep_us = now_us;
+            while pace.moved(now_us).is_none() {
+                now_us += 6_000_000;
+            }
+            deaf_s.push((now_us - asleep_us) / 1_000_000);
+            now_us += 5_000_000;
+            assert_eq!(pace.after(now_us, Some(&at(0.0))), Some(SLOW));
+        }
+        // 10, 20, 40 … 320 s from falling asleep, at knocks each 6 s.
+        assert_eq!(deaf_s, [0, 12, 24, 42, 84, 162, 324, 324]);
+        // Carried off and put down elsewhere, it hears the next knock.
+        assert_eq!(pace.after(now_us + 1_000_000, Some(&at(5.0))), Some(Rate::Greedy));
+        assert_eq!(pace.after(now_us + 6_000_000, Some(&at(5.0))), Some(SLOW));
+        assert_eq!(pace.moved(now_us + 11_000_000), Some(Rate::Greedy));
+    }
+
+    #[test]
+    fn without_positions_a_quiet_sensor_is_enough() {
+        let mut pace = watched();
+        // Still it stays.
+        assert!((10..60_u64).all(|second| pace.after(second * 1_000_000, None).is_none()));
+        assert_eq!(pace.moved(60_000_000), Some(Rate::Greedy));
+        let changes: Vec<_> =
+            (61..80_u64).filter_map(|second| Some((second, pace.after(second * 1_000_000, None)?))).collect();
+        // Without a position since 21 s, and quiet five seconds after 60 s.
+        assert_eq!(changes, [(65, SLOW)]);
     }
 }

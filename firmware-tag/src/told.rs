@@ -4,7 +4,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use firmware_common::Reporter;
 use node_record::Solver;
 use ranging::exchange::{Event, Link};
-use telemetry::{Condition, Difference, Fix, Outcome, Range, Sighting};
+use telemetry::{Condition, Difference, Fix, MotionSensor, Outcome, Range, Sighting};
 
 use crate::{Epoch, Measured, Position, RoomTold, Sink, Task};
 
@@ -97,6 +97,10 @@ impl<M: RawMutex, const BYTES: usize> Sink for Told<'_, M, BYTES> {
 
     fn room(&self, told: RoomTold) {
         self.reporter.journal.room(told.room, told.is_news);
+    }
+
+    fn motion_sensor(&self, state: MotionSensor) {
+        self.reporter.journal.state(self.now_us(), Condition::MotionSensor(state));
     }
 
     fn heard(&self, dropped: u32) {

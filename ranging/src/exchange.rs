@@ -213,6 +213,12 @@ pub trait Machine {
     fn guide(&mut self, guidance: Guidance) {
         let _ = guidance;
     }
+
+    /// The wait that was asked for last ends before its time, because of what the node knows by now. The next step is that of its end;
+    /// where the radio slept, nobody has told the machine for how long.
+    fn rouse(&mut self, guidance: Guidance) {
+        self.guide(guidance);
+    }
 }
 
 /// A machine that lives elsewhere: in a `static`, which an async function would copy it from, once a call.
@@ -231,6 +237,10 @@ impl<M: Machine + ?Sized> Machine for &mut M {
 
     fn guide(&mut self, guidance: Guidance) {
         (**self).guide(guidance);
+    }
+
+    fn rouse(&mut self, guidance: Guidance) {
+        (**self).rouse(guidance);
     }
 }
 

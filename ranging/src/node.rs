@@ -4,7 +4,9 @@
 //! the radio is brought up again, after a pause that grows from failure to failure, and the machine begins anew.
 
 use core::convert::Infallible;
+use core::future::{Future, pending};
 
+use embassy_futures::select::{Either, select};
 use embedded_hal_async::delay::DelayNs;
 
 use crate::exchange::{Action, Event, Guidance, Machine, Report, execute, left_of, wait, wait_until};
@@ -22,10 +24,10 @@ pub trait Restart: Radio {
     /// Resets the chip and configures it; its clock starts anew.
     async fn restart(&mut self) -> Result<(), Self::Error>;
 
-    /// Sleeps for so many microseconds, where the radio can, may, and gains by it; its clock has begun anew then. False: nothing was
-    /// done, and no time has passed.
-    async fn sleep(&mut self, micros: u32) -> Result<bool, Self::Error> {
-        let _ = micros;
+    /// Sleeps for so many microseconds, or until `roused` is done, where the radio can, may, and gains by it; its clock has begun anew
+    /// then. False: nothing was done, and no time has passed.
+    async fn sleep(&mut self, micros: u32, roused: impl Future<Output = ()>) -> Result<bool, Self::Error> {
+        let _ = (micros, roused);
         Ok(false)
     }
 }
@@ -35,8 +37,8 @@ impl<R: Restart> Restart for &mut R {
         (**self).restart().await
     }
 
-    async fn sleep(&mut self, micros: u32) -> Result<bool, Self::Error> {
-        (**self).sleep(micros).await
+    async fn sleep(&mut self, micros: u32, roused: impl Future<Output = ()>) -> Result<bool, Self::Error> {
+        (**self).sleep(micros, roused).await
     }
 }
 
@@ -58,6 +60,11 @@ pub trait Listener {
     /// whoever waits for the radio to be quiet. `now` is the step's.
     fn observe(&mut self, now: RadioInstant, event: &Event<'_>, action: &Action<'_>) {
         let _ = (now, event, action);
+    }
+
+    /// Done when the machine is to know something before the wait is over that it is in: that.
+    async fn roused(&mut self) -> Guidance {
+        pending().await
     }
 
     /// The radio failed, for the `failures`-th time since it last worked; it is brought up again.
@@ -112,17 +119,23 @@ async fn attempt<R: Restart>(
                 event = Event::Reported;
                 continue;
             }
+            Action::WaitUntil(instant) => {
+                or_roused(wait_until(radio, delay, instant), machine, listener).await?;
+                (now, event) = (radio.now().await?, Event::Woken);
+            }
             Action::Sleep { from, duration } => {
                 let micros = left_of(radio, from, duration).await?;
-                let slept = radio.sleep(micros).await?;
+                let mut roused = None;
+                let slept = radio.sleep(micros, async { roused = Some(listener.roused().await) }).await;
+                // Who rouses does it once: an error of the radio may not lose why.
+                if let Some(guidance) = roused {
+                    machine.rouse(guidance);
+                }
+                let slept = slept?;
                 if !slept {
-                    wait(radio, delay, micros).await?;
+                    or_roused(wait(radio, delay, micros), machine, listener).await?;
                 }
                 (now, event) = (radio.now().await?, if slept { Event::Started } else { Event::Woken });
-            }
-            Action::WaitUntil(instant) => {
-                wait_until(radio, delay, instant).await?;
-                (now, event) = (radio.now().await?, Event::Woken);
             }
             Action::Transmit { .. } | Action::Receive { .. } => {
                 (now, event) = execute(radio, delay, &mut buffer, action).await?;
@@ -131,5 +144,20 @@ async fn attempt<R: Restart>(
         }
         // The radio did something, and did it well.
         *failures = 0;
+    }
+}
+
+/// Waits, or until the machine is to know something before.
+async fn or_roused<E>(
+    wait: impl Future<Output = Result<(), E>>,
+    machine: &mut impl Machine,
+    listener: &mut impl Listener,
+) -> Result<(), E> {
+    match select(wait, listener.roused()).await {
+        Either::First(waited) => waited,
+        Either::Second(guidance) => {
+            machine.rouse(guidance);
+            Ok(())
+        }
     }
 }

@@ -290,6 +290,10 @@ impl<M: Machine> Machine for Charged<M> {
     fn guide(&mut self, guidance: Guidance) {
         self.inner.guide(guidance);
     }
+
+    fn rouse(&mut self, guidance: Guidance) {
+        self.inner.rouse(guidance);
+    }
 }
 
 impl<R: Radio> Radio for Charged<R> {
@@ -368,8 +372,8 @@ impl<R: Restart> Restart for Charged<R> {
         self.inner.restart().await
     }
 
-    async fn sleep(&mut self, micros: u32) -> Result<bool, Self::Error> {
-        self.inner.sleep(micros).await
+    async fn sleep(&mut self, micros: u32, roused: impl Future<Output = ()>) -> Result<bool, Self::Error> {
+        self.inner.sleep(micros, roused).await
     }
 }
 

@@ -1,9 +1,10 @@
 //! A node's radio and its waits.
 
 use core::convert::Infallible;
-use core::future::poll_fn;
+use core::future::{Future, poll_fn};
 use core::task::Poll;
 
+use embassy_futures::select::select;
 use embedded_hal_async::delay::DelayNs;
 use ranging::node::Restart;
 use ranging::radio::MAX_FRAME;
@@ -151,9 +152,9 @@ impl Restart for AirRadio<'_> {
     }
 
     /// As a chip does: afterwards its clock shows something else.
-    async fn sleep(&mut self, micros: u32) -> Result<bool, Infallible> {
+    async fn sleep(&mut self, micros: u32, roused: impl Future<Output = ()>) -> Result<bool, Infallible> {
         self.switch_off();
-        self.world.wait_until(self.world.now() + ticks(micros.into())).await;
+        select(self.world.wait_until(self.world.now() + ticks(micros.into())), roused).await;
         self.with(|node| {
             node.crystal.start = node.crystal.start.rotate_left(17) ^ self.world.now();
             node.naps += 1;

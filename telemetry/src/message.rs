@@ -334,6 +334,22 @@ pub enum Condition {
     BeaconBelieved(BeaconWord),
     /// Native: the tag gets no slots, because all places of the network are taken.
     NetworkFull,
+    /// What a tag's motion sensor is good for.
+    MotionSensor(MotionSensor),
+}
+
+/// What a tag's motion sensor is good for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum MotionSensor {
+    /// It is set up, and its movements count.
+    Ready,
+    /// It does not answer: positions alone tell whether the tag moves.
+    Silent,
+    /// Something else answers at its address: the same.
+    Foreign,
+    /// It has reported movement for minutes, and positions say that the tag stays: the same, until it reports none for some seconds.
+    Endless,
 }
 
 /// What a tag knows of beacons' levels on the spot.

@@ -5,8 +5,8 @@ use core::fmt::{self, Display, Formatter};
 use positioning_core::NoFix;
 
 use crate::{
-    Board, Condition, CrashReason, Levels, LevelsFault, Malformed, Message, Reason, RecordFault, ResetCause, Role,
-    Solver, Whereabouts,
+    Board, Condition, CrashReason, Levels, LevelsFault, Malformed, Message, MotionSensor, Reason, RecordFault,
+    ResetCause, Role, Solver, Whereabouts,
 };
 
 impl Message {
@@ -94,6 +94,10 @@ impl Condition {
             Self::BeaconDoubled(_) => "beacon-doubled",
             Self::BeaconBelieved(_) => "beacon-believed",
             Self::NetworkFull => "network-full",
+            Self::MotionSensor(MotionSensor::Ready) => "motion-sensor-ready",
+            Self::MotionSensor(MotionSensor::Silent) => "motion-sensor-silent",
+            Self::MotionSensor(MotionSensor::Foreign) => "motion-sensor-foreign",
+            Self::MotionSensor(MotionSensor::Endless) => "motion-sensor-endless",
         }
     }
 }

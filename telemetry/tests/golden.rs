@@ -136,6 +136,11 @@ fn golden() -> Vec<(&'static str, Message, &'static str)> {
             Message::State(State { t_us: 2_000_000, is: Condition::NetworkFull }),
             "09 01 04 80 89 7A 0F 38 AC 00",
         ),
+        (
+            "motion sensor silent",
+            Message::State(State { t_us: 2_000_000, is: Condition::MotionSensor(MotionSensor::Silent) }),
+            "0A 01 04 80 89 7A 10 01 0A 4F 00",
+        ),
         ("no record", Message::State(State { t_us: 250_000, is: no_record }), "06 01 04 90 A1 0F 05 01 03 06 2E 00"),
         (
             "counters",

@@ -169,6 +169,7 @@ fn condition() -> impl Strategy<Value = Condition> {
             Condition::ScannerRestarted(times),
             Condition::Advertising,
             Condition::NetworkFull,
+            Condition::MotionSensor(MotionSensor::Silent),
             Condition::BeaconElsewhere(BeaconWord { major: peer, minor: small.into(), seconds: times as u16 }),
             Condition::BeaconDoubled(BeaconWord { major: peer, minor: small.into(), seconds: times as u16 }),
             Condition::BeaconBelieved(BeaconWord { major: peer, minor: small.into(), seconds: times as u16 }),

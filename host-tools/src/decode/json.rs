@@ -285,6 +285,7 @@ impl Object {
             Condition::WrongRecord
             | Condition::Searching
             | Condition::NetworkFull
+            | Condition::MotionSensor(_)
             | Condition::Coordinating
             | Condition::Advertising => {}
         }

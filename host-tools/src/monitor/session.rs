@@ -237,7 +237,11 @@ impl Session {
                 false
             }
             Message::State(State {
-                is: Condition::BeaconElsewhere(_) | Condition::BeaconDoubled(_) | Condition::BeaconBelieved(_),
+                is:
+                    Condition::BeaconElsewhere(_)
+                    | Condition::BeaconDoubled(_)
+                    | Condition::BeaconBelieved(_)
+                    | Condition::MotionSensor(_),
                 ..
             }) => false,
             Message::State(state) => {

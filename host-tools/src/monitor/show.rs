@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::time::Duration;
 
 use defmt_parser::Level;
-use telemetry::{Condition, Fix, Message, Outcome};
+use telemetry::{Condition, Fix, Message, MotionSensor, Outcome};
 
 use super::log::LogLine;
 use super::session::{Counts, Said};
@@ -137,7 +137,8 @@ fn colour(message: &Message) -> &'static str {
             | Condition::ScannerRestarted(_)
             | Condition::Unused(..)
             | Condition::BeaconElsewhere(_)
-            | Condition::BeaconDoubled(_) => YELLOW,
+            | Condition::BeaconDoubled(_)
+            | Condition::MotionSensor(MotionSensor::Silent | MotionSensor::Foreign | MotionSensor::Endless) => YELLOW,
             Condition::Searching
             | Condition::Paired(_)
             | Condition::Synchronised(_)
@@ -145,7 +146,8 @@ fn colour(message: &Message) -> &'static str {
             | Condition::Coordinating
             | Condition::Following(_)
             | Condition::Advertising
-            | Condition::BeaconBelieved(_) => CYAN,
+            | Condition::BeaconBelieved(_)
+            | Condition::MotionSensor(MotionSensor::Ready) => CYAN,
         },
     }
 }

@@ -418,7 +418,7 @@ where
         self.init().await
     }
 
-    async fn sleep(&mut self, micros: u32) -> Result<bool, Self::Error> {
-        self.sleep_for(micros).await
+    async fn sleep(&mut self, micros: u32, roused: impl Future<Output = ()>) -> Result<bool, Self::Error> {
+        self.sleep_for(micros, roused).await
     }
 }

@@ -1,5 +1,8 @@
 //! Sleep and deep sleep, and waking with the configuration that the chip has kept (DW1000 user manual, 2.4, 7.2.45).
 
+use core::future::Future;
+
+use embassy_futures::select::select;
 use embedded_hal_async::{delay::DelayNs, digital::Wait};
 
 use super::bus::{ClockedSpi, ResetLine, SpiClock};
@@ -96,13 +99,18 @@ where
         self.save_always_on().await
     }
 
-    /// Sleeps for so long, waking included, where the configuration lets it and the wait is worth it; answers whether it did.
-    pub(super) async fn sleep_for(&mut self, micros: u32) -> Result<bool, Error<S::Error>> {
+    /// Sleeps for so long, waking included, or until `roused` is done, where the configuration lets it and the wait is worth it; answers
+    /// whether it did.
+    pub(super) async fn sleep_for(
+        &mut self,
+        micros: u32,
+        roused: impl Future<Output = ()>,
+    ) -> Result<bool, Error<S::Error>> {
         if !self.config.sleeps || micros < PAYS_FROM_US {
             return Ok(false);
         }
         self.sleep(Wake::Outside(WakeBy::ChipSelect)).await?;
-        self.delay.delay_us(micros.saturating_sub(self.waking_us)).await;
+        select(self.delay.delay_us(micros.saturating_sub(self.waking_us)), roused).await;
         self.wake().await?;
         Ok(true)
     }

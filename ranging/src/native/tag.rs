@@ -532,6 +532,11 @@ impl Machine for Tag {
         }
     }
 
+    fn rouse(&mut self, guidance: Guidance) {
+        self.guide(guidance);
+        self.cut_wait();
+    }
+
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         let (mut present, mut ended) = (now, now);
         let mut off = false;

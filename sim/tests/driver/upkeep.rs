@@ -1,5 +1,7 @@
 //! Sleep, failures of the supply, sensors, the impulse response.
 
+use std::future::pending;
+
 use crate::*;
 use ranging::node::Restart;
 
@@ -51,7 +53,7 @@ fn a_wait_is_slept_through_where_it_is_long_and_the_configuration_lets_it() {
             async move {
                 sender.restart().await.unwrap();
                 let before = clock.now();
-                assert_eq!(Restart::sleep(&mut sender, 1_000 * wait_ms).await, Ok(slept));
+                assert_eq!(Restart::sleep(&mut sender, 1_000 * wait_ms, pending()).await, Ok(slept));
                 let took = clock.now().as_secs_f64() - before.as_secs_f64();
                 sender.transmit(b"awake", Start::Now, false).await.unwrap();
                 1e3 * took

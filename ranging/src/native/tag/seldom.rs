@@ -4,7 +4,7 @@
 use super::super::SHORTEST_WAIT;
 use super::super::layout::Scheme;
 use super::super::plan::{next_round, owned_slots, share_of};
-use super::super::search::Next;
+use super::super::search::{Next, Search};
 use super::super::timing::{HOLDOVER_SUPERFRAMES, SUPERFRAME, Timing};
 use super::super::wakes::Slept;
 use super::super::watch::{Listening, Watched};
@@ -34,6 +34,8 @@ const TURNS_A_POLL: i64 = 5;
 pub(super) struct Nap {
     from: RadioInstant,
     duration: RadioDuration,
+    /// It ended before that, nobody knows when.
+    is_cut: bool,
 }
 
 /// What a doze ends with.
@@ -73,12 +75,32 @@ impl Tag {
             return Action::WaitUntil(present.plus(wait));
         }
         let duration = difference(wait, self.wakes.late(Slept::once(wait)));
-        self.nap = Some(Nap { from: present, duration });
+        self.nap = Some(Nap { from: present, duration, is_cut: false });
         Action::Sleep { from: present, duration }
+    }
+
+    /// The wait that was asked for last ends before its time. What it was to end with is given up: the tag listens to the next beacon.
+    pub(super) fn cut_wait(&mut self) {
+        (self.aim, self.wake_at, self.pulse_at) = (None, None, None);
+        if let Some(nap) = &mut self.nap {
+            nap.is_cut = true;
+        }
+    }
+
+    /// The radio has slept, nobody knows for how long.
+    fn woke_early(&mut self, nap: Nap, now: RadioInstant) {
+        (self.slept, self.search) = (Slept::default(), Search::default());
+        self.neighbours.sleep(nap.duration.ticks() as f32 / TICKS_PER_SECOND as f32);
+        if let Some(network) = &mut self.network {
+            network.following.adrift = Some(now);
+        }
     }
 
     /// The radio has slept: its clock has begun anew.
     pub(super) fn woke(&mut self, nap: Nap, now: RadioInstant) {
+        if nap.is_cut {
+            return self.woke_early(nap, now);
+        }
         let once = Slept::once(nap.duration);
         let before = nap.from.plus(sum(nap.duration, self.wakes.late(once)));
         self.slept = self.slept.and(once);

@@ -1,0 +1,75 @@
+//! The LIS2DH12 as a motion sensor: what it is told once. Afterwards its line INT1 is high while it is accelerated, and its bus is silent.
+//!
+//! Registers are the driver's (`lis2dh`), what they do is the data sheet's (DocID025056) and AN5005's. Low-power mode, 10 Hz, ± 2 g: samples of 8
+//! bits, 16 mg each, at 3 µA. A high-pass filter of 0.2 Hz (HPCF 00 at 10 Hz) takes gravity away, so that a change of orientation counts
+//! for about a second. The first interrupt generator compares each axis with the threshold, one sample above it is enough, and
+//! nothing is latched: nobody has to read anything.
+
+use embedded_hal_async::delay::DelayNs;
+use embedded_hal_async::i2c::I2c;
+use lis2dh::{
+    FullScale, HighPassCutoffFrequencySelection, HighPassFilterConfig, HighPassFilterDataSelection, HighPassFilterMode,
+    Int1Config, IntPolarity, Lis2dh, Mode, MovementIntConfig, MovementIntMode, MovementInterrupts, OutputDataRate,
+    Register, Sa0Pad,
+};
+
+use super::NoSensor;
+
+/// WHO_AM_I.
+const IDENTITY: u8 = 0x33;
+/// Of 16 mg at ± 2 g. At rest a filtered sample is at most two of them off: a step of quantisation up, one down, and noise of some mg
+/// between. A person who picks something up, or walks with it, accelerates it by 100 mg and more; a cart that is pushed off by 0.5 m/s²
+/// is at the limit, and its wheels shake it.
+const THRESHOLD: u8 = 3;
+/// CTRL_REG1: Xen, Yen, Zen, as after power-on.
+const ALL_AXES: u8 = 0b111;
+/// After power-on the sensor reads its calibration for 5 ms.
+const BOOT_MS: u32 = 10;
+/// The first samples have come: two periods of 100 ms.
+const SETTLING_MS: u32 = 200;
+
+/// Sets the sensor up, whatever it did before: a reset of the processor leaves its registers as they are.
+///
+/// # Errors
+/// It does not answer, or is another device.
+pub async fn set_up<B: I2c>(bus: B, address: Sa0Pad, delay: &mut impl DelayNs) -> Result<(), NoSensor> {
+    delay.delay_ms(BOOT_MS).await;
+    let mut sensor = Lis2dh::new(bus, address);
+    match sensor.get_device_id().await {
+        Ok(IDENTITY) => configure(&mut sensor, delay).await.map_err(|_| NoSensor::Silent),
+        Ok(_) => Err(NoSensor::Foreign),
+        Err(_) => Err(NoSensor::Silent),
+    }
+}
+
+async fn configure<B: I2c>(sensor: &mut Lis2dh<B>, delay: &mut impl DelayNs) -> Result<(), lis2dh::Error<B::Error>> {
+    sensor.configure_int1(&Int1Config::Unused).await?;
+    sensor.set_output_data_rate(OutputDataRate::PowerDown).await?;
+    sensor.enable_fifo(false).await?;
+    sensor.set_interrupt_polarity(IntPolarity::ActiveHigh).await?;
+    // The driver only adds bits to this register.
+    sensor.write_register(Register::CtrlReg2, 0).await?;
+    sensor.set_register_bits(Register::CtrlReg1, ALL_AXES).await?;
+    let filter = HighPassFilterConfig {
+        mode: HighPassFilterMode::NormalModeWithReset,
+        cutoff_frequency: HighPassCutoffFrequencySelection::Cfg0,
+        data_selection: HighPassFilterDataSelection::Bypassed,
+    };
+    sensor.configure_high_pass_filter(&filter).await?;
+    sensor.set_full_scale(FullScale::Fs2g).await?;
+    sensor.set_mode(Mode::LowPower).await?;
+    sensor.set_output_data_rate(OutputDataRate::Hz10).await?;
+    delay.delay_ms(SETTLING_MS).await;
+    // Gravity is what the filter starts from.
+    sensor.read_register(Register::Reference).await?;
+    let movement = MovementIntConfig {
+        mode: MovementIntMode::OrCombination,
+        enable: MovementInterrupts { x_high: true, y_high: true, z_high: true, ..MovementInterrupts::default() },
+        threshold: THRESHOLD,
+        duration: 0,
+        latch: false,
+        only_4d: false,
+        high_pass_filter: true,
+    };
+    sensor.configure_int1(&Int1Config::MovementInt1(movement)).await
+}
