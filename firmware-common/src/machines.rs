@@ -2,6 +2,7 @@
 
 use ranging::exchange::{Action, Event, Guidance, Machine};
 use ranging::native::{Rate, Turnaround};
+use ranging::radio::Sensors;
 use ranging::{Pace, RadioDuration, RadioInstant, decaranging, native};
 
 use crate::settings::{Exchange, Settings};
@@ -119,6 +120,14 @@ impl Machine for TagMachine {
             Self::Native(tag) => tag.calibrate(antenna_delay),
             Self::DecaRanging(tag) => tag.calibrate(antenna_delay),
             Self::Listening(tag) => tag.calibrate(antenna_delay),
+        }
+    }
+
+    fn sense(&mut self, sensors: Sensors) {
+        match self {
+            Self::Native(tag) => tag.sense(sensors),
+            Self::DecaRanging(tag) => tag.sense(sensors),
+            Self::Listening(tag) => tag.sense(sensors),
         }
     }
 

@@ -310,7 +310,7 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
         match action {
             Action::WaitUntil(instant) => self.rest(instant.since(now)),
             Action::Sleep { duration, .. } => self.rest(*duration),
-            Action::Transmit { .. } | Action::Receive { .. } | Action::Report(_) => {}
+            Action::Compensate | Action::Transmit { .. } | Action::Receive { .. } | Action::Report(_) => {}
         }
     }
 

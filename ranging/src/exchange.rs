@@ -26,7 +26,7 @@
 use embedded_hal_async::delay::DelayNs;
 
 use crate::native::Rate;
-use crate::radio::MAX_FRAME;
+use crate::radio::{MAX_FRAME, Sensors};
 use crate::{Diagnostics, Pace, Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
 
 /// What became of the last action.
@@ -47,7 +47,7 @@ pub enum Event<'b> {
     Timeout,
     /// The start of a transmission or reception lay in the past: nothing was done.
     Late,
-    /// The instant waited for is there.
+    /// The instant waited for is there, or the radio is done with what it was asked.
     Woken,
     /// The report was taken.
     Reported,
@@ -83,6 +83,8 @@ pub enum Action<'m> {
         /// For how long from then: minutes, too, which instants do not tell apart.
         duration: RadioDuration,
     },
+    /// [`Radio::compensate`]; the next event is [`Event::Woken`].
+    Compensate,
     /// Something for the node itself; nothing is done with the radio.
     Report(Report<'m>),
 }
@@ -198,10 +200,15 @@ pub trait Machine {
     /// wraps after 17.2 s.
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_>;
 
-    /// Takes the antenna delay in force, before the step that tells of the start: what a frame says of its own departure counts
-    /// with it. It replaces what the machine was made with.
+    /// Takes the antenna delay in force, before the step that tells of the start, and after [`Action::Compensate`]: what a frame says of its
+    /// own departure counts with it. It replaces what the machine was made with.
     fn calibrate(&mut self, antenna_delay: RadioDuration) {
         let _ = antenna_delay;
+    }
+
+    /// Takes the radio's temperature and supply after [`Action::Compensate`].
+    fn sense(&mut self, sensors: Sensors) {
+        let _ = sensors;
     }
 
     /// Takes what the radio measured of the node's pace in the last action, before the step that tells what became of the action.
@@ -229,6 +236,10 @@ impl<M: Machine + ?Sized> Machine for &mut M {
 
     fn calibrate(&mut self, antenna_delay: RadioDuration) {
         (**self).calibrate(antenna_delay);
+    }
+
+    fn sense(&mut self, sensors: Sensors) {
+        (**self).sense(sensors);
     }
 
     fn pace(&mut self, pace: Pace) {
@@ -297,6 +308,10 @@ pub async fn execute<'b, R: Radio>(
         Action::Sleep { from, duration } => {
             let micros = left_of(radio, from, duration).await?;
             wait(radio, delay, micros).await?;
+            Event::Woken
+        }
+        Action::Compensate => {
+            radio.compensate().await?;
             Event::Woken
         }
         Action::Report(_) => Event::Reported,

@@ -119,6 +119,13 @@ async fn attempt<R: Restart>(
                 event = Event::Reported;
                 continue;
             }
+            Action::Compensate => {
+                if let Some(sensors) = radio.compensate().await? {
+                    machine.calibrate(radio.antenna_delay());
+                    machine.sense(sensors);
+                }
+                (now, event) = (radio.now().await?, Event::Woken);
+            }
             Action::WaitUntil(instant) => {
                 or_roused(wait_until(radio, delay, instant), machine, listener).await?;
                 (now, event) = (radio.now().await?, Event::Woken);

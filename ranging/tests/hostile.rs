@@ -106,7 +106,7 @@ fn torment(mut machine: impl Machine, seed: u64) {
             (Owned::Transmit { .. }, _) => Event::Sent(now),
             // The radio slept: its clock began anew.
             (Owned::Sleep { .. }, 0..9) => Event::Started,
-            (Owned::WaitUntil(_) | Owned::Sleep { .. }, _) => Event::Woken,
+            (Owned::WaitUntil(_) | Owned::Sleep { .. } | Owned::Compensate, _) => Event::Woken,
             (Owned::Round { .. } | Owned::Differences { .. } | Owned::Link(_), _) => Event::Reported,
             (Owned::Receive { .. }, 0) => Event::Timeout,
             (Owned::Receive { .. }, _) => {
@@ -140,7 +140,7 @@ fn torment(mut machine: impl Machine, seed: u64) {
             }
             Owned::Round { ranges, .. } => assert!(ranges.len() <= 8),
             Owned::Differences { differences, .. } => assert!(differences.len() <= 8),
-            Owned::Link(_) => {}
+            Owned::Link(_) | Owned::Compensate => {}
         }
     }
 }

@@ -53,7 +53,11 @@ impl Costs {
         let message = |bytes: &[u8]| Frame::parse(bytes).map(|frame| frame.message);
         let sent = match action {
             Action::Transmit { frame, .. } => message(frame),
-            Action::Receive { .. } | Action::WaitUntil(_) | Action::Sleep { .. } | Action::Report(_) => None,
+            Action::Receive { .. }
+            | Action::WaitUntil(_)
+            | Action::Sleep { .. }
+            | Action::Compensate
+            | Action::Report(_) => None,
         };
         match event {
             Event::Received(received) => {
@@ -66,7 +70,8 @@ impl Costs {
                         Action::Transmit { .. }
                         | Action::Receive { .. }
                         | Action::WaitUntil(_)
-                        | Action::Sleep { .. } => &self.response_received,
+                        | Action::Sleep { .. }
+                        | Action::Compensate => &self.response_received,
                     }),
                     Message::Beacon(_) => Some(&self.beacon_received),
                     Message::Request(_) | Message::Final { .. } => None,
@@ -111,7 +116,8 @@ impl<M: Machine> Machine for Measured<'_, M> {
             | Action::Transmit { .. }
             | Action::Receive { .. }
             | Action::WaitUntil(_)
-            | Action::Sleep { .. } => None,
+            | Action::Sleep { .. }
+            | Action::Compensate => None,
         };
         action
     }

@@ -19,6 +19,7 @@ pub const LIGHT: f64 = 299_792_458.0 / 1.000_293;
 /// slowness multiplies both.
 const READING: f64 = 120e-6;
 const STARTING: f64 = 100e-6;
+const COMPENSATING: f64 = 1.2e-3;
 /// From the end of one frame until a receiver told to stay on hears the next.
 const LISTEN_AGAIN: f64 = 30e-6;
 /// Transmitting antenna delay of every node, ticks.
@@ -33,6 +34,7 @@ pub enum Owned {
     Transmit { frame: Vec<u8>, start: Start, listen: bool },
     Receive { start: Start, window: RadioDuration, keep_listening: bool },
     WaitUntil(RadioInstant),
+    Compensate,
     Sleep { from: RadioInstant, duration: RadioDuration, may: bool },
     Round { number: u16, asked: u8, ranges: Vec<Range> },
     Differences { reference: u16, differences: Vec<Difference> },
@@ -45,6 +47,7 @@ impl From<Action<'_>> for Owned {
             Action::Transmit { frame, start, listen } => Self::Transmit { frame: frame.to_vec(), start, listen },
             Action::Receive { start, window, keep_listening } => Self::Receive { start, window, keep_listening },
             Action::WaitUntil(instant) => Self::WaitUntil(instant),
+            Action::Compensate => Self::Compensate,
             Action::Sleep { from, duration } => Self::Sleep { from, duration, may: false },
             Action::Report(Report::Round(round)) => {
                 Self::Round { number: round.number, asked: round.asked, ranges: round.ranges.to_vec() }
@@ -419,6 +422,11 @@ impl Air {
                 // Woken by a slow clock of 32 768 Hz: up to 30 µs late.
                 let late = self.rng.random_range(0.0..30e-6);
                 State::Step(self.global(node, instant, now).max(now) + late, Plain::Woken)
+            }
+            Owned::Compensate => {
+                self.nodes[node].listening = None;
+                self.nodes[node].heard.clear();
+                State::Step(now + COMPENSATING, Plain::Woken)
             }
             Owned::Sleep { from, duration, may } => {
                 self.nodes[node].listening = None;

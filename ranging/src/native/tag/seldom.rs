@@ -2,6 +2,7 @@
 //! until its round and between its rounds, and where it may, its radio sleeps meanwhile and begins its clock anew.
 
 use super::super::SHORTEST_WAIT;
+use super::super::compensation::COMPENSATION;
 use super::super::layout::Scheme;
 use super::super::plan::{next_round, owned_slots, share_of};
 use super::super::search::{Next, Search};
@@ -254,6 +255,9 @@ impl Tag {
         let (timing, phase) = (network.following.course.timing, network.following.course.phase);
         let present = phase.at(passed);
         let next = phase.at(timing.superframe);
+        if next.since(present) > COMPENSATION && self.compensation.take(phase.number, self.config.address) {
+            return Action::Compensate;
+        }
         let begin = next.plus(difference(RadioDuration::ZERO, lead));
         let Some(rate) = self.rate.filter(|_| is_seldom) else { return Action::WaitUntil(begin) };
         if let Some(turns) =
