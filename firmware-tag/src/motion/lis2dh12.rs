@@ -1,25 +1,30 @@
 //! The LIS2DH12 as a motion sensor: what it is told once. Afterwards its line INT1 is high while it is accelerated, and its bus is silent.
 //!
 //! Registers are the driver's (`lis2dh`), what they do is the data sheet's (DocID025056) and AN5005's. Low-power mode, 10 Hz, ± 2 g: samples of 8
-//! bits, 16 mg each, at 3 µA. A high-pass filter of 0.2 Hz (HPCF 00 at 10 Hz) takes gravity away, so that a change of orientation counts
-//! for about a second. The first interrupt generator compares each axis with the threshold, one sample above it is enough, and
+//! bits, 16 mg each, at 3 µA. A high-pass filter of 0.08 Hz (HPCF 01 at 10 Hz) takes gravity away: a push of two seconds passes, and a change of
+//! orientation counts for some seconds. The first interrupt generator compares each axis with the threshold, one sample above it is enough, and
 //! nothing is latched: nobody has to read anything.
 
+use core::future::pending;
+
 use embedded_hal_async::delay::DelayNs;
+use embedded_hal_async::digital::Wait;
 use embedded_hal_async::i2c::I2c;
 use lis2dh::{
     FullScale, HighPassCutoffFrequencySelection, HighPassFilterConfig, HighPassFilterDataSelection, HighPassFilterMode,
     Int1Config, IntPolarity, Lis2dh, Mode, MovementIntConfig, MovementIntMode, MovementInterrupts, OutputDataRate,
-    Register, Sa0Pad,
+    Register,
 };
 
-use super::NoSensor;
+use super::{MotionSensor, NoSensor};
+
+pub use lis2dh::Sa0Pad;
 
 /// WHO_AM_I.
 const IDENTITY: u8 = 0x33;
 /// Of 16 mg at ± 2 g. At rest a filtered sample is at most two of them off: a step of quantisation up, one down, and noise of some mg
-/// between. A person who picks something up, or walks with it, accelerates it by 100 mg and more; a cart that is pushed off by 0.5 m/s²
-/// is at the limit, and its wheels shake it.
+/// between. A person who picks something up, or walks with it, accelerates it by 100 mg and more; a trolley that is pushed off by 1 m/s²
+/// at most is at the limit, and its wheels shake it, too.
 const THRESHOLD: u8 = 3;
 /// CTRL_REG1: Xen, Yen, Zen, as after power-on.
 const ALL_AXES: u8 = 0b111;
@@ -28,11 +33,41 @@ const BOOT_MS: u32 = 10;
 /// The first samples have come: two periods of 100 ms.
 const SETTLING_MS: u32 = 200;
 
+/// The sensor of a board: its bus, as long as that is needed, and its line INT1.
+pub struct Lis2dh12<B, P, D> {
+    bus: Option<B>,
+    address: Sa0Pad,
+    int1: P,
+    delay: D,
+}
+
+impl<B, P, D> Lis2dh12<B, P, D> {
+    /// A sensor behind `bus`, which is dropped as soon as the sensor is set up.
+    pub const fn new(bus: B, address: Sa0Pad, int1: P, delay: D) -> Self {
+        Self { bus: Some(bus), address, int1, delay }
+    }
+}
+
+impl<B: I2c, P: Wait, D: DelayNs> MotionSensor for Lis2dh12<B, P, D> {
+    async fn start(&mut self) -> Result<(), NoSensor> {
+        match self.bus.take() {
+            Some(bus) => set_up(bus, self.address, &mut self.delay).await,
+            None => Err(NoSensor::Silent),
+        }
+    }
+
+    async fn moved(&mut self) {
+        if self.int1.wait_for_high().await.is_err() {
+            pending().await
+        }
+    }
+}
+
 /// Sets the sensor up, whatever it did before: a reset of the processor leaves its registers as they are.
 ///
 /// # Errors
 /// It does not answer, or is another device.
-pub async fn set_up<B: I2c>(bus: B, address: Sa0Pad, delay: &mut impl DelayNs) -> Result<(), NoSensor> {
+async fn set_up<B: I2c>(bus: B, address: Sa0Pad, delay: &mut impl DelayNs) -> Result<(), NoSensor> {
     delay.delay_ms(BOOT_MS).await;
     let mut sensor = Lis2dh::new(bus, address);
     match sensor.get_device_id().await {
@@ -52,7 +87,7 @@ async fn configure<B: I2c>(sensor: &mut Lis2dh<B>, delay: &mut impl DelayNs) -> 
     sensor.set_register_bits(Register::CtrlReg1, ALL_AXES).await?;
     let filter = HighPassFilterConfig {
         mode: HighPassFilterMode::NormalModeWithReset,
-        cutoff_frequency: HighPassCutoffFrequencySelection::Cfg0,
+        cutoff_frequency: HighPassCutoffFrequencySelection::Cfg1,
         data_selection: HighPassFilterDataSelection::Bypassed,
     };
     sensor.configure_high_pass_filter(&filter).await?;

@@ -415,6 +415,10 @@ impl Show {
                 (Self::Lines { .. }, What::Beacon(word)) => {
                     text.extend(format!("{:>8.3} {:>6} {}\n", record.t_s, record.node, StateLine(*word)).into_bytes());
                 }
+                (Self::Lines { .. }, What::MotionSensor(state)) => {
+                    let line = StateLine(Condition::MotionSensor(*state));
+                    text.extend(format!("{:>8.3} {:>6} {line}\n", record.t_s, record.node).into_bytes());
+                }
                 (Self::Lines { .. }, What::Room(is)) => {
                     text.extend(format!("{:>8.3} {:>6} {}\n", record.t_s, record.node, RoomLine(*is)).into_bytes());
                 }
@@ -427,6 +431,7 @@ impl Show {
                     | What::RadioFailed(_)
                     | What::Sighting(_)
                     | What::Beacon(_)
+                    | What::MotionSensor(_)
                     | What::Room(_),
                 ) => {}
             }
