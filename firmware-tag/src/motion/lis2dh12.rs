@@ -31,7 +31,7 @@ const FILTERED: u8 = 1 << 0;
 const INT1_BY_GENERATOR: u8 = 1 << 6;
 /// INT1_CFG: XHIE, YHIE, ZHIE, any of them.
 const ANY_HIGH: u8 = 0b10_1010;
-/// All that matters, whole: the driver's own operations change bits one after the other, which takes 8 kB more in an image, and that of the
+/// All that matters, whole: the driver's own operations change bits one after the other, which takes 5 kB more of an image, and that of the
 /// filter never clears any. The generator is off and the sensor powered down meanwhile, so that the filter begins anew.
 const SET_UP: [(Register, u8); 10] = [
     (Register::Int1Cfg, 0),

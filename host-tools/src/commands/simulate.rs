@@ -17,6 +17,7 @@ use positioning_core::Method;
 use positioning_core::engine::NodeMethod;
 use sim::BoardProfile;
 use sim::scenario::{BluetoothSummary, Cover, Epoch, Level, Mode, Record, Scenario, Simulation, Summary, What};
+use telemetry::Condition;
 
 use super::PictureFile;
 use crate::progress::Progress;

@@ -11,7 +11,7 @@ const AWAKE_HZ: f64 = 30.0;
 
 /// Four anchors, and a tag that ranges as often as it can, once in ten seconds while it lies still, and is carried off after a minute.
 fn carried_off(head: &str, more: &str) -> Run {
-    let head = format!("seconds = 73\nstill_rate_hz = 0.1\nsleep = true\n{head}");
+    let head = format!("seconds = 73\nstill_rate_hz = 0.1\n{head}");
     let tag = format!("[[tag]]\npath = [[8, 5, 1.2], [16, 9, 1.2]]\nleaves_s = {LEAVES_S}\n{more}");
     Run::of(Scenario::parse(&(hall(&head, 4, &[]) + &tag)).unwrap())
 }
@@ -40,19 +40,22 @@ fn states(run: &Run) -> Vec<MotionSensor> {
 
 #[test]
 fn a_tag_that_is_picked_up_ranges_at_full_rate_within_a_second() {
-    let run = carried_off("", "");
-    assert_eq!(states(&run), [MotionSensor::Ready]);
-    // Still it ranges once in ten seconds, next 9 s after it is carried off.
-    assert!(rate(&run, 20.0, LEAVES_S) <= 0.125, "{}", rate(&run, 20.0, LEAVES_S));
-    let awake_s = until_awake(&run, LEAVES_S);
-    assert!(awake_s < 1.0, "{awake_s} s");
-    let gap_s = run.longest_gap(TAG, LEAVES_S + awake_s, LEAVES_S + 7.0);
-    assert!(gap_s < 0.2, "{gap_s} s");
+    // Its radio sleeps between rounds, or waits.
+    for head in ["sleep = true", "sleep = false"] {
+        let run = carried_off(head, "");
+        assert_eq!(states(&run), [MotionSensor::Ready]);
+        // Still it ranges once in ten seconds, next 9 s after it is carried off.
+        assert!(rate(&run, 20.0, LEAVES_S) <= 0.125, "{head}: {}", rate(&run, 20.0, LEAVES_S));
+        let awake_s = until_awake(&run, LEAVES_S);
+        assert!(awake_s < 1.0, "{head}: {awake_s} s");
+        let gap_s = run.longest_gap(TAG, LEAVES_S + awake_s, LEAVES_S + 7.0);
+        assert!(gap_s < 0.2, "{head}: {gap_s} s");
+    }
 }
 
 #[test]
 fn a_trolley_that_is_pushed_off_gently_wakes_its_tag_while_it_gains_speed() {
-    let run = carried_off("", "carried_by = \"trolley\"");
+    let run = carried_off("sleep = true", "carried_by = \"trolley\"");
     // 48 mg are exceeded before the middle of its two seconds, and a second later it ranges.
     let awake_s = until_awake(&run, LEAVES_S);
     assert!(awake_s < 2.0, "{awake_s} s");
@@ -81,7 +84,7 @@ fn without_a_sensor_that_works_positions_wake_a_tag_at_its_next_round() {
         ("stuck-low", &[MotionSensor::Ready]),
     ];
     for (sensor, expected) in cases {
-        let run = carried_off("", &format!("motion_sensor = \"{sensor}\""));
+        let run = carried_off("sleep = true", &format!("motion_sensor = \"{sensor}\""));
         assert_eq!(states(&run), expected, "{sensor}");
         assert!(rate(&run, 20.0, LEAVES_S) <= 0.125, "{sensor}: {}", rate(&run, 20.0, LEAVES_S));
         // A round in ten seconds, and a second for more slots.
@@ -89,7 +92,7 @@ fn without_a_sensor_that_works_positions_wake_a_tag_at_its_next_round() {
         assert!((5.0..11.0).contains(&awake_s), "{sensor}: {awake_s} s");
     }
     // Other boards have none.
-    let run = carried_off("board = \"esp32c3\"", "");
+    let run = carried_off("sleep = true\nboard = \"esp32c3\"", "");
     assert_eq!(states(&run), []);
     assert!(until_awake(&run, LEAVES_S) > 5.0);
 }
