@@ -11,6 +11,7 @@
 #[cfg(feature = "ble")]
 pub mod bluetooth;
 mod delay;
+pub mod motion;
 mod uwb;
 mod watchdog;
 
@@ -56,6 +57,8 @@ pub struct Board {
     pub start: Start,
     /// What the record is in, and what lies beside it.
     pub flash: Nvmc<'static>,
+    /// The motion sensor's.
+    pub motion: motion::Parts,
     /// Of the executor that ranging runs in, above the thread's.
     pub ranging: SendSpawner,
     /// The radio of the nRF52832.
@@ -116,6 +119,7 @@ impl Board {
             },
             start: Start { record, eui, reset, crash },
             flash,
+            motion: motion::Parts { twi: p.TWISPI0, scl: p.P0_28, sda: p.P0_29, int1: p.P0_25 },
             ranging: start_ranging(),
             #[cfg(feature = "ble")]
             bluetooth: bluetooth::Parts {

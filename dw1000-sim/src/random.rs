@@ -32,6 +32,8 @@ pub enum Purpose {
     Shadowing = 9,
     /// When a Bluetooth controller interrupts its processor.
     Interrupts = 10,
+    /// What a motion sensor adds: its orientation, noise.
+    MotionSensor = 11,
 }
 
 /// The stream of `purpose` number `index` in the simulation seeded with `seed`.

@@ -29,8 +29,10 @@ const MOVED_SIGMAS: f32 = 2.0;
 const LEFT_SIGMAS: f32 = 4.0;
 /// Rounds without a position after which the full rate is worth a try.
 const FAILURES: u8 = 2;
-/// The mean forgets: its newest position counts at least one in so many, so that creeping is not movement for ever.
-const MEAN_OF: u16 = 32;
+/// The mean forgets, so that creeping is not movement for ever: its newest position counts at least one in so many, …
+const MEAN_OF: f32 = 32.0;
+/// … but at most as much as its time has of this, microseconds: the mean does not follow a tag that walks and ranges often.
+const MEAN_US: f32 = 3_200_000.0;
 /// After the first waking in vain the sensor is not listened to for so long, after each further one for twice as long, microseconds …
 const DEAF_US: u64 = 10_000_000;
 /// … up to the one of this number.
@@ -62,8 +64,9 @@ pub struct Pace {
 #[derive(Clone, Copy, Debug)]
 struct Place {
     since_us: u64,
+    last_us: u64,
     mean_m: [f32; 3],
-    count: u16,
+    count: u32,
 }
 
 /// From the still rate to the full one.
@@ -184,12 +187,14 @@ impl Pace {
     /// For how long the tag has stayed.
     fn stayed_us(&mut self, now_us: u64, position: &Position) -> u64 {
         let Some(place) = self.place.as_mut().filter(|place| !place.is_left(position, MOVED_SIGMAS)) else {
-            self.place = Some(Place { since_us: now_us, mean_m: position.position_m, count: 1 });
+            self.place = Some(Place { since_us: now_us, last_us: now_us, mean_m: position.position_m, count: 1 });
             return 0;
         };
-        place.count = (place.count + 1).min(MEAN_OF);
+        let passed_us = now_us.saturating_sub(place.last_us) as f32;
+        (place.count, place.last_us) = (place.count.saturating_add(1), now_us);
+        let weight = (passed_us / MEAN_US).min(1.0 / MEAN_OF).max(1.0 / place.count as f32);
         for (mean, new) in place.mean_m.iter_mut().zip(position.position_m) {
-            *mean += (new - *mean) / f32::from(place.count);
+            *mean += weight * (new - *mean);
         }
         now_us.saturating_sub(place.since_us)
     }
@@ -253,9 +258,11 @@ mod tests {
     #[test]
     fn a_tag_that_walks_is_never_still() {
         let mut pace = pace();
-        // 0.3 m/s, ten times a second.
-        for step in 0..600_u64 {
-            assert_eq!(pace.after(step * 100_000, Some(&at(0.03 * step as f32))), None);
+        // 0.3 m/s, ten times a second and four hundred times.
+        for (period_us, step_m) in [(100_000, 0.03), (2_500, 0.000_75)] {
+            for step in 0..60_000_000 / period_us {
+                assert_eq!(pace.after(step * period_us, Some(&at(step_m * step as f32))), None);
+            }
         }
     }
 

@@ -1,8 +1,8 @@
 //! Desktop simulation: whole nodes, with drifting clocks, over register-level DW1000s and the air between them; and the error
 //! model of UWB ranges indoors, the room of the positioning benchmark, an example recording.
 //!
-//! Chips, air and virtual time are those of `dw1000-sim`, whose [`World`] this crate hands on. Beside them is the [`bluetooth`] air, of
-//! beacons and scanners. Nothing here reads a wall clock: equal seeds give equal bytes.
+//! Chips, air and virtual time are those of `dw1000-sim`, whose [`World`] this crate hands on. Beside them are the [`bluetooth`] air, of
+//! beacons and scanners, and a motion sensor, [`lis2dh12`]. Nothing here reads a wall clock: equal seeds give equal bytes.
 #![forbid(unsafe_code)]
 
 pub mod alavi_pahlavan;
@@ -10,6 +10,7 @@ pub mod bluetooth;
 pub mod costs;
 pub mod direct;
 pub mod example_room;
+pub mod lis2dh12;
 pub mod scenario;
 
 pub use dw1000_sim::{

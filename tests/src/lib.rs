@@ -2,7 +2,7 @@
 #![forbid(unsafe_code)]
 
 use sim::scenario::{Epoch, RangeRecord, Record, Scenario, Simulation, Summary, What};
-use telemetry::Condition;
+use telemetry::{Condition, MotionSensor};
 
 /// A scenario that has been run.
 pub struct Run {
@@ -49,6 +49,24 @@ impl Run {
                 | What::RadioFailed(_)
                 | What::Fault(_)
                 | What::Sighting(_)
+                | What::MotionSensor(_)
+                | What::Room(_) => None,
+            })
+            .collect()
+    }
+
+    /// What was known of a tag's motion sensor, with the times.
+    pub fn motion_sensor(&self, tag: u16) -> Vec<(f64, MotionSensor)> {
+        let of_tag = self.records.iter().filter(|record| record.node == tag);
+        of_tag
+            .filter_map(|record| match record.what {
+                What::MotionSensor(state) => Some((record.t_s, state)),
+                What::Epoch(_)
+                | What::Link(_)
+                | What::RadioFailed(_)
+                | What::Fault(_)
+                | What::Sighting(_)
+                | What::Beacon(_)
                 | What::Room(_) => None,
             })
             .collect()

@@ -23,6 +23,7 @@ struct Currents {
     waking: f64,
     sleeping: f64,
     processor: f64,
+    motion_sensor: f64,
     board: f64,
 }
 
@@ -52,10 +53,11 @@ pub fn lives() -> Result<Option<Made>> {
 }
 
 fn row(what: &str, arguments: &str, others: &str, summary: &Summary) -> String {
-    let Currents { receiving, sending, idle, waking, sleeping, processor, board } = summary.tag_currents_ma;
+    let Currents { receiving, sending, idle, waking, sleeping, processor, motion_sensor, board } =
+        summary.tag_currents_ma;
     let micro = |ma: f64| format!("{:.1}", 1e3 * ma);
     let radio = [receiving, sending, idle, waking, sleeping].map(micro).join(", ");
-    let [processor, board] = [processor, board].map(micro);
+    let [processor, board] = [processor, board + motion_sensor].map(micro);
     let current = summary.tag_mean_current_ma;
     format!(
         "| {what} | `{arguments}` | {current:.3} | {radio}; {processor}, {board} | {} | {} | {} | {} | {others} |\n",
@@ -85,7 +87,8 @@ mod tests {
             waking: 0.0098,
             sleeping: 0.00005,
             processor: 0.004,
-            board: 0.002,
+            motion_sensor: 0.0005,
+            board: 0.0015,
         };
         let summary = Summary {
             tag_mean_current_ma: 0.2,

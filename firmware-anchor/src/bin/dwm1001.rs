@@ -30,7 +30,7 @@ async fn ranging(
 
 /// Spawns all tasks; without a record to follow, only those that tell so.
 fn start(spawner: Spawner) {
-    let Board { uwb, delay, care, start, ranging: above, flash: _, may_rest: _ } = Board::take();
+    let Board { uwb, delay, care, start, ranging: above, flash: _, may_rest: _, motion: _ } = Board::take();
     let reporter: &_ = REPORTER.init_with(|| Reporter::new(dwm1001::uptime_us));
     let (hello, followed) = node::introduce(reporter, dwm1001::KIND, telemetry::Role::Anchor, start);
     let mut tasks = Tasks::None;

@@ -1,4 +1,5 @@
-//! The tag on a DWM1001: ranging in an executor above the thread's; engine, Bluetooth, telemetry and supervision in the thread's.
+//! The tag on a DWM1001: ranging in an executor above the thread's; engine, motion sensor, Bluetooth, telemetry and supervision in the
+//! thread's.
 #![no_std]
 #![no_main]
 
@@ -8,6 +9,7 @@ use embassy_executor::Spawner;
 use firmware_common::TagMachine;
 #[cfg(feature = "ble")]
 use firmware_tag::Surveyed;
+use firmware_tag::motion::lis2dh12::{Lis2dh12, Sa0Pad};
 use firmware_tag::{AnchorPlace, Locator, Pace, Shelf, Told};
 use node_record::{Pages, Role, Tag};
 use positioning_core::nlos::NodeModel;
@@ -62,6 +64,14 @@ async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
     let locator = Locator::new(shared.tag.height_m, anchors).by(shared.tag.solver).with_model(shared.model);
     let pace = Pace::of(&shared.tag);
     firmware_tag::engine(shared.handover, embassy_time::Delay, locator, pace, &shared.told()).await;
+}
+
+/// Only where there is a rate for a tag that lies still.
+#[embassy_executor::task]
+async fn motion(parts: dwm1001::motion::Parts, shared: Shared) {
+    let (bus, int1) = parts.into_bus_and_line();
+    let sensor = Lis2dh12::new(bus, Sa0Pad::High, int1, embassy_time::Delay);
+    firmware_tag::motion::run(shared.handover, sensor, embassy_time::Delay, &shared.told()).await;
 }
 
 #[cfg(feature = "ble")]
@@ -131,6 +141,9 @@ fn start(spawner: Spawner) {
                 tasks = Tasks::RangingAndEngine;
                 board.ranging.spawn(ranging(radio, board.delay, machine, shared).unwrap());
                 spawner.spawn(engine(shared, anchors).unwrap());
+                if tag.still_rate_chz.is_some() {
+                    spawner.spawn(motion(board.motion, shared).unwrap());
+                }
                 #[cfg(feature = "ble")]
                 if let Some(wanted) = tag.scan {
                     spawner.spawn(bluetooth::scan(spawner, board.bluetooth, wanted, shared).unwrap());

@@ -17,6 +17,7 @@ use positioning_core::Method;
 use positioning_core::engine::NodeMethod;
 use sim::BoardProfile;
 use sim::scenario::{BluetoothSummary, Cover, Epoch, Level, Mode, Record, Scenario, Simulation, Summary, What};
+use telemetry::Condition;
 
 use super::PictureFile;
 use crate::progress::Progress;
@@ -415,6 +416,10 @@ impl Show {
                 (Self::Lines { .. }, What::Beacon(word)) => {
                     text.extend(format!("{:>8.3} {:>6} {}\n", record.t_s, record.node, StateLine(*word)).into_bytes());
                 }
+                (Self::Lines { .. }, What::MotionSensor(state)) => {
+                    let line = StateLine(Condition::MotionSensor(*state));
+                    text.extend(format!("{:>8.3} {:>6} {line}\n", record.t_s, record.node).into_bytes());
+                }
                 (Self::Lines { .. }, What::Room(is)) => {
                     text.extend(format!("{:>8.3} {:>6} {}\n", record.t_s, record.node, RoomLine(*is)).into_bytes());
                 }
@@ -427,6 +432,7 @@ impl Show {
                     | What::RadioFailed(_)
                     | What::Sighting(_)
                     | What::Beacon(_)
+                    | What::MotionSensor(_)
                     | What::Room(_),
                 ) => {}
             }

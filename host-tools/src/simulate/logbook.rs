@@ -92,7 +92,12 @@ impl Logbook {
                 let Some(bluetooth) = &mut self.bluetooth else { return Ok(()) };
                 return bluetooth.take(self.epoch, record.t_s, record.node, sighting);
             }
-            What::Link(_) | What::RadioFailed(_) | What::Fault(_) | What::Room(_) | What::Beacon(_) => return Ok(()),
+            What::Link(_)
+            | What::RadioFailed(_)
+            | What::Fault(_)
+            | What::Room(_)
+            | What::Beacon(_)
+            | What::MotionSensor(_) => return Ok(()),
         };
         self.epoch = epoch.number + 1;
         let (number, time, tag) = (epoch.number.to_string(), seconds(record.t_s), record.node.to_string());

@@ -27,6 +27,8 @@ pub struct Charges {
     pub sleeping: f64,
     /// The rest of the board, its processor running.
     pub processor: f64,
+    /// The motion sensor.
+    pub motion_sensor: f64,
     /// The rest of the board, its processor waiting or asleep.
     pub board: f64,
 }
@@ -35,7 +37,7 @@ impl Charges {
     /// All together.
     pub fn sum(&self) -> f64 {
         let radio = self.receiving + self.sending + self.idle + self.waking + self.sleeping;
-        radio + self.processor + self.board
+        radio + self.processor + self.motion_sensor + self.board
     }
 
     fn each(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
@@ -46,6 +48,7 @@ impl Charges {
             waking: f(self.waking, other.waking),
             sleeping: f(self.sleeping, other.sleeping),
             processor: f(self.processor, other.processor),
+            motion_sensor: f(self.motion_sensor, other.motion_sensor),
             board: f(self.board, other.board),
         }
     }
@@ -64,9 +67,15 @@ impl Draw {
             waking: 1e3 * (wake_up_ma * chip.wake_up_s + init_ma * chip.init_s),
             sleeping: 1e3 * (sleep_ma * chip.sleep_s + deep_sleep_ma * chip.deep_sleep_s),
             processor: running,
+            motion_sensor: 0.0,
             board: times.charge_uc(board) - running,
         };
         Self { at_s: now.as_secs_f64(), charges }
+    }
+
+    /// The same with what its motion sensor has drawn, microcoulombs.
+    pub(super) fn with_motion_sensor(self, motion_sensor: f64) -> Self {
+        Self { charges: Charges { motion_sensor, ..self.charges }, ..self }
     }
 
     /// What was drawn since an earlier instant, and for how many seconds.
@@ -120,11 +129,14 @@ mod tests {
         };
         let board = BoardProfile { run_ma: 4.0, wait_ma: 1.0, sleep_ma: 0.5, ..BoardProfile::INSTANT };
         let chip = |s| Consumption { receive_uc: 7.0 * s, idle_s: s, deep_sleep_s: 6.0 * s, ..Consumption::default() };
-        let at = |s: u64| Draw::new(TrueTime::from_micros(7_000_000 * s), times(s), &board, &chip(s as f64));
+        let at = |s: u64| {
+            let draw = Draw::new(TrueTime::from_micros(7_000_000 * s), times(s), &board, &chip(s as f64));
+            draw.with_motion_sensor(3.0 * s as f64)
+        };
         let (charges, seconds) = at(3).since(Some(at(1)));
         // Twice: 4 mA · 1 s; 1 mA · 2 s + 0.5 mA · 4 s; 18 mA · 1 s; 50 nA · 6 s.
         assert_eq!((charges.processor, charges.board, charges.receiving), (8_000.0, 8_000.0, 14.0));
-        assert_eq!((charges.idle, seconds), (36_000.0, 14.0));
+        assert_eq!((charges.idle, charges.motion_sensor, seconds), (36_000.0, 6.0, 14.0));
         assert!((charges.sleeping - 0.6).abs() < 1e-9);
         let drawn = Drawn::default().plus((charges, seconds), 5);
         // 36 mC in 14 s.

@@ -1,6 +1,7 @@
 //! Scenarios as TOML: `docs/scenarios.md` has every key. Text in, a [`Scenario`] or the line that is wrong out.
 
 mod bluetooth;
+mod motion;
 mod network;
 mod values;
 
@@ -14,12 +15,13 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use self::bluetooth::{BeaconTable, BluetoothTable, check_list};
+use self::motion::{CarrierName, SensorName};
 use self::network::NetworkTable;
 use self::values::{
     anchors_per_round, board, clock_offset, method, not_negative, optional_board, optional_finite, optional_positive,
     optional_rate, place, places, positive, probability, scheme,
 };
-use super::{Anchor, Fault, FaultKind, Level, Network, Scenario, Tag, TagSettings, Walk};
+use super::{Anchor, Fault, FaultKind, Level, Motion, Network, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
 use crate::board::BoardProfile;
 
@@ -191,7 +193,7 @@ struct AnchorTable {
     cpu_slowdown: Option<f64>,
 }
 
-#[derive(Deserialize)]
+#[derive(Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct TagTable {
     address: Option<u16>,
@@ -203,6 +205,13 @@ struct TagTable {
     speed_m_s: f64,
     #[serde(default)]
     closed: bool,
+    #[serde(default, deserialize_with = "not_negative")]
+    leaves_s: f64,
+    #[serde(default)]
+    carried_by: CarrierName,
+    #[serde(default, deserialize_with = "not_negative")]
+    vibration_mg: f64,
+    motion_sensor: Option<SensorName>,
     #[serde(default, deserialize_with = "optional_board")]
     board: Option<BoardProfile>,
     #[serde(default, deserialize_with = "optional_positive")]
@@ -257,12 +266,17 @@ impl File {
         }
         let mut tags = Vec::new();
         for (address, table) in (FIRST_TAG..).zip(&self.tag) {
-            let TagTable { address: own, network, ref path, speed_m_s, closed, board, cpu_slowdown } = *table.get_ref();
-            let address = own.unwrap_or(address);
+            let tag = table.get_ref().clone();
+            let (address, network) = (tag.address.unwrap_or(address), tag.network);
             nodes.admit(address, network).map_err(|m| wrong(table, m))?;
-            let walk = Walk::new(path.clone(), speed_m_s, closed);
+            let walk = Walk::new(tag.path, tag.speed_m_s, tag.closed).map(|walk| walk.leaving_at(tag.leaves_s));
             let walk = walk.ok_or_else(|| wrong(table, "a path needs at least one point".to_owned()))?;
-            tags.push(Tag { address, network, walk, board: self.own_board(board, cpu_slowdown) });
+            let motion = Motion {
+                carrier: tag.carried_by.into(),
+                vibration_mg: tag.vibration_mg,
+                sensor: tag.motion_sensor.into(),
+            };
+            tags.push(Tag { address, network, walk, board: self.own_board(tag.board, tag.cpu_slowdown), motion });
         }
         let bluetooth = self.bluetooth.settings();
         let mut beacons = Vec::new();
@@ -373,7 +387,8 @@ mod tests {
     use ranging::RadioDuration;
 
     use super::*;
-    use crate::scenario::BluetoothSettings;
+    use crate::lis2dh12::Condition;
+    use crate::scenario::{BluetoothSettings, Carrier, MotionSensor};
     use crate::scenario::{Mode, distance};
 
     const LEAST: &str = "[[anchor]]\nat = [0, 0, 2]\n[[tag]]\npath = [[1, 2, 1]]\n";
@@ -474,6 +489,22 @@ mod tests {
         assert_eq!((slower.board.slowdown, slower.anchors[0].board), (8.0, None));
         assert_eq!(slower.anchors[1].board, Some(BoardProfile::ESP32C6.slowed(8.0)));
         assert_eq!(slower.tags[0].board, Some(BoardProfile::EVB1000.slowed(2.0)));
+    }
+
+    #[test]
+    fn how_tags_are_moved_and_what_their_sensors_are_worth() {
+        let text = "[[anchor]]\nat = [0, 0, 2]\n[[tag]]\npath = [[0, 0, 1], [9, 0, 1]]\nleaves_s = 5\ncarried_by = \"trolley\"\n\
+            vibration_mg = 60\nmotion_sensor = \"stuck-high\"\n[[tag]]\npath = [[1, 2, 1]]\nboard = \"esp32c3\"\n";
+        let scenario = Scenario::parse(text).unwrap();
+        let sensor = MotionSensor::Fitted(Condition::Stuck(true));
+        assert_eq!(scenario.tags[0].motion, Motion { carrier: Carrier::Trolley, vibration_mg: 60.0, sensor });
+        // At 1 m/s from 5 s on.
+        assert!(distance(scenario.tags[0].walk.at(7.0), [2.0, 0.0, 1.0]) < 1e-9);
+        assert_eq!(scenario.tags[1].motion, Motion::default());
+        let of = |tag: usize| scenario.tags[tag].motion.sensor;
+        assert_eq!(of(0).on(&BoardProfile::DWM1001), Some(Condition::Stuck(true)));
+        assert_eq!(of(1).on(&BoardProfile::DWM1001.slowed(2.0)), Some(Condition::Works));
+        assert_eq!(of(1).on(&BoardProfile::ESP32C3), None);
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use ranging::PhyConfig;
 use ranging::phy::{Channel, DataRate, PreambleLength, Prf};
 
-use super::{Anchor, BluetoothSettings, Level, Mode, Network, Scenario, Tag, TagSettings, Walk};
+use super::{Anchor, BluetoothSettings, Level, Mode, Motion, Network, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
 use crate::board::BoardProfile;
 
@@ -74,7 +74,13 @@ impl Scenario {
             }
             for number in 0..share(tags) {
                 let address = scenario.tags.len() as u16 + 0x1001;
-                scenario.tags.push(Tag { address, network: room, walk: walk(corner, number), board: None });
+                scenario.tags.push(Tag {
+                    address,
+                    network: room,
+                    walk: walk(corner, number),
+                    board: None,
+                    motion: Motion::default(),
+                });
             }
         }
         scenario

@@ -5,6 +5,7 @@
 //! equal records.
 
 mod beacon;
+mod carrying;
 mod draw;
 mod file;
 mod generate;
@@ -22,6 +23,7 @@ use ranging::{PhyConfig, RadioDuration};
 
 use crate::air::Wall;
 use crate::board::BoardProfile;
+use crate::lis2dh12;
 
 pub use beacon::{Beacon, BluetoothSettings, Format, LevelFiles};
 pub use draw::Charges;
@@ -192,6 +194,52 @@ pub struct Tag {
     pub walk: Walk,
     /// Its board, if it is not that of all.
     pub board: Option<BoardProfile>,
+    /// What its motion sensor feels, beside its way.
+    pub motion: Motion,
+}
+
+/// What a tag's motion sensor feels, and whether there is one.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Motion {
+    /// Who moves the tag.
+    pub carrier: Carrier,
+    /// What it lies on, or is carried in, shakes: standard deviation of each axis, mg.
+    pub vibration_mg: f64,
+    /// The sensor.
+    pub sensor: MotionSensor,
+}
+
+/// Who moves a tag.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Carrier {
+    /// A person who walks.
+    #[default]
+    Person,
+    /// A trolley on a smooth floor, which is pushed off gently.
+    Trolley,
+}
+
+/// A tag's motion sensor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum MotionSensor {
+    /// As its board has it: a DWM1001 has one that works, the others have none.
+    #[default]
+    OfBoard,
+    /// There is none.
+    Absent,
+    /// There is one in this condition.
+    Fitted(lis2dh12::Condition),
+}
+
+impl MotionSensor {
+    /// The condition of the sensor on a board; `None`: there is none.
+    pub fn on(self, board: &BoardProfile) -> Option<lis2dh12::Condition> {
+        match self {
+            Self::OfBoard => (board.name == BoardProfile::DWM1001.name).then_some(lis2dh12::Condition::Works),
+            Self::Absent => None,
+            Self::Fitted(condition) => Some(condition),
+        }
+    }
 }
 
 /// Something that goes wrong.

@@ -1,4 +1,4 @@
-//! A walk through way-points at constant speed.
+//! A walk through way-points at constant speed, begun at once or later.
 
 /// Way-points and a speed: where a node is at any time.
 #[derive(Clone, Debug, PartialEq)]
@@ -7,6 +7,8 @@ pub struct Walk {
     /// Time at which each point is reached, seconds; for a closed walk, one more for the first again.
     times: Vec<f64>,
     closed: bool,
+    /// When it begins, seconds.
+    leaves_s: f64,
 }
 
 impl Walk {
@@ -25,16 +27,22 @@ impl Walk {
             times.push(time);
             last = point;
         }
-        Some(Self { points, times, closed })
+        Some(Self { points, times, closed, leaves_s: 0.0 })
     }
 
     /// Standing at a point.
     pub fn standing(point: [f64; 3]) -> Self {
-        Self { points: vec![point], times: vec![0.0], closed: false }
+        Self { points: vec![point], times: vec![0.0], closed: false, leaves_s: 0.0 }
+    }
+
+    /// The same that stands at the first point until then.
+    pub fn leaving_at(self, leaves_s: f64) -> Self {
+        Self { leaves_s, ..self }
     }
 
     /// The position after `seconds`.
     pub fn at(&self, seconds: f64) -> [f64; 3] {
+        let seconds = (seconds - self.leaves_s).max(0.0);
         let lap = self.times.last().copied().unwrap_or(0.0);
         let along = if self.closed && lap > 0.0 { seconds.rem_euclid(lap) } else { seconds };
         let next = self.times.partition_point(|&time| time <= along).max(1);
@@ -92,6 +100,14 @@ mod tests {
         assert_eq!((standing.at(7.0), standing.place()), ([1.0, 2.0, 3.0], Some([1.0, 2.0, 3.0])));
         assert_eq!(standing, Walk::standing([1.0, 2.0, 3.0]));
         assert_eq!(triangle(true).place(), None);
+    }
+
+    #[test]
+    fn a_walk_that_begins_later_stands_until_then() {
+        let walk = triangle(true).leaving_at(10.0);
+        for (seconds, place) in [(0.0, [0.0, 0.0, 1.0]), (10.0, [0.0, 0.0, 1.0]), (14.0, [2.0, 0.0, 1.0])] {
+            assert!(distance(walk.at(seconds), place) < 1e-9, "{seconds} s: {:?}", walk.at(seconds));
+        }
     }
 
     #[test]

@@ -5,7 +5,7 @@ use positioning_core::NoFix;
 use positioning_core::nlos::Shape;
 use ranging::exchange::{Difference, Link, Range};
 use serde::Serialize;
-use telemetry::{Condition, Sighting, Whereabouts};
+use telemetry::{Condition, MotionSensor, Sighting, Whereabouts};
 
 use super::draw::{Charges, Drawn};
 use crate::air::AirStatistics;
@@ -29,6 +29,7 @@ impl Record {
             What::Epoch(epoch) => Some(epoch),
             What::Sighting(_)
             | What::Beacon(_)
+            | What::MotionSensor(_)
             | What::Room(_)
             | What::Link(_)
             | What::RadioFailed(_)
@@ -46,6 +47,8 @@ pub enum What {
     Sighting(Sighting),
     /// Something else is believed of a beacon, or what a tag knows of beacons is not used.
     Beacon(Condition),
+    /// Something else is known of a tag's motion sensor.
+    MotionSensor(MotionSensor),
     /// A tag has gone to another room.
     Room(Whereabouts),
     /// A link has changed.

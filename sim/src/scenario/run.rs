@@ -3,12 +3,15 @@
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::convert::Infallible;
+use std::future::pending;
 use std::rc::Rc;
 use std::time::Duration;
 
 use embassy_futures::join::{join, join3};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_common::lines::LinePace;
+use firmware_tag::motion;
+use firmware_tag::motion::lis2dh12::{Lis2dh12, Sa0Pad};
 use firmware_tag::scan::{self, Plan};
 use firmware_tag::{AnchorPlace, Handover, KnownBeacons, Locator, Pace, Surveyed};
 use positioning_core::Blocked;
@@ -21,14 +24,17 @@ use ranging::node::Restart;
 use ranging::{RadioDuration, decaranging, dw1000};
 
 use super::beacon::{BeaconNode, listed};
+use super::carrying::Feeling;
 use super::draw::{Draw, Drawn};
 use super::hardware::{Firmware, Hardware, NodePlan};
 use super::record::{BluetoothSummary, Record, Summary};
 use super::sink::{AnchorSink, Log, Notebook, TagSink};
-use super::{Anchor, Level, Mode, Network, Scenario, Tag, TagSettings};
+use super::{Anchor, FaultKind, Level, Mode, Network, Scenario, Tag, TagSettings};
 use crate::air::{Path, PortId, Sniffed};
 use crate::bluetooth::Bluetooth;
+use crate::board::BoardProfile;
 use crate::costs::Charged;
+use crate::lis2dh12::Sensor;
 use crate::random::{Purpose, stream};
 use crate::{AirConfig, ClockConfig, Interrupts, Node, Processor, SimDelay, TrueTime, World};
 
@@ -44,6 +50,8 @@ pub struct Simulation {
     log: Rc<RefCell<Log>>,
     addresses: HashMap<PortId, u16>,
     nodes: Rc<HashMap<u16, Hardware>>,
+    /// Of the tags that have one.
+    sensors: Rc<HashMap<u16, Sensor>>,
     bluetooth: Option<Bluetooth>,
     /// What tags had drawn, and how many positions they had, soon after their first.
     settled: HashMap<u16, (Draw, usize)>,
@@ -75,6 +83,7 @@ impl Simulation {
             let hardware = Hardware::start(&world, scenario.level, board, plan, firmware);
             nodes.insert(anchor.address, hardware);
         }
+        let mut sensors = HashMap::new();
         for tag in &scenario.tags {
             let walk = tag.walk.clone();
             let path = match walk.place() {
@@ -90,18 +99,29 @@ impl Simulation {
                 levels: settings.levels.clone(),
             });
             let plan = plan(&world, &scenario, tag.address, path, tag.network, Role::Tag);
-            let firmware = TagFirmware { tag: tag.clone(), notebook: notebook(tag.address), ears };
             let board = tag.board.unwrap_or(scenario.board);
+            let sensor = sensor(&world, tag, &board);
+            sensors.extend(sensor.clone().map(|sensor| (tag.address, sensor)));
+            let firmware = TagFirmware { tag: tag.clone(), notebook: notebook(tag.address), ears, sensor };
             nodes.insert(tag.address, Hardware::start(&world, scenario.level, board, plan, firmware));
         }
         let addresses = nodes.iter().map(|(&address, node)| (node.port(), address)).collect();
-        let (nodes, beacons) = (Rc::new(nodes), Rc::new(beacons));
+        let (nodes, sensors, beacons) = (Rc::new(nodes), Rc::new(sensors), Rc::new(beacons));
         for &fault in &scenario.faults {
             let (nodes, beacons, notebook) = (nodes.clone(), beacons.clone(), notebook(fault.node));
+            let sensors = sensors.clone();
             world.at(TrueTime::from_secs_f64(fault.at_s), move |_| {
                 if let Some(node) = nodes.get(&fault.node) {
                     notebook.fault(fault.what);
                     node.suffer(fault.what);
+                }
+                if let Some(sensor) = sensors.get(&fault.node) {
+                    match fault.what {
+                        FaultKind::Off => sensor.set_supply(false),
+                        FaultKind::On => sensor.set_supply(true),
+                        // The processor's: the sensor stays as it is.
+                        FaultKind::Reset => {}
+                    }
                 }
                 if let Some(beacon) = beacons.get(&fault.node) {
                     notebook.fault(fault.what);
@@ -109,7 +129,7 @@ impl Simulation {
                 }
             });
         }
-        Self { world, scenario, log, addresses, nodes, bluetooth, settled: HashMap::new() }
+        Self { world, scenario, log, addresses, nodes, sensors, bluetooth, settled: HashMap::new() }
     }
 
     /// The scenario.
@@ -136,18 +156,23 @@ impl Simulation {
     fn note_settled(&mut self) {
         let log = self.log.borrow();
         for (&address, &fixes) in &log.fixes {
-            let draw = self.nodes.get(&address).and_then(|node| node.draw(self.world.now()));
-            if let Some(draw) = draw {
+            if let Some(draw) = self.draw(address) {
                 self.settled.entry(address).or_insert((draw, fixes));
             }
         }
+    }
+
+    /// What a tag has drawn.
+    fn draw(&self, address: u16) -> Option<Draw> {
+        let draw = self.nodes.get(&address)?.draw(self.world.now())?;
+        Some(draw.with_motion_sensor(self.sensors.get(&address).map_or(0.0, Sensor::drawn_uc)))
     }
 
     /// What all tags have drawn since they settled.
     fn drawn(&self) -> Option<Drawn> {
         let log = self.log.borrow();
         self.scenario.tags.iter().try_fold(Drawn::default(), |drawn, tag| {
-            let draw = self.nodes.get(&tag.address)?.draw(self.world.now())?;
+            let draw = self.draw(tag.address)?;
             let (earlier, before) = self.settled.get(&tag.address).copied().unzip();
             let fixes = log.fixes.get(&tag.address).copied().unwrap_or(0) - before.unwrap_or(0);
             Some(drawn.plus(draw.since(earlier), fixes))
@@ -180,6 +205,14 @@ impl Simulation {
         let summary = summary.with_charge(self.drawn());
         Summary { bluetooth: self.bluetooth.as_ref().map(of_beacons), ..summary }
     }
+}
+
+/// The motion sensor of a tag on a board, where there is one.
+fn sensor(world: &World, tag: &Tag, board: &BoardProfile) -> Option<Sensor> {
+    let condition = tag.motion.sensor.on(board)?;
+    let random = stream(world.seed(), Purpose::MotionSensor, tag.address.into());
+    let feeling = Feeling::new(tag.walk.clone(), tag.motion.carrier, tag.motion.vibration_mg, random);
+    Some(Sensor::new(world, condition, move |seconds| feeling.at(seconds)))
 }
 
 /// What a node does.
@@ -303,6 +336,7 @@ struct TagFirmware {
     tag: Tag,
     notebook: Notebook,
     ears: Option<Ears>,
+    sensor: Option<Sensor>,
 }
 
 /// A tag's Bluetooth.
@@ -347,21 +381,44 @@ impl<S: scan::Scanner> scan::Scanner for Interfering<S> {
     }
 }
 
-/// A tag's life: ranging, the engine in the background, and where there are beacons the scan beside them, as on a board.
+/// A tag's life: ranging, the engine in the background, and where there are beacons the scan beside them, as on a board. The motion sensor
+/// runs beside it where there is one that serves a still rate.
 async fn live<R: Restart + 'static>(
     radio: R,
     delay: SimDelay,
     machine: impl Machine,
     (locator, pace): (Locator<'_>, Pace),
     sink: TagSink,
-    ears: Option<Ears>,
+    (ears, sensor): (Option<Ears>, Option<Sensor>),
 ) -> Infallible {
     let processor = sink.processor.clone();
     let background = delay.for_background();
     let (handover, sink) = (Rc::new(Handover::<NoopRawMutex>::new()), Rc::new(sink));
+    let motion = async {
+        if let Some(sensor) = sensor {
+            let (twi, int1) = (sensor.twi(&processor), sensor.int1(&processor));
+            let sensor = Lis2dh12::new(twi, Sa0Pad::High, int1, background.clone());
+            motion::run(&handover, sensor, background.clone(), &*sink).await;
+        }
+        pending::<Infallible>().await
+    };
+    let life = tag_tasks(radio, delay, machine, (locator, pace), (&handover, &sink), ears);
+    join(life, motion).await.0
+}
+
+async fn tag_tasks<R: Restart + 'static>(
+    radio: R,
+    delay: SimDelay,
+    machine: impl Machine,
+    (locator, pace): (Locator<'_>, Pace),
+    (handover, sink): (&Rc<Handover<NoopRawMutex>>, &Rc<TagSink>),
+    ears: Option<Ears>,
+) -> Infallible {
+    let processor = sink.processor.clone();
+    let background = delay.for_background();
     let Some(Ears { air, address, path, plan, known, levels }) = ears else {
-        let ranging = firmware_tag::ranging(radio, delay, machine, &handover, &*sink);
-        return join(ranging, firmware_tag::engine(&handover, background, locator, pace, &*sink)).await.0;
+        let ranging = firmware_tag::ranging(radio, delay, machine, handover, &**sink);
+        return join(ranging, firmware_tag::engine(handover, background, locator, pace, &**sink)).await.0;
     };
     let world = sink.notebook.world.clone();
     let scanner = {
@@ -372,9 +429,9 @@ async fn live<R: Restart + 'static>(
     let models = levels.as_deref().map_or(Err(node_record::Fault::Missing), node_record::decode_models);
     let surveyed = Surveyed::of(models, &known, |condition| sink.unused(condition));
     let locator = locator.with_beacons(KnownBeacons::new(&known, None)).with_surveyed(&surveyed);
-    let ranging = firmware_tag::ranging(radio, delay, machine, &handover, &*sink);
-    let engine = firmware_tag::engine(&handover, background.clone(), locator, pace, &*sink);
-    join3(ranging, engine, scan::run(&handover, plan, scanner, background, &*sink)).await.0
+    let ranging = firmware_tag::ranging(radio, delay, machine, handover, &**sink);
+    let engine = firmware_tag::engine(handover, background.clone(), locator, pace, &**sink);
+    join3(ranging, engine, scan::run(handover, plan, scanner, background, &**sink)).await.0
 }
 
 impl Firmware for TagFirmware {
@@ -387,7 +444,7 @@ impl Firmware for TagFirmware {
         let scenario = self.notebook.scenario.clone();
         let network = network_of(&scenario, self.tag.network);
         let settings = scenario.tag;
-        let (address, ears) = (self.tag.address, self.ears.clone());
+        let (address, ears, sensor) = (self.tag.address, self.ears.clone(), self.sensor.clone());
         let (notebook, walk) = (self.notebook.clone(), self.tag.walk.clone());
         let sink = TagSink { notebook, walk, processor, lines: RefCell::new(LinePace::new()) };
         async move {
@@ -414,7 +471,8 @@ impl Firmware for TagFirmware {
                     let machine = Charged::new(machine, &sink.processor).with_address(address);
                     // Native anchors tell where they are.
                     let locator = locator(&settings, &[], model);
-                    live(radio, delay, machine, (locator, Pace::new(rate, still)), sink, ears).await
+                    let sensor = sensor.filter(|_| still.is_some());
+                    live(radio, delay, machine, (locator, Pace::new(rate, still)), sink, (ears, sensor)).await
                 }
                 Mode::Listening { .. } => {
                     let period = settings.rate_hz.map(period);
@@ -423,7 +481,7 @@ impl Firmware for TagFirmware {
                     let machine = Charged::new(machine, &sink.processor);
                     let rate = period.map_or(native::Rate::Greedy, native::Rate::Every);
                     let locator = locator(&settings, &[], model);
-                    live(radio, delay, machine, (locator, Pace::new(rate, None)), sink, ears).await
+                    live(radio, delay, machine, (locator, Pace::new(rate, None)), sink, (ears, None)).await
                 }
                 Mode::DecaRanging(variant) => {
                     let period = period(settings.rate_hz.unwrap_or(DECARANGING_HZ));
@@ -443,7 +501,7 @@ impl Firmware for TagFirmware {
                     let places: Vec<_> = places.collect();
                     let locator = locator(&settings, &places, model);
                     let pace = Pace::new(native::Rate::Every(period), None);
-                    live(radio, delay, machine, (locator, pace), sink, ears).await
+                    live(radio, delay, machine, (locator, pace), sink, (ears, None)).await
                 }
             }
         }

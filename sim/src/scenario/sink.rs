@@ -10,7 +10,7 @@ use firmware_tag::{Measured, RoomTold};
 use ranging::RadioInstant;
 use ranging::exchange::{Difference, Guidance, Link, Report};
 use ranging::node::Listener;
-use telemetry::{Condition, Sighting};
+use telemetry::{Condition, MotionSensor, Sighting};
 
 use super::record::{DifferenceRecord, Epoch, RangeRecord, Record, Source, What};
 use super::{FaultKind, Scenario, Walk, distance};
@@ -165,6 +165,10 @@ impl firmware_tag::Sink for TagSink {
 
     fn beacon(&self, word: Condition) {
         self.notebook.write(What::Beacon(word));
+    }
+
+    fn motion_sensor(&self, state: MotionSensor) {
+        self.notebook.write(What::MotionSensor(state));
     }
 
     fn room(&self, told: RoomTold) {

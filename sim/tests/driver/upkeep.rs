@@ -73,6 +73,35 @@ fn a_wait_is_slept_through_where_it_is_long_and_the_configuration_lets_it() {
 }
 
 #[test]
+fn a_sleep_may_be_cut_short() {
+    let (world, a, b) = two_nodes(0.0);
+    let (mut sender, mut receiver) =
+        (driver(a.peripherals(), Config { sleeps: true, ..fast() }), driver(b.peripherals(), fast()));
+    let clock = world.clone();
+    let (took_ms, heard) = run(
+        &world,
+        async move {
+            sender.restart().await.unwrap();
+            let before = clock.now();
+            let roused = clock.delay().pause_ms(20);
+            assert_eq!(Restart::sleep(&mut sender, 8_000_000, roused).await, Ok(true));
+            let took = clock.now().as_secs_f64() - before.as_secs_f64();
+            sender.transmit(b"awake", Start::Now, false).await.unwrap();
+            1e3 * took
+        },
+        async move {
+            receiver.init().await.unwrap();
+            hear(&mut receiver, Start::Now, us(500_000), false).await.map(|heard| heard.bytes)
+        },
+    );
+    // After 20 ms, 0.6 ms of the select line and 3 to 4 ms of the crystal.
+    assert!((23.0..25.0).contains(&took_ms), "{took_ms} ms");
+    assert_eq!(heard, Ok(b"awake".to_vec()));
+    let statistics = a.chip_statistics();
+    assert_eq!((statistics.too_fast, statistics.not_idle), (0, 0));
+}
+
+#[test]
 fn the_chip_may_go_and_come_back() {
     let (world, a, b) = two_nodes(0.0);
     let mut radio = driver(a.peripherals(), fast());

@@ -5,5 +5,6 @@ mod captures;
 mod complaints;
 mod levels;
 mod listening;
+mod motion;
 mod rates;
 mod reproducible;

@@ -198,7 +198,7 @@ const fn missed(meant: u64, flash: u64, ram: u64) -> Budget {
 }
 
 const NONE: Budget = Budget { flash: None, ram: None, heap: None, missed: None };
-const ESP_BLE: Budget = Budget { flash: Some(493 << 10), ram: None, heap: Some(80 << 10), missed: Some(420 << 10) };
+const ESP_BLE: Budget = Budget { flash: Some(497 << 10), ram: None, heap: Some(80 << 10), missed: Some(420 << 10) };
 
 /// The whole matrix.
 pub const IMAGES: [Image; 22] = [
@@ -210,9 +210,9 @@ pub const IMAGES: [Image; 22] = [
     Image::new("anchor", Board::Esp32C3, &[], NONE),
     Image::new("anchor", Board::Esp32C6, &[], NONE),
     // What they are spent on: `cargo xtask sizes`.
-    Image::new("tag", Board::Dwm1001, &[], missed(96, 179, 23)),
+    Image::new("tag", Board::Dwm1001, &[], missed(96, 186, 24)),
     // Some 6 KiB are a map of levels and a model of rooms.
-    Image::new("tag", Board::Dwm1001, &["ble"], missed(208, 268, 34)),
+    Image::new("tag", Board::Dwm1001, &["ble"], missed(208, 276, 34)),
     Image::new("tag", Board::Evk1000, &[], NONE),
     Image::new("tag", Board::Esp32C3, &[], NONE),
     Image::new("tag", Board::Esp32C3, &["ble"], ESP_BLE),
