@@ -142,11 +142,13 @@ pub struct Network {
     pub pan: u16,
     /// How its frames are put on the air.
     pub phy: PhyConfig,
+    /// How quick its nodes say they are, as a record may; `None`: as they measure.
+    pub pinned: Option<ranging::native::Turnaround>,
 }
 
 impl Default for Network {
     fn default() -> Self {
-        Self { mode: Mode::Native, pan: 0xBA12, phy: PhyConfig::FAST }
+        Self { mode: Mode::Native, pan: 0xBA12, phy: PhyConfig::FAST, pinned: None }
     }
 }
 

@@ -248,7 +248,7 @@ fn network_of(scenario: &Scenario, network: usize) -> Network {
 }
 
 fn native_network(network: &Network) -> native::Network {
-    native::Network { pan: network.pan, phy: network.phy, pinned: None }
+    native::Network { pan: network.pan, phy: network.phy, pinned: network.pinned }
 }
 
 fn period(hz: f64) -> RadioDuration {

@@ -52,7 +52,7 @@ impl NetworkTable {
             }
             (Mode::Listening { .. }, _) | (_, None) => {}
         }
-        Ok(Network { mode, pan: self.pan.unwrap_or(Network::default().pan), phy: self.phy()? })
+        Ok(Network { mode, pan: self.pan.unwrap_or(Network::default().pan), phy: self.phy()?, ..Network::default() })
     }
 
     fn phy(&self) -> Result<PhyConfig, String> {
