@@ -476,9 +476,9 @@ fn temperature_and_supply_move_a_range() {
         b.read_u40(0x15, 0) as f64 * METRES_PER_TICK
     };
     let reference = stamp(23.0, 3.3);
-    // 20 °C × 2.15 mm, and 0.2 V × 5.35 cm; stamps are whole ticks of 4.7 mm.
-    assert!((stamp(43.0, 3.3) - reference - 0.043).abs() < 0.005);
-    assert!((stamp(23.0, 3.5) - reference - 0.0107).abs() < 0.005);
+    // Half of 20 °C × 2.15 mm, and of 0.2 V × 5.35 cm; stamps are whole ticks of 4.7 mm.
+    assert!((stamp(43.0, 3.3) - reference - 0.0215).abs() < 0.005);
+    assert!((stamp(23.0, 3.5) - reference - 0.005_35).abs() < 0.005);
 }
 
 #[test]

@@ -2,14 +2,13 @@
 
 use ranging::exchange::{Action, Event, Guidance, Machine};
 use ranging::native::{Rate, Turnaround};
+use ranging::radio::Sensors;
 use ranging::{Pace, RadioDuration, RadioInstant, decaranging, native};
 
 use crate::settings::{Exchange, Settings};
 
 /// Rounds a second of a DecaRanging tag that is told no rate: as often as such boards do with the shortest frames.
 const DECARANGING_CHZ: u32 = 2_000;
-/// The longest from one round to the next: instants of the radio's clock are told apart up to 8.6 s.
-const LONGEST_PERIOD_US: u32 = 8_000_000;
 
 /// A tag's side.
 #[derive(Clone, Debug)]
@@ -40,9 +39,7 @@ pub fn rate(chz: Option<u32>) -> Rate {
 
 /// From one round to the next, of so many in 100 s.
 pub(crate) fn period(chz: u32) -> RadioDuration {
-    RadioDuration::from_micros(
-        100_000_000_u32.checked_div(chz).map_or(LONGEST_PERIOD_US, |us| us.min(LONGEST_PERIOD_US)),
-    )
+    RadioDuration::from_micros(100_000_000 / chz.max(1))
 }
 
 impl TagMachine {
@@ -118,19 +115,19 @@ impl Machine for TagMachine {
         }
     }
 
-    fn may_sleep(&self) -> bool {
-        match self {
-            Self::Native(tag) => tag.may_sleep(),
-            Self::DecaRanging(tag) => tag.may_sleep(),
-            Self::Listening(tag) => tag.may_sleep(),
-        }
-    }
-
     fn calibrate(&mut self, antenna_delay: RadioDuration) {
         match self {
             Self::Native(tag) => tag.calibrate(antenna_delay),
             Self::DecaRanging(tag) => tag.calibrate(antenna_delay),
             Self::Listening(tag) => tag.calibrate(antenna_delay),
+        }
+    }
+
+    fn sense(&mut self, sensors: Sensors) {
+        match self {
+            Self::Native(tag) => tag.sense(sensors),
+            Self::DecaRanging(tag) => tag.sense(sensors),
+            Self::Listening(tag) => tag.sense(sensors),
         }
     }
 
@@ -187,11 +184,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rates_are_periods_within_the_clocks_range() {
+    fn rates_are_periods() {
         assert_eq!(rate(None), Rate::Greedy);
-        // 10 Hz: 0.1 s. 0.1 Hz would be 10 s.
+        // 10 Hz: 0.1 s. 0.1 Hz: 10 s.
         assert_eq!(rate(Some(1_000)), Rate::Every(RadioDuration::from_micros(100_000)));
-        assert_eq!(rate(Some(10)), Rate::Every(RadioDuration::from_micros(8_000_000)));
-        assert_eq!(rate(Some(0)), Rate::Every(RadioDuration::from_micros(8_000_000)));
+        assert_eq!(rate(Some(10)), Rate::Every(RadioDuration::from_micros(10_000_000)));
+        assert_eq!(rate(Some(0)), Rate::Every(RadioDuration::from_micros(100_000_000)));
     }
 }

@@ -10,7 +10,7 @@ use telemetry::{Hello, Range};
 use crate::supervision::{Heartbeat, all_alive};
 use crate::{Counts, Journal};
 
-/// The longest that a task may be silent: a receiver's window or a wait of a machine lasts 8 s at most.
+/// The longest that a task may be silent that did not say that it rests: a receiver's window lasts 8 s at most.
 const PATIENCE_MS: u32 = 10_000;
 
 /// For a `static`: what the tasks of one node tell. `BYTES` of telemetry wait for the channel at most.

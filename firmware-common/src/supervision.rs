@@ -18,7 +18,7 @@ impl Heartbeat {
         Self { last_ms: AtomicU32::new(0), patience_ms }
     }
 
-    /// The task is alive.
+    /// The task is alive, or will be then: it may say beforehand that it rests until an instant less than 24 days ahead.
     pub fn beat(&self, t_us: u64) {
         self.last_ms.store(millis(t_us), Ordering::Relaxed);
     }
@@ -130,6 +130,14 @@ impl Lights {
 mod tests {
     use super::*;
     use telemetry::RecordFault;
+
+    #[test]
+    fn who_said_that_it_rests_is_silent_until_then() {
+        let task = Heartbeat::new(1000);
+        task.beat(64_000_000);
+        assert!(task.is_alive(2_000_000) && task.is_alive(64_999_000));
+        assert!(!task.is_alive(65_002_000));
+    }
 
     #[test]
     fn one_silent_task_is_enough_and_is_named() {

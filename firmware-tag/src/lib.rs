@@ -38,7 +38,7 @@ use embedded_hal_async::delay::DelayNs;
 use firmware_common::{Reporter, Settings, TagMachine, build};
 use ranging::exchange::{Action, Event, Guidance, Link, Machine, Report};
 use ranging::node::{self, Listener, Restart};
-use ranging::{Radio, RadioInstant};
+use ranging::{Radio, RadioDuration, RadioInstant};
 use telemetry::{Board, Condition, Hello, MotionSensor, Role, Sighting};
 
 use handover::Quiet;
@@ -74,6 +74,11 @@ pub trait Sink {
     /// What became of an action of the exchange.
     fn step(&self, event: &Event<'_>) {
         let _ = event;
+    }
+
+    /// The exchange does nothing until then, microseconds since the node started: no step is a sign of its life before.
+    fn rests(&self, until_us: u64) {
+        let _ = until_us;
     }
 
     /// A link or the network has changed.
@@ -263,6 +268,16 @@ struct Ranging<'a, M: RawMutex, S> {
     sounder: Sounder,
 }
 
+impl<M: RawMutex, S: Sink> Ranging<'_, M, S> {
+    /// Nothing is done with the radio for so long.
+    fn rest(&self, duration: RadioDuration) {
+        let micros = u64::try_from(duration.as_micros()).unwrap_or(0);
+        let until_us = self.sink.now_us().saturating_add(micros);
+        self.sink.rests(until_us);
+        self.handover.tell_quiet(Quiet { until_us });
+    }
+}
+
 impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
     async fn report(&mut self, report: Report<'_>, present: RadioInstant) -> Guidance {
         let now_us = self.sink.now_us();
@@ -293,11 +308,9 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
         self.sink.step(event);
         self.sounder.observe(event, action);
         match action {
-            Action::WaitUntil(instant) => {
-                let micros = u64::try_from(instant.since(now).as_micros()).unwrap_or(0);
-                self.handover.tell_quiet(Quiet { until_us: self.sink.now_us() + micros });
-            }
-            Action::Transmit { .. } | Action::Receive { .. } | Action::Report(_) => {}
+            Action::WaitUntil(instant) => self.rest(instant.since(now)),
+            Action::Sleep { duration, .. } => self.rest(*duration),
+            Action::Compensate | Action::Transmit { .. } | Action::Receive { .. } | Action::Report(_) => {}
         }
     }
 

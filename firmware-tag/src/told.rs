@@ -65,6 +65,10 @@ impl<M: RawMutex, const BYTES: usize> Sink for Told<'_, M, BYTES> {
         self.reporter.step(event);
     }
 
+    fn rests(&self, until_us: u64) {
+        self.reporter.ranging.beat(until_us);
+    }
+
     fn link(&self, link: Link) {
         self.reporter.journal.link(self.now_us(), link);
     }

@@ -14,10 +14,12 @@ const FARTHEST_M: f32 = 100_000.0;
 const FARTHEST_ON_AIR_M: f32 = 8_388.0;
 /// Slowest board, microseconds: superframes stay shorter than two seconds.
 const SLOWEST_US: u16 = 20_000;
-/// Rounds a second, 0.01 Hz: the radio's clock tells instants apart that lie less than 8.6 s from each other.
-const RATES_CHZ: core::ops::RangeInclusive<u32> = 13..=100_000;
-/// The same in words.
-const RATES: &str = "0.13 to 1000";
+/// Rounds a second, 0.01 Hz, and the same in words.
+struct Rates(core::ops::RangeInclusive<u32>, &'static str);
+/// In native mode, whose tags count superframes.
+const NATIVE_RATES: Rates = Rates(1..=100_000, "0.01 to 1000");
+/// In other modes: the radio's clock tells instants apart that lie less than 8.6 s from each other.
+const OTHER_RATES: Rates = Rates(13..=100_000, "0.13 to 1000");
 /// The first short address that means nobody or, one later, everybody.
 const NO_ADDRESS: u16 = 0xFFFE;
 
@@ -180,17 +182,14 @@ impl Record {
         self.network()?;
         match mode {
             Mode::Native | Mode::DecaRanging { fast: _ } => Ok(()),
-            Mode::Listening { rounds_chz } => {
-                let value = Value::Real(rounds_chz as f32 / 100.0);
-                ensure(RATES_CHZ.contains(&rounds_chz), "network.rounds_hz", value, RATES)
-            }
+            Mode::Listening { rounds_chz } => OTHER_RATES.ensure(rounds_chz, "network.rounds_hz"),
         }
     }
 
     fn validate_role(&self) -> Result<(), Invalid> {
         match &self.role {
             Role::Tag(tag) => {
-                tag.validate()?;
+                tag.validate(&self.network.mode.rates())?;
                 self.validate_solver(tag.solver)
             }
             Role::Anchor { position_m: None } => Ok(()),
@@ -351,8 +350,23 @@ impl From<crate::Turnaround> for Turnaround {
     }
 }
 
+impl Rates {
+    fn ensure(&self, chz: u32, field: &'static str) -> Result<(), Invalid> {
+        ensure(self.0.contains(&chz), field, Value::Real(chz as f32 / 100.0), self.1)
+    }
+}
+
+impl Mode {
+    fn rates(self) -> Rates {
+        match self {
+            Self::Native => NATIVE_RATES,
+            Self::DecaRanging { fast: _ } | Self::Listening { rounds_chz: _ } => OTHER_RATES,
+        }
+    }
+}
+
 impl Tag {
-    fn validate(&self) -> Result<(), Invalid> {
+    fn validate(&self, rates: &Rates) -> Result<(), Invalid> {
         let height = self.height_m.unwrap_or(0.0);
         ensure(
             height.abs() <= FARTHEST_M,
@@ -360,10 +374,8 @@ impl Tag {
             Value::Real(height),
             "finite and within 100 km of the origin",
         )?;
-        let rates = [("tag.rate_hz", self.rate_chz), ("tag.still_rate_hz", self.still_rate_chz)];
-        for (field, rate) in rates {
-            let rate = rate.unwrap_or(100);
-            ensure(RATES_CHZ.contains(&rate), field, Value::Real(rate as f32 / 100.0), RATES)?;
+        for (field, rate) in [("tag.rate_hz", self.rate_chz), ("tag.still_rate_hz", self.still_rate_chz)] {
+            rate.map_or(Ok(()), |chz| rates.ensure(chz, field))?;
         }
         if let (Some(rate), Some(still)) = (self.rate_chz, self.still_rate_chz) {
             let value = Value::Real(still as f32 / 100.0);

@@ -1,9 +1,9 @@
 //! The trade between frames and accuracy: `cargo run --release -p ranging --example schemes` prints the table.
 //!
-//! Monte Carlo: one tag, eight anchors at 10 m, a round every 2.5 ms; the tag's clock 20 ppm fast and all anchors' 20 ppm slow,
+//! Monte Carlo: one tag, eight anchors at 10 m; the tag's clock 20 ppm fast and all anchors' 20 ppm slow,
 //! and the reverse; reception stamps with 0.1 ns (6.4 ticks, 3 cm) of noise and rounded to the tick, the carrier's reading
 //! with 0.2 ppm. Times on the air are those of a DWM1001 at 6.81 Mbit/s with 128 preamble symbols. The bias is that of the
-//! worst of the eight slots, the deviation that of all together.
+//! worst of the eight slots, the deviation that of all together. Each scheme meets each [`Case`].
 
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
@@ -20,9 +20,16 @@ const STAMP_NOISE_TICKS: f64 = 6.4;
 const CARRIER_NOISE_PPM: f64 = 0.2;
 const TICKS_PER_MICROSECOND: f64 = 63_897.6;
 const ROUND_US: f64 = 2500.0;
+const SILENCE_US: f64 = 1e6;
+/// Rounds that count.
 const ROUNDS: usize = 2000;
-/// Rounds before the count begins: the filters have settled.
+/// Rounds before one that counts, so that the filters have settled.
 const WARM_UP: usize = 100;
+/// By how much the anchors' clocks change from one round to the next and back again: what a draught or a touch does to a crystal, but at
+/// once.
+const JUMP_PPM: f64 = 1.0;
+/// Deviation of what a clock's rate changes by in a second of silence, parts per million: a crystal in a room.
+const WANDER_PPM: f64 = 0.05;
 
 /// Boards that answer within 304 µs of a frame's end, and hear again within 72 µs.
 fn layout(scheme: native::Scheme) -> Layout {
@@ -49,10 +56,23 @@ pub enum Scheme {
     AsymmetricEach,
 }
 
-/// What one scheme costs and gives.
-pub struct Row {
-    /// Which.
-    pub scheme: Scheme,
+/// What the clocks did before a round that counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Case {
+    /// A round every 2.5 ms, steady clocks.
+    Followed,
+    /// A round a second. The clocks wander meanwhile.
+    Silence,
+    /// Followed, and then the anchors' clocks change their rate at once: what was learned of them is wrong.
+    Jump,
+}
+
+/// The table's columns.
+pub const CASES: [Case; 3] = [Case::Followed, Case::Silence, Case::Jump];
+
+/// What one scheme gives.
+#[derive(Debug)]
+pub struct Errors {
     /// Mean error in the slot where it is largest, metres.
     pub bias_m: f64,
     /// Standard deviation about the slots' means, metres.
@@ -117,30 +137,54 @@ impl Scheme {
     }
 }
 
-/// A clock: counts from `start` at true time 0 (ticks), fast by `drift`.
+/// A clock: counts `count` ticks at the present round's beginning, fast by `drift`.
 struct Clock {
-    start: u64,
+    count: f64,
     drift: f64,
 }
 
 impl Clock {
+    /// What it counts `time` ticks after the round's beginning.
     fn stamp(&self, time: f64, noise: f64) -> RadioInstant {
-        RadioInstant::from_ticks(self.start.wrapping_add((time * (1.0 + self.drift) + noise).round() as u64))
+        RadioInstant::from_ticks((self.count + time * (1.0 + self.drift) + noise).round() as u64)
+    }
+
+    /// The next round begins.
+    fn pass(&mut self, time: f64) {
+        self.count = (self.count + time * (1.0 + self.drift)).rem_euclid((1_u64 << 40) as f64);
     }
 }
 
 /// Errors of every slot, metres.
-fn simulate(scheme: Scheme, sign: f64, rng: &mut Pcg64) -> Vec<Vec<f64>> {
+fn simulate(scheme: Scheme, case: Case, sign: f64, rng: &mut Pcg64) -> Vec<Vec<f64>> {
     let stamp_noise = Normal::new(0.0, STAMP_NOISE_TICKS).unwrap();
     let carrier_noise = Normal::new(0.0, CARRIER_NOISE_PPM).unwrap();
+    let wander = Normal::new(0.0, WANDER_PPM * 1e-6).unwrap();
     let timing = Timing::of(&PhyConfig::FAST, layout(native::Scheme::SingleSided));
-    let tag = Clock { start: (1 << 40) - 1_000_000_000, drift: sign * DRIFT_PPM * 1e-6 };
-    let anchor = Clock { start: 123_456_789, drift: -sign * DRIFT_PPM * 1e-6 };
+    let mut tag = Clock { count: ((1_u64 << 40) - 1_000_000_000) as f64, drift: sign * DRIFT_PPM * 1e-6 };
+    let steady = -sign * DRIFT_PPM * 1e-6;
+    let mut anchor = Clock { count: 123_456_789.0, drift: steady };
     let flight = DISTANCE_M / METRES_PER_TICK;
     let mut clocks = vec![ClockModel::new(); ANCHORS];
     let mut errors = vec![Vec::new(); ANCHORS];
-    for round in 0..WARM_UP + ROUNDS {
-        let begin = round as f64 * ROUND_US * TICKS_PER_MICROSECOND;
+    let rounds = match case {
+        Case::Followed | Case::Silence => WARM_UP + ROUNDS,
+        Case::Jump => WARM_UP * ROUNDS / 10,
+    };
+    let period_us = if case == Case::Silence { SILENCE_US } else { ROUND_US };
+    for round in 0..rounds {
+        tag.pass(period_us * TICKS_PER_MICROSECOND);
+        anchor.pass(period_us * TICKS_PER_MICROSECOND);
+        anchor.drift = match case {
+            Case::Followed => steady,
+            Case::Silence => anchor.drift + wander.sample(rng),
+            Case::Jump if round % WARM_UP == WARM_UP - 1 => steady + JUMP_PPM * 1e-6,
+            Case::Jump => steady,
+        };
+        let counts = match case {
+            Case::Followed | Case::Silence => round >= WARM_UP,
+            Case::Jump => round % WARM_UP == WARM_UP - 1,
+        };
         for slot in 0..ANCHORS {
             let mut noise = || stamp_noise.sample(rng);
             // Alone, every anchor is the first to answer.
@@ -149,19 +193,19 @@ fn simulate(scheme: Scheme, sign: f64, rng: &mut Pcg64) -> Vec<Vec<f64>> {
             let reply1 = timing.reply_in(place).ticks() as f64;
             let final_at = timing.reply_in(last).ticks() as f64 + timing.reply.ticks() as f64;
             // True times of departure, so that the responder's and the tag's stamps are what they would be.
-            let poll_tx = tag.stamp(begin, 0.0);
-            let poll_rx = anchor.stamp(begin + flight, noise());
-            let resp_at = begin + flight + reply1;
+            let poll_tx = tag.stamp(0.0, 0.0);
+            let poll_rx = anchor.stamp(flight, noise());
+            let resp_at = flight + reply1;
             let resp_tx = anchor.stamp(resp_at, 0.0);
             let resp_rx = tag.stamp(resp_at + flight, noise());
-            let final_tx = tag.stamp(begin + final_at, 0.0);
-            let final_rx = anchor.stamp(begin + final_at + flight, noise());
+            let final_tx = tag.stamp(final_at, 0.0);
+            let final_rx = anchor.stamp(final_at + flight, noise());
             let [round1, reply1] = [resp_rx.since(poll_tx), resp_tx.since(poll_rx)];
             let [round2, reply2] = [final_rx.since(resp_tx), final_tx.since(resp_rx)];
             let true_ppm = (anchor.drift - tag.drift) * 1e6;
             let carrier_ppm = (true_ppm + carrier_noise.sample(rng)) as f32;
             let tof = range(scheme, [round1, reply1, round2, reply2], carrier_ppm, &mut clocks[slot], poll_tx, poll_rx);
-            if round >= WARM_UP {
+            if counts {
                 errors[slot].push(f64::from(tof.metres()) - DISTANCE_M);
             }
         }
@@ -197,12 +241,12 @@ fn mean(values: &[f64]) -> f64 {
 }
 
 /// The worst slot's bias under either sign of the drift, and the deviation about the slots' means.
-pub fn row(scheme: Scheme) -> Row {
+pub fn errors(scheme: Scheme, case: Case) -> Errors {
     let mut rng = Pcg64::seed_from_u64(1);
     let mut bias_m: f64 = 0.0;
     let mut squares = Vec::new();
     for sign in [1.0, -1.0] {
-        for errors in simulate(scheme, sign, &mut rng) {
+        for errors in simulate(scheme, case, sign, &mut rng) {
             let bias = mean(&errors);
             if bias.abs() > bias_m.abs() {
                 bias_m = bias;
@@ -210,7 +254,7 @@ pub fn row(scheme: Scheme) -> Row {
             squares.extend(errors.iter().map(|error| (error - bias).powi(2)));
         }
     }
-    Row { scheme, bias_m, deviation_m: mean(&squares).sqrt() }
+    Errors { bias_m, deviation_m: mean(&squares).sqrt() }
 }
 
 /// A length in the unit that suits it.
@@ -219,19 +263,18 @@ fn length(metres: f64) -> String {
 }
 
 fn main() {
-    println!("| scheme | frames a fix, 4 / 8 anchors | µs a fix, 4 / 8 anchors | bias of the worst slot | deviation |");
-    println!("|---|---|---|---|---|");
-    for row in SCHEMES.map(row) {
-        let Row { scheme, bias_m, deviation_m } = row;
-        println!(
-            "| {} | {} / {} | {:.0} / {:.0} | {} | {} |",
-            scheme.name(),
-            scheme.frames(4),
-            scheme.frames(8),
-            scheme.micros(4),
-            scheme.micros(8),
-            length(bias_m),
-            length(deviation_m)
-        );
+    println!(
+        "| scheme | frames a fix, 4 / 8 anchors | µs a fix, 4 / 8 anchors | a round every 2.5 ms: bias of the worst slot, deviation | \
+         a round a second | clocks that changed by {JUMP_PPM} ppm since the last round |"
+    );
+    println!("|---|---:|---:|---:|---:|---:|");
+    for scheme in SCHEMES {
+        let [four, eight] = [4, 8].map(|n| (scheme.frames(n), scheme.micros(n)));
+        print!("| {} | {} / {} | {:.0} / {:.0} |", scheme.name(), four.0, eight.0, four.1, eight.1);
+        for case in CASES {
+            let Errors { bias_m, deviation_m } = errors(scheme, case);
+            print!(" {}, {} |", length(bias_m), length(deviation_m));
+        }
+        println!();
     }
 }

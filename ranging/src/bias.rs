@@ -8,6 +8,7 @@
 
 use crate::phy::{Channel, Prf};
 use crate::radio::Sensors;
+use crate::time::METRES_PER_TICK;
 use crate::{PhyConfig, decibels};
 
 /// Power of the tables' first entry, dBm.
@@ -130,15 +131,24 @@ pub struct Conditions {
 }
 
 impl Conditions {
-    /// Those of a radio that was calibrated at 23 °C and 3.3 V, as the DW1000's maker does it.
+    /// Those of a radio that was calibrated at 23 °C and 3.3 V, as the DW1000's maker does it. Readings that no working chip has count as
+    /// the nearest that one has: −40 to 85 °C, 2.8 to 3.6 V (data sheet).
     pub fn of(sensors: &Sensors) -> Self {
-        Self { warmer_by_c: sensors.temperature_celsius - 23.0, higher_by_v: sensors.voltage - 3.3 }
+        let (temperature, voltage) = (sensors.temperature_celsius.clamp(-40.0, 85.0), sensors.voltage.clamp(2.8, 3.6));
+        Self { warmer_by_c: temperature - 23.0, higher_by_v: voltage - 3.3 }
     }
 
     /// What a distance reads too long with one end under these conditions and the other under those of calibration:
     /// half of what both ends would add.
     pub fn metres(&self) -> f32 {
         0.5 * (self.warmer_by_c * METRES_PER_DEGREE + self.higher_by_v * METRES_PER_VOLT)
+    }
+
+    /// By how much each of the chip's two antenna delays is longer, ticks: a distance has half of the sum of both.
+    pub fn delay_ticks(&self) -> i16 {
+        let ticks = self.metres() / METRES_PER_TICK as f32;
+        // To the nearest; a saturating cast.
+        (ticks + if ticks < 0.0 { -0.5 } else { 0.5 }) as i16
     }
 }
 
@@ -212,7 +222,12 @@ mod tests {
     #[test]
     fn warm_and_well_fed_chips_read_long() {
         // ½·(20 °C × 2.15 mm + 0.1 V × 53.5 mm) = ½·(43 + 5.35) mm.
-        let metres = Conditions::of(&Sensors { temperature_celsius: 43.0, voltage: 3.4 }).metres();
-        assert!((metres - 24.175e-3).abs() < 1e-6, "{metres}");
+        let conditions = Conditions::of(&Sensors { temperature_celsius: 43.0, voltage: 3.4, raw: [0; 2] });
+        assert!((conditions.metres() - 24.175e-3).abs() < 1e-6, "{conditions:?}");
+        // 24.175 mm of 4.6904 mm a tick: 5.15.
+        assert_eq!(conditions.delay_ticks(), 5);
+        // ½·(63 °C × 2.15 mm + 0.5 V × 53.5 mm) = 81.1 mm: 17.29 ticks.
+        let cold = Conditions::of(&Sensors { temperature_celsius: -300.0, voltage: 0.0, raw: [0; 2] });
+        assert_eq!(cold.delay_ticks(), -17);
     }
 }

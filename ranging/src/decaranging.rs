@@ -35,6 +35,12 @@ use crate::{PhyConfig, RadioDuration, RxFrame};
 /// then.
 pub const INIT_DELAY: RadioDuration = RadioDuration::from_micros(150_000);
 
+/// A board corrects its antenna delays for temperature and supply after its first exchanges, once in so many from then on, …
+const COMPENSATE_AFTER: u16 = 16;
+const COMPENSATE_EVERY: u16 = 256;
+/// … which takes less than this.
+const COMPENSATION: RadioDuration = RadioDuration::from_micros(3_000);
+
 /// What a board says with the messages of DecaRanging.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Software {

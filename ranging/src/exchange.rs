@@ -26,13 +26,14 @@
 use embedded_hal_async::delay::DelayNs;
 
 use crate::native::Rate;
-use crate::radio::MAX_FRAME;
+use crate::radio::{MAX_FRAME, Sensors};
 use crate::{Diagnostics, Pace, Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
 
 /// What became of the last action.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event<'b> {
-    /// The radio was started, or restarted after an error: what was known of its clock is void. The first event of a machine.
+    /// The radio was started, was restarted after an error, or has slept: what was known of its clock is void. The first event of a
+    /// machine.
     Started,
     /// The frame left at this instant.
     Sent(RadioInstant),
@@ -46,7 +47,7 @@ pub enum Event<'b> {
     Timeout,
     /// The start of a transmission or reception lay in the past: nothing was done.
     Late,
-    /// The instant waited for is there.
+    /// The instant waited for is there, or the radio is done with what it was asked.
     Woken,
     /// The report was taken.
     Reported,
@@ -75,6 +76,15 @@ pub enum Action<'m> {
     },
     /// Radio off until this instant.
     WaitUntil(RadioInstant),
+    /// The radio may sleep and lose its clock. The next event is [`Event::Started`] where it slept, [`Event::Woken`] where it did not.
+    Sleep {
+        /// Since when.
+        from: RadioInstant,
+        /// For how long from then: minutes, too, which instants do not tell apart.
+        duration: RadioDuration,
+    },
+    /// [`Radio::compensate`]; the next event is [`Event::Woken`].
+    Compensate,
     /// Something for the node itself; nothing is done with the radio.
     Report(Report<'m>),
 }
@@ -190,16 +200,15 @@ pub trait Machine {
     /// wraps after 17.2 s.
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_>;
 
-    /// Whether the radio's clock may be lost in the wait that was asked for last: the radio may sleep, and the next event is
-    /// [`Event::Started`].
-    fn may_sleep(&self) -> bool {
-        false
-    }
-
-    /// Takes the antenna delay in force, before the step that tells of the start: what a frame says of its own departure counts
-    /// with it. It replaces what the machine was made with.
+    /// Takes the antenna delay in force, before the step that tells of the start, and after [`Action::Compensate`]: what a frame says of its
+    /// own departure counts with it. It replaces what the machine was made with.
     fn calibrate(&mut self, antenna_delay: RadioDuration) {
         let _ = antenna_delay;
+    }
+
+    /// Takes the radio's temperature and supply after [`Action::Compensate`].
+    fn sense(&mut self, sensors: Sensors) {
+        let _ = sensors;
     }
 
     /// Takes what the radio measured of the node's pace in the last action, before the step that tells what became of the action.
@@ -225,12 +234,12 @@ impl<M: Machine + ?Sized> Machine for &mut M {
         (**self).step(now, event)
     }
 
-    fn may_sleep(&self) -> bool {
-        (**self).may_sleep()
-    }
-
     fn calibrate(&mut self, antenna_delay: RadioDuration) {
         (**self).calibrate(antenna_delay);
+    }
+
+    fn sense(&mut self, sensors: Sensors) {
+        (**self).sense(sensors);
     }
 
     fn pace(&mut self, pace: Pace) {
@@ -296,6 +305,15 @@ pub async fn execute<'b, R: Radio>(
             wait_until(radio, delay, instant).await?;
             Event::Woken
         }
+        Action::Sleep { from, duration } => {
+            let micros = left_of(radio, from, duration).await?;
+            wait(radio, delay, micros).await?;
+            Event::Woken
+        }
+        Action::Compensate => {
+            radio.compensate().await?;
+            Event::Woken
+        }
         Action::Report(_) => Event::Reported,
     };
     Ok((radio.now().await?, event))
@@ -309,7 +327,29 @@ pub(crate) async fn wait_until<R: Radio>(
 ) -> Result<(), R::Error> {
     radio.idle().await?;
     let micros = instant.since(radio.now().await?).as_micros();
-    // A microsecond begun is waited for, or a machine would be woken before its time again and again.
-    delay.delay_us(u32::try_from(micros).map_or(0, |micros| micros.saturating_add(1))).await;
+    delay.delay_us(u32::try_from(micros).map_or(0, whole)).await;
+    Ok(())
+}
+
+/// A microsecond begun is waited for, or a machine would be woken before its time again and again.
+const fn whole(micros: u32) -> u32 {
+    micros.saturating_add(1)
+}
+
+/// Microseconds left of [`Action::Sleep`].
+pub(crate) async fn left_of<R: Radio>(
+    radio: &mut R,
+    from: RadioInstant,
+    duration: RadioDuration,
+) -> Result<u32, R::Error> {
+    let passed = radio.now().await?.since(from);
+    let micros = RadioDuration::from_ticks(duration.ticks().saturating_sub(passed.ticks())).as_micros().max(0);
+    Ok(u32::try_from(micros).unwrap_or(u32::MAX))
+}
+
+/// Radio off for so many microseconds.
+pub(crate) async fn wait<R: Radio>(radio: &mut R, delay: &mut impl DelayNs, micros: u32) -> Result<(), R::Error> {
+    radio.idle().await?;
+    delay.delay_us(whole(micros)).await;
     Ok(())
 }

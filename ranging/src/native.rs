@@ -24,6 +24,7 @@ mod anchor;
 mod anchor_position;
 mod asking;
 mod clock;
+mod compensation;
 mod coordination;
 mod course;
 mod election;

@@ -9,7 +9,7 @@ use core::future::{Future, pending};
 use embassy_futures::select::{Either, select};
 use embedded_hal_async::delay::DelayNs;
 
-use crate::exchange::{Action, Event, Guidance, Machine, Report, execute, wait_until};
+use crate::exchange::{Action, Event, Guidance, Machine, Report, execute, left_of, wait, wait_until};
 use crate::radio::MAX_FRAME;
 use crate::{Pace, Radio, RadioInstant};
 
@@ -119,23 +119,28 @@ async fn attempt<R: Restart>(
                 event = Event::Reported;
                 continue;
             }
+            Action::Compensate => {
+                if let Some(sensors) = radio.compensate().await? {
+                    machine.calibrate(radio.antenna_delay());
+                    machine.sense(sensors);
+                }
+                (now, event) = (radio.now().await?, Event::Woken);
+            }
             Action::WaitUntil(instant) => {
+                or_roused(wait_until(radio, delay, instant), machine, listener).await?;
+                (now, event) = (radio.now().await?, Event::Woken);
+            }
+            Action::Sleep { from, duration } => {
+                let micros = left_of(radio, from, duration).await?;
                 let mut roused = None;
-                let slept = if machine.may_sleep() {
-                    sleep_until(radio, instant, async { roused = Some(listener.roused().await) }).await
-                } else {
-                    Ok(false)
-                };
+                let slept = radio.sleep(micros, async { roused = Some(listener.roused().await) }).await;
                 // Who rouses does it once: an error of the radio may not lose why.
                 if let Some(guidance) = roused {
                     machine.rouse(guidance);
                 }
                 let slept = slept?;
                 if !slept {
-                    match select(wait_until(radio, delay, instant), listener.roused()).await {
-                        Either::First(waited) => waited?,
-                        Either::Second(guidance) => machine.rouse(guidance),
-                    }
+                    or_roused(wait(radio, delay, micros), machine, listener).await?;
                 }
                 (now, event) = (radio.now().await?, if slept { Event::Started } else { Event::Woken });
             }
@@ -149,12 +154,17 @@ async fn attempt<R: Restart>(
     }
 }
 
-/// Lets the radio sleep until an instant, or until `roused` is done, where it likes to.
-async fn sleep_until<R: Restart>(
-    radio: &mut R,
-    instant: RadioInstant,
-    roused: impl Future<Output = ()>,
-) -> Result<bool, R::Error> {
-    let micros = instant.since(radio.now().await?).as_micros();
-    radio.sleep(u32::try_from(micros).unwrap_or(0), roused).await
+/// Waits, or until the machine is to know something before.
+async fn or_roused<E>(
+    wait: impl Future<Output = Result<(), E>>,
+    machine: &mut impl Machine,
+    listener: &mut impl Listener,
+) -> Result<(), E> {
+    match select(wait, listener.roused()).await {
+        Either::First(waited) => waited,
+        Either::Second(guidance) => {
+            machine.rouse(guidance);
+            Ok(())
+        }
+    }
 }

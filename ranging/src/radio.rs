@@ -67,8 +67,9 @@ pub trait Radio {
         Pace::default()
     }
 
-    /// Measures the radio's temperature and supply, where it can; transmitter and receiver are off afterwards.
-    async fn sensors(&mut self) -> Result<Option<Sensors>, Self::Error> {
+    /// Measures the radio's temperature and supply, where it can, and corrects its antenna delays by them
+    /// ([`Conditions`](crate::bias::Conditions)); about a millisecond. Transmitter and receiver are off afterwards.
+    async fn compensate(&mut self) -> Result<Option<Sensors>, Self::Error> {
         Ok(None)
     }
 
@@ -107,6 +108,8 @@ pub struct Sensors {
     pub temperature_celsius: f32,
     /// Supply voltage, V.
     pub voltage: f32,
+    /// Temperature and voltage as the radio's converter reads them.
+    pub raw: [u8; 2],
 }
 
 /// Which samples of an impulse response are wanted. Near the ends of the accumulator they are moved inside.
@@ -170,8 +173,8 @@ impl<R: Radio> Radio for &mut R {
         (**self).pace()
     }
 
-    async fn sensors(&mut self) -> Result<Option<Sensors>, Self::Error> {
-        (**self).sensors().await
+    async fn compensate(&mut self) -> Result<Option<Sensors>, Self::Error> {
+        (**self).compensate().await
     }
 
     async fn impulse_response(

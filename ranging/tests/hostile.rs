@@ -81,6 +81,8 @@ fn parsers_take_any_bytes_and_give_back_what_they_took() {
 
 /// The longest wait, even with a clock that jumps: half a turn of the counter, and a superframe.
 const LONGEST_WAIT_US: i64 = 8_800_000;
+/// … and the longest between a search's windows.
+const LONGEST_SLEEP_US: i64 = 65_000_000;
 
 /// Steps a machine with any events at any times; its waits must be bounded.
 fn torment(mut machine: impl Machine, seed: u64) {
@@ -103,8 +105,8 @@ fn torment(mut machine: impl Machine, seed: u64) {
             (_, 4) if wild => Event::Timeout,
             (Owned::Transmit { .. }, _) => Event::Sent(now),
             // The radio slept: its clock began anew.
-            (Owned::WaitUntil(_), _) if machine.may_sleep() => Event::Started,
-            (Owned::WaitUntil(_) | Owned::Sleep(_), _) => Event::Woken,
+            (Owned::Sleep { .. }, 0..9) => Event::Started,
+            (Owned::WaitUntil(_) | Owned::Sleep { .. } | Owned::Compensate, _) => Event::Woken,
             (Owned::Round { .. } | Owned::Differences { .. } | Owned::Link(_), _) => Event::Reported,
             (Owned::Receive { .. }, 0) => Event::Timeout,
             (Owned::Receive { .. }, _) => {
@@ -128,13 +130,17 @@ fn torment(mut machine: impl Machine, seed: u64) {
                 let micros = window.as_micros();
                 assert!((0..LONGEST_WAIT_US).contains(&micros), "step {step}: window of {micros} µs");
             }
-            Owned::WaitUntil(instant) | Owned::Sleep(instant) => {
+            Owned::Sleep { duration, .. } => {
+                let micros = duration.as_micros();
+                assert!((0..LONGEST_SLEEP_US).contains(&micros), "step {step}: sleep of {micros} µs");
+            }
+            Owned::WaitUntil(instant) => {
                 let ahead = instant.since(now).as_micros();
                 assert!((0..LONGEST_WAIT_US).contains(&ahead), "step {step}: wait of {ahead} µs");
             }
             Owned::Round { ranges, .. } => assert!(ranges.len() <= 8),
             Owned::Differences { differences, .. } => assert!(differences.len() <= 8),
-            Owned::Link(_) => {}
+            Owned::Link(_) | Owned::Compensate => {}
         }
     }
 }

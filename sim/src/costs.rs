@@ -12,7 +12,7 @@ use dw1000_sim::{Core, Processor};
 use ranging::exchange::{Action, Event, Guidance, Machine, Report};
 use ranging::frame::native::{Frame, Message};
 use ranging::node::Restart;
-use ranging::radio::{MAX_FRAME, Sample};
+use ranging::radio::{MAX_FRAME, Sample, Sensors};
 use ranging::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, RxFrame, Start, TransmitError};
 
 const TABLE: &str = include_str!("costs.csv");
@@ -219,14 +219,20 @@ impl MachineCosts {
         let message = |bytes: &[u8]| Frame::parse(bytes).map(|frame| frame.message);
         let sent = match action {
             Action::Transmit { frame, .. } => Some(message(frame)),
-            Action::Receive { .. } | Action::WaitUntil(_) | Action::Report(_) => None,
+            Action::Receive { .. }
+            | Action::WaitUntil(_)
+            | Action::Sleep { .. }
+            | Action::Compensate
+            | Action::Report(_) => None,
         };
         let reports_round = match action {
             Action::Report(Report::Round(_) | Report::Differences(_)) => true,
             Action::Report(Report::Link(_))
             | Action::Transmit { .. }
             | Action::Receive { .. }
-            | Action::WaitUntil(_) => false,
+            | Action::WaitUntil(_)
+            | Action::Sleep { .. }
+            | Action::Compensate => false,
         };
         match event {
             Event::Received(received) => match Frame::parse(received.bytes) {
@@ -271,18 +277,20 @@ impl<M: Machine> Machine for Charged<M> {
             Action::Report(Report::Link(_))
             | Action::Transmit { .. }
             | Action::Receive { .. }
-            | Action::WaitUntil(_) => false,
+            | Action::WaitUntil(_)
+            | Action::Sleep { .. }
+            | Action::Compensate => false,
         };
         self.processor.charge(self.costs.machine.of_step(self.address, &event, &action) + handover);
         action
     }
 
-    fn may_sleep(&self) -> bool {
-        self.inner.may_sleep()
-    }
-
     fn calibrate(&mut self, antenna_delay: RadioDuration) {
         self.inner.calibrate(antenna_delay);
+    }
+
+    fn sense(&mut self, sensors: Sensors) {
+        self.inner.sense(sensors);
     }
 
     fn pace(&mut self, pace: Pace) {
@@ -354,6 +362,10 @@ impl<R: Radio> Radio for Charged<R> {
 
     fn pace(&self) -> Pace {
         self.inner.pace()
+    }
+
+    async fn compensate(&mut self) -> Result<Option<Sensors>, Self::Error> {
+        self.inner.compensate().await
     }
 
     async fn impulse_response(

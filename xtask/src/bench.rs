@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 
-use crate::{accuracy, battery, beacons, document, fingerprints, onchip, root, simulation, tracks};
+use crate::{accuracy, battery, beacons, document, fingerprints, onchip, root, schemes, simulation, tracks};
 
 const PERFORMANCE: &str = "docs/performance.md";
 const SIMULATION: &str = "docs/simulation.md";
@@ -40,7 +40,7 @@ impl Made {
     }
 }
 
-const PARTS: [Part; 19] = [
+const PARTS: [Part; 20] = [
     Part {
         name: "chip",
         what: "what the methods cost on the chip, in QEMU",
@@ -50,6 +50,7 @@ const PARTS: [Part; 19] = [
     // Before everything that simulates nodes: they are charged by it.
     Part { name: "costs", what: "what a node's code costs, in QEMU", document: PERFORMANCE, make: onchip::costs },
     Part { name: "simulation", what: "whole nodes, simulated", document: PERFORMANCE, make: simulation::rooms },
+    Part { name: "schemes", what: "schemes of two-way ranging", document: PERFORMANCE, make: schemes::compared },
     Part { name: "battery", what: "currents and battery lives", document: PERFORMANCE, make: battery::lives },
     Part {
         name: "scenarios",

@@ -14,6 +14,7 @@ mod network;
 mod onchip;
 mod qemu;
 mod qemu_tag;
+mod schemes;
 mod simulation;
 mod sizes;
 mod target;

@@ -195,10 +195,11 @@ impl Chip {
         self.config.tx_antenna_ticks + self.delay_drift()
     }
 
-    /// Ticks that temperature and supply add to each of the two delays: 2.15 mm/°C and 5.35 cm/V of range.
+    /// Ticks that temperature and supply add to each of the two delays. The maker's 2.15 mm/°C and 5.35 cm/V (APS011) are read as what a range
+    /// gains where both chips are warmer: four delays, of which a range has half of the sum.
     pub(super) fn delay_drift(&self) -> f64 {
         let metres = 0.00215 * (self.config.temperature_c - 23.0) + 0.0535 * (self.config.supply_v - 3.3);
-        metres / crate::air::SPEED_OF_LIGHT * 1e12 * TICKS_PER_PS
+        0.5 * metres / crate::air::SPEED_OF_LIGHT * 1e12 * TICKS_PER_PS
     }
 
     pub(super) fn transmitter_on(&mut self, world: &World) {

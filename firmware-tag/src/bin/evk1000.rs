@@ -48,6 +48,10 @@ impl Sink for TagShown {
         self.told.step(event);
     }
 
+    fn rests(&self, until_us: u64) {
+        self.told.rests(until_us);
+    }
+
     fn link(&self, link: Link) {
         self.panel.link(link);
         self.told.link(link);

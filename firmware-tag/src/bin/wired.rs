@@ -43,7 +43,7 @@ async fn ranging(radio: &'static mut Radio, delay: Delay, machine: &'static mut 
 
 #[embassy_executor::task]
 async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
-    let locator = Locator::new(shared.tag.height_m, anchors);
+    let locator = Locator::new(shared.tag.height_m, anchors).by(shared.tag.solver);
     let pace = Pace::of(&shared.tag);
     firmware_tag::engine(shared.handover, embassy_time::Delay, locator, pace, &shared.told()).await;
 }

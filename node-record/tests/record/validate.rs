@@ -58,7 +58,15 @@ fn refusals_name_the_field_and_its_value() {
         (refusal(anchor(), |r| pinned(r).answer_us = 20_001), "network.turnaround.answer_us is 20001: "),
         (refusal(anchor(), |r| r.calibration.crystal_trim = Some(32)), "calibration.crystal_trim is 32: "),
         (refusal(tag(), |r| role_of(r).height_m = Some(f32::NAN)), "tag.height_m is NaN: "),
-        (refusal(tag(), |r| role_of(r).rate_chz = Some(12)), "tag.rate_hz is 0.12: "),
+        (refusal(tag(), |r| role_of(r).rate_chz = Some(0)), "tag.rate_hz is 0: it must be 0.01 to 1000"),
+        (
+            refusal(tag(), |r| (r.network.mode, role_of(r).rate_chz) = (Mode::DecaRanging { fast: false }, Some(12))),
+            "tag.rate_hz is 0.12: it must be 0.13 to 1000",
+        ),
+        (
+            refusal(anchor(), |r| r.network.mode = Mode::Listening { rounds_chz: 12 }),
+            "network.rounds_hz is 0.12: it must be 0.13 to 1000",
+        ),
         (refusal(tag(), |r| role_of(r).rate_chz = Some(100_001)), "tag.rate_hz is 1000.01: "),
         (refusal(tag(), |r| role_of(r).still_rate_chz = Some(1001)), "tag.still_rate_hz is 10.01: "),
         (refusal(tag(), |r| role_of(r).anchors_per_round = 0), "tag.anchors_per_round is 0: "),

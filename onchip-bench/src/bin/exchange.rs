@@ -63,6 +63,8 @@ fn main() -> ! {
             }
             Action::Receive { window, .. } => (now, event) = (now.plus(window), Event::Timeout),
             Action::WaitUntil(instant) => (now, event) = (instant, Event::Woken),
+            Action::Sleep { from, duration } => (now, event) = (from.plus(duration), Event::Woken),
+            Action::Compensate => event = Event::Woken,
             Action::Report(_) => event = Event::Reported,
         }
     };

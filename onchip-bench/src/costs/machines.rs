@@ -53,7 +53,11 @@ impl Costs {
         let message = |bytes: &[u8]| Frame::parse(bytes).map(|frame| frame.message);
         let sent = match action {
             Action::Transmit { frame, .. } => message(frame),
-            Action::Receive { .. } | Action::WaitUntil(_) | Action::Report(_) => None,
+            Action::Receive { .. }
+            | Action::WaitUntil(_)
+            | Action::Sleep { .. }
+            | Action::Compensate
+            | Action::Report(_) => None,
         };
         match event {
             Event::Received(received) => {
@@ -63,9 +67,11 @@ impl Costs {
                     Message::Response(_) if frame.destination != address => Some(&self.overheard),
                     Message::Response(_) => Some(match action {
                         Action::Report(_) => &self.round_ended,
-                        Action::Transmit { .. } | Action::Receive { .. } | Action::WaitUntil(_) => {
-                            &self.response_received
-                        }
+                        Action::Transmit { .. }
+                        | Action::Receive { .. }
+                        | Action::WaitUntil(_)
+                        | Action::Sleep { .. }
+                        | Action::Compensate => &self.response_received,
                     }),
                     Message::Beacon(_) => Some(&self.beacon_received),
                     Message::Request(_) | Message::Final { .. } => None,
@@ -106,13 +112,14 @@ impl<M: Machine> Machine for Measured<'_, M> {
         }
         self.reported = match &action {
             Action::Report(Report::Round(_)) => Some(stamp()),
-            Action::Report(_) | Action::Transmit { .. } | Action::Receive { .. } | Action::WaitUntil(_) => None,
+            Action::Report(_)
+            | Action::Transmit { .. }
+            | Action::Receive { .. }
+            | Action::WaitUntil(_)
+            | Action::Sleep { .. }
+            | Action::Compensate => None,
         };
         action
-    }
-
-    fn may_sleep(&self) -> bool {
-        self.machine.may_sleep()
     }
 
     fn pace(&mut self, pace: Pace) {

@@ -3,7 +3,10 @@
 use heapless::Vec;
 
 use super::known::{Exchange, Known, Later, Pending, Purpose, STOCK_MILLIS};
-use super::{DEVIATION_M, FLIGHTS_IN_SUM, Software, bytes_on_air, flight, header, least_reply, short};
+use super::{
+    COMPENSATE_AFTER, COMPENSATE_EVERY, DEVIATION_M, FLIGHTS_IN_SUM, Software, bytes_on_air, flight, header,
+    least_reply, short,
+};
 use crate::exchange::{Action, Event, Link, Machine, Range, Report, Round};
 use crate::frame::decaranging::{
     Answer, Blink, Final, Frame, LONGEST_BYTES, Message, REPORT_FOLLOWS, Variant, delay_field,
@@ -54,6 +57,8 @@ pub struct Anchor {
     reply: RadioDuration,
     /// The tag whose response is leaving.
     responding: Option<u16>,
+    /// Exchanges until the radio is compensated again.
+    compensate_in: u16,
     tags: Vec<Known, MAX_TAGS>,
     link: Option<Link>,
     number: u16,
@@ -72,6 +77,7 @@ impl Anchor {
             bias: RangeBias::of(&config.phy),
             reply: RadioDuration::from_micros(reply.as_micros() as u32 + 1),
             responding: None,
+            compensate_in: COMPENSATE_AFTER,
             tags: Vec::new(),
             link: None,
             number: 0,
@@ -209,6 +215,7 @@ impl Anchor {
         let diagnostics = frame.diagnostics;
         let distance_m = tof.metres() - self.bias.metres(diagnostics.rx_power_dbm);
         known.mean.add(distance_m);
+        self.compensate_in = self.compensate_in.saturating_sub(1);
         known.ranged(&exchange);
         let report = match exchange.software {
             Software::Units => Some(tof.to_ticks()),
@@ -309,6 +316,10 @@ impl Machine for Anchor {
         if let Some(known) = self.tags.iter_mut().find(lost) {
             known.paired = false;
             return Action::Report(Report::Link(Link::Lost(known.tag)));
+        }
+        if self.compensate_in == 0 && earliest.is_none() {
+            self.compensate_in = COMPENSATE_EVERY;
+            return Action::Compensate;
         }
         let window = earliest.map_or(LISTEN, |(_, spare)| spare.min(LISTEN));
         Action::Receive { start: Start::Now, window, keep_listening: true }

@@ -2,11 +2,15 @@
 //! flight.
 
 use super::paired::Paired;
-use super::{DEVIATION_M, FLIGHTS_IN_SUM, Mean, Software, bytes_on_air, header, least_reply, short};
+use super::{
+    COMPENSATE_AFTER, COMPENSATE_EVERY, COMPENSATION, DEVIATION_M, FLIGHTS_IN_SUM, Mean, Software, bytes_on_air,
+    header, least_reply, short,
+};
 use crate::exchange::{Action, Event, Guidance, Link, Machine, Range, Report, Round};
 use crate::frame::decaranging::{Answer, Blink, Final, Frame, LONGEST_BYTES, Message, REPORT_FOLLOWS, Variant};
 use crate::frame::{Address, FrameBuffer, Header};
 use crate::native::{Rate, Turnaround};
+use crate::radio::Sensors;
 use crate::{PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, Start, TimeOfFlight};
 
 /// What a tag is told at its start.
@@ -23,7 +27,7 @@ pub struct TagConfig {
     pub turnaround: Turnaround,
     /// What the radio adds to the snapped start of a transmission, as [`Radio::departure`](crate::Radio::departure) does.
     pub antenna_delay: RadioDuration,
-    /// From one poll to the next.
+    /// From one poll to the next, 8 s at most.
     pub period: RadioDuration,
 }
 
@@ -66,7 +70,10 @@ pub struct Tag {
     next: Option<RadioInstant>,
     poll_tx: RadioInstant,
     resp_rx: RadioInstant,
+    /// The radio's raw temperature and voltage, which polls of the standard variant tell.
     readings: [u8; 2],
+    /// Polls until the radio is compensated again.
+    compensate_in: u16,
     link: Option<Link>,
     number: u16,
     /// Poll of the last exchange that was finished, of which no distance is known yet.
@@ -92,6 +99,7 @@ impl Tag {
             poll_tx: RadioInstant::default(),
             resp_rx: RadioInstant::default(),
             readings: [0; 2],
+            compensate_in: COMPENSATE_AFTER,
             link: None,
             number: 0,
             finished: None,
@@ -101,11 +109,6 @@ impl Tag {
             sequence: 0,
             out: FrameBuffer::new(),
         }
-    }
-
-    /// The chip's raw temperature and voltage, which polls of the standard variant tell.
-    pub fn set_readings(&mut self, temperature: u8, voltage: u8) {
-        self.readings = [temperature, voltage];
     }
 
     /// The mean of the last eight ranges, metres.
@@ -229,7 +232,16 @@ impl Tag {
     fn begin(&mut self, now: RadioInstant) -> Action<'_> {
         let due = *self.next.get_or_insert(now);
         if due.since(now) > RadioDuration::ZERO {
-            return Action::WaitUntil(due);
+            // Between exchanges nothing hangs on the clock, but for a distance that comes later: a restart begins with the next poll or
+            // blink.
+            return match self.finished {
+                None if self.compensate_in == 0 && due.since(now) > COMPENSATION => {
+                    self.compensate_in = COMPENSATE_EVERY;
+                    Action::Compensate
+                }
+                None => Action::Sleep { from: now, duration: due.since(now) },
+                Some(_) => Action::WaitUntil(due),
+            };
         }
         match self.paired {
             None => {
@@ -249,6 +261,7 @@ impl Tag {
                 let next = due.plus(self.config.period);
                 let late = now.since(next) > RadioDuration::ZERO;
                 self.next = Some(if late { now.plus(self.config.period) } else { next });
+                self.compensate_in = self.compensate_in.saturating_sub(1);
                 self.state = State::Polling;
             }
         }
@@ -257,10 +270,8 @@ impl Tag {
 }
 
 impl Machine for Tag {
-    fn may_sleep(&self) -> bool {
-        // Between exchanges nothing hangs on the clock, but for a distance that comes later: a restart begins with the next poll or
-        // blink.
-        self.state == State::Between && self.finished.is_none()
+    fn sense(&mut self, sensors: Sensors) {
+        self.readings = sensors.raw;
     }
 
     fn guide(&mut self, guidance: Guidance) {

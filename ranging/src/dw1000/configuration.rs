@@ -163,19 +163,11 @@ impl Config {
         if self.smart_power() { by_length } else { (by_length & 0xFF) * 0x0101_0101 }
     }
 
-    /// The antenna delay in force from the chip's transmit time stamp to the antenna, ticks.
-    pub(super) fn tx_antenna_delay(&self, factory: &Factory) -> u16 {
-        self.tx_antenna_delay.unwrap_or(self.module_antenna_delay(factory))
-    }
-
-    /// That from the antenna to the chip's receive time stamp, ticks.
-    fn rx_antenna_delay(&self, factory: &Factory) -> u16 {
-        self.rx_antenna_delay.unwrap_or(self.module_antenna_delay(factory))
-    }
-
-    fn module_antenna_delay(&self, factory: &Factory) -> u16 {
+    /// The antenna delays as calibrated, from the chip's transmit time stamp to the antenna and from there to the receive time stamp, ticks.
+    pub(super) fn antenna_delays(&self, factory: &Factory) -> [u16; 2] {
         let prf = self.phy.prf();
-        factory.antenna_delay(prf).unwrap_or(default_antenna_delay(prf))
+        let of_module = factory.antenna_delay(prf).unwrap_or(default_antenna_delay(prf));
+        [self.tx_antenna_delay, self.rx_antenna_delay].map(|delay| delay.unwrap_or(of_module))
     }
 
     /// CHAN_CTRL (7.2.32): the delimiter's bits as table 21 has them.
@@ -199,7 +191,7 @@ impl Config {
     }
 
     /// The writes that make the chip so, in any order.
-    pub(super) fn writes(&self, factory: &Factory) -> [Write; 27] {
+    pub(super) fn writes(&self, factory: &Factory, [tx_delay, rx_delay]: [u16; 2]) -> [Write; 27] {
         let phy = &self.phy;
         let (channel, prf) = (phy.channel(), phy.prf());
         let panadr = u32::from(self.short_address) | u32::from(self.pan) << 16;
@@ -209,8 +201,8 @@ impl Config {
             Write::new(reg::SYS_CFG, self.sys_cfg(), 4),
             Write::new(reg::SYS_MASK, status::INTERRUPTS, 4),
             Write::new(reg::TX_FCTRL, self.tx_fctrl(0), 4),
-            Write::new(reg::TX_ANTD, self.tx_antenna_delay(factory), 2),
-            Write::new(reg::LDE_RXANTD, self.rx_antenna_delay(factory), 2),
+            Write::new(reg::TX_ANTD, tx_delay, 2),
+            Write::new(reg::LDE_RXANTD, rx_delay, 2),
             Write::new(reg::TX_POWER, self.tx_power_register(factory), 4),
             Write::new(reg::CHAN_CTRL, self.chan_ctrl(), 4),
             Write::new(reg::SFD_LENGTH, phy.sfd_symbols(), 1),

@@ -26,6 +26,7 @@
 //! | stop after a failure | 5 | 17 |
 //! | read its impulse response, 152 samples, once the receiver is off | 9 | 638 |
 //! | measure temperature and supply, once it is off: 1 ms | 7 | 19 |
+//! | …and write the antenna delays that follow, where they changed | +2 | +8 |
 //!
 //! Every transaction is one operation on one buffer. Of a transmission at an instant, all up to the command must be done in time:
 //! the frame, the instant, the command; with a receiver that was listening, its end before them. The buffer of the frame that is
@@ -198,6 +199,8 @@ pub struct Dw1000<S, I, R, D> {
     rx_timer_on: bool,
     /// What the chip's maker measured on it.
     factory: startup::Factory,
+    /// By how much the antenna delays differ from those calibrated, ticks: what temperature and supply make of them.
+    delay_drift: i16,
     /// Whether the last frame's buffer is still the host's.
     holds_buffer: bool,
     /// What the last operation measured of the node.
@@ -228,6 +231,7 @@ where
             rx_timer: 0,
             rx_timer_on: false,
             factory: startup::Factory::default(),
+            delay_drift: 0,
             holds_buffer: false,
             pace: Pace::default(),
             kept_listening: 0,
@@ -358,7 +362,7 @@ where
     }
 
     fn departure(&self, at: RadioInstant) -> RadioInstant {
-        let delay = self.config.tx_antenna_delay(&self.factory);
+        let [delay, _] = self.antenna_delays();
         at.snapped().plus(RadioDuration::from_ticks(delay.into()))
     }
 
@@ -389,8 +393,8 @@ where
         self.pace
     }
 
-    async fn sensors(&mut self) -> Result<Option<Sensors>, Self::Error> {
-        self.read_sensors().await.map(Some)
+    async fn compensate(&mut self) -> Result<Option<Sensors>, Self::Error> {
+        self.compensate_delays().await.map(Some)
     }
 
     async fn impulse_response(

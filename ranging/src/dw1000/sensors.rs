@@ -1,5 +1,5 @@
 //! The chip's own temperature and supply voltage (DW1000 user manual, 6.4), which move a range by 2.15 mm/°C and 5.35
-//! cm/V.
+//! cm/V, and the antenna delays that undo it.
 
 use embedded_hal_async::{delay::DelayNs, digital::Wait};
 
@@ -7,6 +7,7 @@ use super::bus::{ClockedSpi, ResetLine};
 use super::register as reg;
 use super::startup::Factory;
 use super::{Dw1000, Error};
+use crate::bias::Conditions;
 use crate::radio::Sensors;
 
 /// The readings against the maker's at 23 °C and 3.3 V; where he left none, by the typical offset of Decawave's software.
@@ -20,6 +21,7 @@ fn evaluate(voltage: u8, temperature: u8, factory: &Factory) -> Sensors {
             0 => 0.0057 * f32::from(voltage) + 2.3,
             at_3v3 => (f32::from(voltage) - f32::from(at_3v3)) / 173.0 + 3.3,
         },
+        raw: [temperature, voltage],
     }
 }
 
@@ -47,6 +49,23 @@ where
         let [voltage, temperature] = self.bus.read(reg::TC_SARL).await?;
         self.bus.write(reg::TC_SARC, &[0x00]).await?;
         Ok(evaluate(voltage, temperature, &self.factory))
+    }
+
+    /// Measures both, and corrects the antenna delays by them.
+    pub(super) async fn compensate_delays(&mut self) -> Result<Sensors, Error<S::Error>> {
+        let sensors = self.read_sensors().await?;
+        let drift = Conditions::of(&sensors).delay_ticks();
+        if drift != self.delay_drift {
+            self.delay_drift = drift;
+            let [tx, rx] = self.antenna_delays();
+            self.bus.write_each(&[(reg::TX_ANTD, &tx.to_le_bytes()), (reg::LDE_RXANTD, &rx.to_le_bytes())]).await?;
+        }
+        Ok(sensors)
+    }
+
+    /// The antenna delays in force, from the transmitter's stamp to the antenna and from there to the receiver's, ticks.
+    pub(super) fn antenna_delays(&self) -> [u16; 2] {
+        self.config.antenna_delays(&self.factory).map(|delay| delay.saturating_add_signed(self.delay_drift))
     }
 }
 

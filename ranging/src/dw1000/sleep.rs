@@ -132,7 +132,7 @@ where
         self.await_pll().await?;
         self.bus.spi.set_clock(SpiClock::Fast)?;
         // The one register that is not kept, and is spoilt by the restoring of another (7.2.26).
-        let delay = self.config.tx_antenna_delay(&self.factory);
+        let [delay, _] = self.antenna_delays();
         self.bus.write(reg::TX_ANTD, &delay.to_le_bytes()).await?;
         self.stop().await
     }

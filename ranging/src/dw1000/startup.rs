@@ -228,7 +228,7 @@ where
     }
 
     async fn write_configuration(&mut self) -> Result<(), Error<S::Error>> {
-        for write in self.config.writes(&self.factory) {
+        for write in self.config.writes(&self.factory, self.antenna_delays()) {
             self.bus.write(write.register, write.bytes()).await?;
         }
         let trim = match (self.config.crystal_trim, self.factory.crystal_trim) {

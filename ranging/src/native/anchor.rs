@@ -3,6 +3,7 @@
 use heapless::Vec;
 
 use super::asking::Asking;
+use super::compensation::{COMPENSATION, Compensation};
 use super::coordination::{Coordination, Heard};
 use super::layout::Scheme;
 use super::pace::Meter;
@@ -66,6 +67,7 @@ pub struct Anchor {
     /// The last response to each tag, and the final that followed it.
     answered: Vec<Answered, MAX_MEMBERS>,
     asking: Asking,
+    compensation: Compensation,
     link: Option<Link>,
     told: Option<Told>,
     /// The one that the node is reading.
@@ -124,6 +126,7 @@ impl Anchor {
             answer: None,
             answered: Vec::new(),
             asking: Asking::new(config.rounds, RangeBias::of(&config.network.phy)),
+            compensation: Compensation::default(),
             link: None,
             told: None,
             reported: None,
@@ -325,7 +328,8 @@ impl Anchor {
         }
         let planned = planned.filter(|pulse| *pulse > passed && spare(*pulse) <= SHORTEST_WAIT);
         let Some(pulse) = planned.or_else(|| self.asking.next(&timing, phase, in_time)) else {
-            return Self::listen(rest);
+            let is_due = rest > COMPENSATION && self.compensation.take(phase.number, self.config.address);
+            return if is_due { Action::Compensate } else { Self::listen(rest) };
         };
         let pulse_at = phase.at(pulse);
         if spare(pulse) > SHORTEST_WAIT {

@@ -59,15 +59,20 @@ impl Course {
         let mut begun = 0;
         // Instants are told apart within 8.6 s, which are some hundred superframes.
         while self.phase.ends_by(&self.timing, now) {
-            self.phase.next(&self.timing);
-            self.membership.advance();
-            let layout = self.membership.layout_in_force();
-            if layout != self.timing.layout {
-                self.timing = Timing::of(&self.phy, layout);
-            }
+            self.next();
             begun += 1;
         }
         begun
+    }
+
+    /// Goes on to the next superframe.
+    pub fn next(&mut self) {
+        self.phase.next(&self.timing);
+        self.membership.advance();
+        let layout = self.membership.layout_in_force();
+        if layout != self.timing.layout {
+            self.timing = Timing::of(&self.phy, layout);
+        }
     }
 
     /// Whether a beacon that came at `rx_time` is of the superframe that this course is in then, begun at the same time: one that was

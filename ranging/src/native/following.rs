@@ -95,6 +95,20 @@ impl Following {
         begun
     }
 
+    /// Goes on by so many superframes, which are slept through: from here on the clock counts from the last of them. They count as one
+    /// in which no beacon was heard.
+    pub fn hold_over(&mut self, superframes: u16) {
+        (0..superframes).for_each(|_| self.course.next());
+        self.election.advance(superframes);
+        self.heard = self.course.phase.number.wrapping_sub(1);
+    }
+
+    /// The same, after which the phase is not known any more.
+    pub fn doze(&mut self, superframes: u16, present: RadioInstant) {
+        self.hold_over(superframes);
+        self.adrift = Some(present);
+    }
+
     /// Superframes since a beacon was heard.
     pub fn silent(&self) -> u16 {
         self.course.phase.number.wrapping_sub(self.heard)

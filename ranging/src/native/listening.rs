@@ -40,7 +40,7 @@ const STAMP_DEVIATION_M: f32 = STAMP_DEVIATION_TICKS * METRES_PER_TICK as f32;
 pub struct ListeningTagConfig {
     /// The network.
     pub network: Network,
-    /// From one round heard to the next, at least; in between the radio is off. `None`: every round is heard.
+    /// From one round heard to the next, at least, 8 s at most; in between the radio is off. `None`: every round is heard.
     pub period: Option<RadioDuration>,
 }
 

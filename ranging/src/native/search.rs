@@ -10,11 +10,9 @@ use crate::{RadioDuration, RadioInstant};
 const FIRST: RadioDuration = RadioDuration::from_micros(2_000_000);
 /// From then on for a superframe and this part of it.
 const MORE: i64 = 5;
-/// The first pause, milliseconds; each is twice as long as the one before, up to the longest.
-const FIRST_PAUSE_MS: u32 = 2_000;
-const LONGEST_PAUSE_MS: u32 = 64_000;
-/// A pause in one piece, milliseconds: instants are told apart within 8.6 s.
-const PIECE_MS: u32 = 8_000;
+/// The first pause; each is twice as long as the one before, up to the longest.
+const FIRST_PAUSE: RadioDuration = RadioDuration::from_micros(2_000_000);
+const LONGEST_PAUSE: RadioDuration = RadioDuration::from_micros(64_000_000);
 
 /// A search.
 #[derive(Clone, Debug, Default)]
@@ -23,8 +21,6 @@ pub struct Search {
     until: Option<RadioInstant>,
     /// Pauses so far.
     pauses: u8,
-    /// What is left of the present one.
-    left_ms: u32,
 }
 
 /// What a searching tag does next.
@@ -32,28 +28,23 @@ pub struct Search {
 pub enum Next {
     /// It listens for so long.
     Listen(RadioDuration),
-    /// It does nothing until then; its clock may be lost.
-    Pause(RadioInstant),
+    /// It does nothing for so long; its clock may be lost.
+    Pause(RadioDuration),
 }
 
 impl Search {
     /// What is next.
     pub fn next(&mut self, present: RadioInstant) -> Next {
-        if self.left_ms == 0 {
-            let listening =
-                if self.pauses == 0 { FIRST.ticks() } else { SUPERFRAME.ticks() + SUPERFRAME.ticks() / MORE };
-            let until = *self.until.get_or_insert(present.plus(RadioDuration::from_ticks(listening)));
-            let rest = until.since(present);
-            if rest > RadioDuration::ZERO {
-                return Next::Listen(rest);
-            }
-            self.left_ms = (FIRST_PAUSE_MS << self.pauses.min(5)).min(LONGEST_PAUSE_MS);
-            self.pauses = self.pauses.saturating_add(1);
+        let listening = if self.pauses == 0 { FIRST.ticks() } else { SUPERFRAME.ticks() + SUPERFRAME.ticks() / MORE };
+        let until = *self.until.get_or_insert(present.plus(RadioDuration::from_ticks(listening)));
+        let rest = until.since(present);
+        if rest > RadioDuration::ZERO {
+            return Next::Listen(rest);
         }
         self.until = None;
-        let piece = self.left_ms.min(PIECE_MS);
-        self.left_ms -= piece;
-        Next::Pause(present.plus(RadioDuration::from_micros(1_000 * piece)))
+        let pause = RadioDuration::from_ticks(FIRST_PAUSE.ticks() << self.pauses.min(5)).min(LONGEST_PAUSE);
+        self.pauses = self.pauses.saturating_add(1);
+        Next::Pause(pause)
     }
 }
 
@@ -66,15 +57,15 @@ mod tests {
         let (mut search, mut now) = (Search::default(), RadioInstant::from_ticks(0));
         let (mut listened_ms, mut passed_ms) = (std::vec::Vec::new(), 0);
         while passed_ms < 3_600_000 {
-            let until = match search.next(now) {
+            let wait = match search.next(now) {
                 Next::Listen(window) => {
                     listened_ms.push(window.as_micros() / 1000);
-                    now.plus(window)
+                    window
                 }
-                Next::Pause(until) => until,
+                Next::Pause(pause) => pause,
             };
-            passed_ms += until.since(now).as_micros() / 1000;
-            now = until;
+            passed_ms += wait.as_micros() / 1000;
+            now = now.plus(wait);
         }
         assert_eq!(listened_ms[..3], [2_000, 120, 120]);
         // Pauses of 2, 4, 8, 16, 32 and then 64 s: in an hour 5 + (3600 − 62 − 2) / 64.1 = 60 times 120 ms.

@@ -3,6 +3,7 @@
 mod seldom;
 
 use self::seldom::{Aim, Awaited, Nap};
+use super::compensation::Compensation;
 use super::following::{Following, Heard};
 use super::layout::Scheme;
 use super::neighbours::{Neighbours, Refused};
@@ -88,6 +89,7 @@ pub struct Tag {
     dozes: bool,
     /// The last action was a wait in which it may.
     nap: Option<Nap>,
+    compensation: Compensation,
     /// What the present doze ends with.
     aim: Option<Aim>,
     /// Whose beacon the last action awaits.
@@ -158,6 +160,7 @@ impl Tag {
             round: Exchange::new(),
             dozes: false,
             nap: None,
+            compensation: Compensation::default(),
             aim: None,
             awaited: None,
             watch: Watch::default(),
@@ -411,11 +414,15 @@ impl Tag {
     /// In the round slots: a round where one fits in slots of our own, else off until the next of them or the next superframe.
     fn among_rounds(&mut self, passed: RadioDuration) -> Action<'_> {
         let lead = self.meter.lead();
+        let is_greedy = self.rate == Some(Rate::Greedy);
         let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
         let course = &network.following.course;
         let (timing, phase, doubt) = (course.timing, course.phase, network.following.doubt);
+        if is_greedy && self.compensation.take(phase.number, self.config.address) {
+            return Action::Compensate;
+        }
         // Rounds of few anchors are shorter than slots: who wants a certain rate makes as many as it has slots.
-        let has_enough = self.rate != Some(Rate::Greedy) && network.rounds >= network.owned.count_ones();
+        let has_enough = !is_greedy && network.rounds >= network.owned.count_ones();
         let anchors = if has_enough { 0 } else { self.round.asked() };
         let after = |earliest: RadioDuration| {
             next_round(network.owned, &timing, earliest, anchors, doubt).filter(|_| anchors > 0)
@@ -509,10 +516,6 @@ impl Followed {
 }
 
 impl Machine for Tag {
-    fn may_sleep(&self) -> bool {
-        self.nap.is_some()
-    }
-
     fn pace(&mut self, pace: Pace) {
         self.listening_at = pace.listening;
         self.was_measured = pace.armed.is_some();
@@ -596,7 +599,10 @@ impl Machine for Tag {
                     Doing::Nothing | Doing::Ending => {}
                 }
             }
-            Event::Woken => self.resume(now),
+            Event::Woken => match nap {
+                Some(nap) => self.woke(nap, now),
+                None => self.resume(now),
+            },
             Event::Reported => self.free_at = Some(now.plus(core::mem::take(&mut self.busy))),
             Event::Corrupt => {}
         }

@@ -19,6 +19,7 @@ pub const LIGHT: f64 = 299_792_458.0 / 1.000_293;
 /// slowness multiplies both.
 const READING: f64 = 120e-6;
 const STARTING: f64 = 100e-6;
+const COMPENSATING: f64 = 1.2e-3;
 /// From the end of one frame until a receiver told to stay on hears the next.
 const LISTEN_AGAIN: f64 = 30e-6;
 /// Transmitting antenna delay of every node, ticks.
@@ -33,7 +34,8 @@ pub enum Owned {
     Transmit { frame: Vec<u8>, start: Start, listen: bool },
     Receive { start: Start, window: RadioDuration, keep_listening: bool },
     WaitUntil(RadioInstant),
-    Sleep(RadioInstant),
+    Compensate,
+    Sleep { from: RadioInstant, duration: RadioDuration, may: bool },
     Round { number: u16, asked: u8, ranges: Vec<Range> },
     Differences { reference: u16, differences: Vec<Difference> },
     Link(Link),
@@ -45,6 +47,8 @@ impl From<Action<'_>> for Owned {
             Action::Transmit { frame, start, listen } => Self::Transmit { frame: frame.to_vec(), start, listen },
             Action::Receive { start, window, keep_listening } => Self::Receive { start, window, keep_listening },
             Action::WaitUntil(instant) => Self::WaitUntil(instant),
+            Action::Compensate => Self::Compensate,
+            Action::Sleep { from, duration } => Self::Sleep { from, duration, may: false },
             Action::Report(Report::Round(round)) => {
                 Self::Round { number: round.number, asked: round.asked, ranges: round.ranges.to_vec() }
             }
@@ -67,12 +71,9 @@ pub fn boxed(mut machine: impl Machine + 'static) -> Boxed {
 pub fn boxed_sleeper(mut machine: impl Machine + 'static) -> Boxed {
     Box::new(move |now, pace, event| {
         machine.pace(pace);
-        let action = machine.step(now, event).into();
-        match action {
+        match machine.step(now, event).into() {
             // As the driver's: shorter sleeps do not pay.
-            Owned::WaitUntil(instant) if machine.may_sleep() && instant.since(now).as_micros() > 7_000 => {
-                Owned::Sleep(instant)
-            }
+            Owned::Sleep { from, duration, .. } => Owned::Sleep { from, duration, may: duration.as_micros() > 7_000 },
             action => action,
         }
     })
@@ -422,12 +423,19 @@ impl Air {
                 let late = self.rng.random_range(0.0..30e-6);
                 State::Step(self.global(node, instant, now).max(now) + late, Plain::Woken)
             }
-            Owned::Sleep(instant) => {
+            Owned::Compensate => {
                 self.nodes[node].listening = None;
                 self.nodes[node].heard.clear();
-                // Waking takes 300 µs longer than is known, and the slow clock's steps.
-                let late = 300e-6 + self.rng.random_range(0.0..30e-6);
-                State::Step(self.global(node, instant, now).max(now) + late, Plain::Slept)
+                State::Step(now + COMPENSATING, Plain::Woken)
+            }
+            Owned::Sleep { from, duration, may } => {
+                self.nodes[node].listening = None;
+                self.nodes[node].heard.clear();
+                let local_s = duration.ticks() as f64 / TICKS;
+                let end = self.global(node, from, now) + local_s / (1.0 + self.nodes[node].drift);
+                // The slow clock's steps, and where the radio sleeps, waking takes 300 µs longer than is known.
+                let late = if may { 300e-6 } else { 0.0 } + self.rng.random_range(0.0..30e-6);
+                State::Step(end.max(now) + late, if may { Plain::Slept } else { Plain::Woken })
             }
             Owned::Receive { start, window, keep_listening } => {
                 let on = match start {

@@ -188,7 +188,7 @@ fn sensors_and_trim() {
         &world,
         async move {
             warm.init().await.unwrap();
-            let seen = warm.sensors().await.unwrap().unwrap();
+            let seen = warm.compensate().await.unwrap().unwrap();
             // Steps of 1.14 °C and 5.8 mV.
             assert!((seen.temperature_celsius - 41.0).abs() < 0.6 && (seen.voltage - 3.0).abs() < 0.003, "{seen:?}");
         },

@@ -36,18 +36,22 @@ fn beacons_beside_anchors_cost_nothing_and_give_no_epochs_of_their_own() {
     let alone = example(include_str!("../../../examples/anchors.toml"), 1);
     let both = example(include_str!("../../../examples/both.toml"), 1);
     // Before the anchors have let the tag in, half a second after the start, beacons alone say where it is.
-    let by_anchors = |run: &Run| -> Vec<f64> {
-        let epochs = run.epochs(TAG).filter(|(t_s, epoch)| *t_s > 0.6 && epoch.source == Source::Anchors);
-        epochs.filter_map(|(_, epoch)| epoch.error_m()).collect()
+    let in_network = |run: &Run| -> Vec<(f64, f64)> {
+        let epochs = run.epochs(TAG).filter(|(t_s, _)| *t_s > 0.8);
+        let by_anchors = epochs.inspect(|(t_s, epoch)| assert_eq!(epoch.source, Source::Anchors, "at {t_s} s"));
+        by_anchors.filter_map(|(t_s, epoch)| Some((t_s, epoch.error_m()?))).collect()
     };
-    let rmse_m = |run: &Run| {
-        let errors_m = by_anchors(run);
-        (errors_m.iter().map(|error_m| error_m * error_m).sum::<f64>() / errors_m.len() as f64).sqrt()
+    let [with, without] = [&both, &alone].map(in_network);
+    for rounds in [&with, &without] {
+        // A superframe lasts 100 ms and has one round of this tag: 592 in 59.2 s. Its slot moves by less than the half of one.
+        assert!((591..=593).contains(&rounds.len()), "{} rounds", rounds.len());
+        let gap = rounds.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(0.0, f64::max);
+        assert!(gap < 0.15, "{gap} s without a round");
+    }
+    let rmse_m = |rounds: &[(f64, f64)]| {
+        (rounds.iter().map(|(_, error_m)| error_m * error_m).sum::<f64>() / rounds.len() as f64).sqrt()
     };
-    assert!(rmse_m(&both) < 1.1 * rmse_m(&alone), "{} m and {} m", rmse_m(&both), rmse_m(&alone));
-    assert_eq!(by_anchors(&both).len(), by_anchors(&alone).len());
-    assert!(both.epochs(TAG).all(|(t_s, epoch)| t_s < 0.6 || epoch.source == Source::Anchors));
-    assert_eq!(both.summary.frames_sent, alone.summary.frames_sent);
+    assert!(rmse_m(&with) < 1.1 * rmse_m(&without), "{} m and {} m", rmse_m(&with), rmse_m(&without));
     assert!(both.summary.bluetooth.as_ref().is_some_and(|bluetooth| bluetooth.adverts_heard > 2000));
     assert!(alone.summary.bluetooth.is_none());
 }

@@ -1,5 +1,6 @@
 //! How true a range is, whole nodes on register-level chips: in line of sight, calibrated, clocks up to ±20 ppm off.
 
+use sim::scenario::{Scenario, Simulation};
 use system_tests::{Run, TAG};
 
 /// One anchor, one tag: a range over so many metres in a mode of the network.
@@ -43,5 +44,29 @@ fn decaranging_ranges_are_true_from_0_3_to_50_metres_in_every_mode() {
                 assert_true(&run, 60, &format!("{variant}, mode {mode}, {distance_m} m"));
             }
         }
+    }
+}
+
+#[test]
+fn ranges_are_true_again_soon_after_the_chips_have_warmed_up() {
+    for mode in ["native", "decaranging"] {
+        let text = format!(
+            "seconds = 40\nheight_m = 1.5\n[[network]]\nmode = \"{mode}\"\n[[anchor]]\nat = [0, 0, 1.5]\n[[tag]]\npath = [[10, 0, 1.5]]\n"
+        );
+        let mut simulation = Simulation::new(Scenario::parse(&text).unwrap());
+        let mut records = simulation.run_until(15.0);
+        for node in [1, TAG] {
+            simulation.node(node).unwrap().chip().set_temperature(63.0);
+        }
+        records.extend(simulation.run_until(40.0));
+        let run = Run { records, summary: simulation.summary() };
+        // 40 °C × 2.15 mm until a node measures its temperature, each 10 to 12.5 s. What is left are steps of 4.7 mm in four delays, and the
+        // sensor's of 1.14 °C.
+        let (cold_m, _) = run.range_error(TAG, 1, 1.0, 14.9);
+        let (warm_m, _) = run.range_error(TAG, 1, 15.1, 15.5);
+        let (corrected_m, _) = run.range_error(TAG, 1, 30.0, 40.0);
+        assert!(cold_m.abs() < 0.01, "{mode}: {cold_m} m");
+        assert!((warm_m - cold_m - 0.086).abs() < 0.015, "{mode}: {warm_m} m");
+        assert!(corrected_m.abs() < 0.015, "{mode}: {corrected_m} m");
     }
 }

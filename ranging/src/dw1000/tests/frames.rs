@@ -261,7 +261,8 @@ fn costs_are_those_of_the_table() {
     assert_eq!(cost(&mut radio, async |r| r.idle().await.unwrap()), (2, 7));
     radio.transceiver = Transceiver::Unknown;
     assert_eq!(cost(&mut radio, async |r| r.idle().await.unwrap()), (5, 17));
-    assert_eq!(cost(&mut radio, async |r| assert!(r.sensors().await.is_ok())), (7, 19));
+    assert_eq!(cost(&mut radio, async |r| assert!(r.compensate().await.is_ok())), (7 + 2, 19 + 8));
+    assert_eq!(cost(&mut radio, async |r| assert!(r.compensate().await.is_ok())), (7, 19));
     // The end of a window, by the chip's timer and by the delay.
     let mut miss = |radio: &mut Driver, flags| {
         bus.forget_answers();

@@ -39,7 +39,8 @@ impl OutputPin for NoBus {
 }
 
 fn value(config: &Config, register: Register) -> u64 {
-    let write = config.writes(&Factory::default()).into_iter().find(|write| write.register == register).unwrap();
+    let write =
+        config.writes(&Factory::default(), [0; 2]).into_iter().find(|write| write.register == register).unwrap();
     let mut bytes = [0; 8];
     bytes[..write.bytes().len()].copy_from_slice(write.bytes());
     u64::from_le_bytes(bytes)

@@ -2,6 +2,7 @@
 //! until its round and between its rounds, and where it may, its radio sleeps meanwhile and begins its clock anew.
 
 use super::super::SHORTEST_WAIT;
+use super::super::compensation::COMPENSATION;
 use super::super::layout::Scheme;
 use super::super::plan::{next_round, owned_slots, share_of};
 use super::super::search::{Next, Search};
@@ -16,8 +17,8 @@ use crate::{RadioDuration, RadioInstant, Start};
 
 /// A dozing tag gives up its clock between turns that are at least so many superframes apart: fewer it naps, and counts on its clock.
 const DOZE_FROM: u16 = 2;
-/// A wait in one piece is at most so long: instants are told apart within 8.6 s.
-const LONGEST_WAIT: RadioDuration = RadioDuration::from_micros(8_000_000);
+/// The tag makes a turn without a beacon before it where it has slept for no longer than this: who else ranges may change meanwhile.
+const LONGEST_HOLDOVER: RadioDuration = RadioDuration::from_micros(20_000_000);
 /// Waits shorter than this are not worth a sleep, of which the node wakes with a doubt.
 const NAP_FROM: RadioDuration = RadioDuration::from_micros(7_000);
 /// The tag listens to all beacons for so many superframes before it is content with one: to know all anchors.
@@ -33,7 +34,7 @@ const TURNS_A_POLL: i64 = 5;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Nap {
     from: RadioInstant,
-    until: RadioInstant,
+    duration: RadioDuration,
     /// It ended before that, nobody knows when.
     is_cut: bool,
 }
@@ -70,14 +71,13 @@ impl Tag {
     }
 
     /// Waits, asleep where the tag dozes and the radio likes to: it is to be awake in time, so it is woken as much earlier as it is late.
-    pub(super) fn pause(&mut self, present: RadioInstant, until: RadioInstant) -> Action<'static> {
-        let wait = until.since(present);
+    pub(super) fn pause(&mut self, present: RadioInstant, wait: RadioDuration) -> Action<'static> {
         if !self.dozes || wait < NAP_FROM {
-            return Action::WaitUntil(until);
+            return Action::WaitUntil(present.plus(wait));
         }
-        let until = present.plus(difference(wait, self.wakes.late(Slept::once(wait))));
-        self.nap = Some(Nap { from: present, until, is_cut: false });
-        Action::WaitUntil(until)
+        let duration = difference(wait, self.wakes.late(Slept::once(wait)));
+        self.nap = Some(Nap { from: present, duration, is_cut: false });
+        Action::Sleep { from: present, duration }
     }
 
     /// The wait that was asked for last ends before its time. What it was to end with is given up: the tag listens to the next beacon.
@@ -91,9 +91,8 @@ impl Tag {
     /// The radio has slept, nobody knows for how long.
     fn woke_early(&mut self, nap: Nap, now: RadioInstant) {
         (self.slept, self.search) = (Slept::default(), Search::default());
-        self.neighbours.sleep(nap.until.since(nap.from).ticks() as f32 / TICKS_PER_SECOND as f32);
+        self.neighbours.sleep(nap.duration.ticks() as f32 / TICKS_PER_SECOND as f32);
         if let Some(network) = &mut self.network {
-            network.following.rebase(nap.from, now);
             network.following.adrift = Some(now);
         }
     }
@@ -103,11 +102,11 @@ impl Tag {
         if nap.is_cut {
             return self.woke_early(nap, now);
         }
-        let once = Slept::once(nap.until.since(nap.from));
-        let before = nap.until.plus(self.wakes.late(once));
+        let once = Slept::once(nap.duration);
+        let before = nap.from.plus(sum(nap.duration, self.wakes.late(once)));
         self.slept = self.slept.and(once);
         self.pulse_at = self.pulse_at.map(|pulse| now.plus(pulse.since(before)));
-        self.neighbours.sleep(nap.until.since(nap.from).ticks() as f32 / TICKS_PER_SECOND as f32);
+        self.neighbours.sleep(nap.duration.ticks() as f32 / TICKS_PER_SECOND as f32);
         if let Some(network) = &mut self.network {
             network.following.rebase(before, now);
             network.following.doubt = self.wakes.doubt(self.slept);
@@ -130,7 +129,7 @@ impl Tag {
         self.slept = Slept::default();
         match self.search.next(present) {
             Next::Listen(window) => Self::listen(window),
-            Next::Pause(until) => self.pause(present, until),
+            Next::Pause(wait) => self.pause(present, wait),
         }
     }
 
@@ -178,9 +177,19 @@ impl Tag {
         let course = &self.network.as_ref()?.following.course;
         let (timing, phase) = (course.timing, course.phase);
         let superframes = i64::from(superframe.wrapping_sub(phase.number) as i16);
-        let begin = superframes * timing.superframe.ticks() - present.since(phase.start).ticks();
-        let begin = RadioDuration::from_ticks(begin);
-        let doubt = self.wakes.doubt(Slept::once(RadioDuration::ZERO));
+        let begin = RadioDuration::from_ticks(superframes * timing.superframe.ticks());
+        self.doze_until(difference(begin, present.since(phase.start)), listening, present)
+    }
+
+    /// Waits for a beacon in the superframe that begins after `begin`, and listens for it.
+    fn doze_until(
+        &mut self,
+        begin: RadioDuration,
+        listening: Listening,
+        present: RadioInstant,
+    ) -> Option<Action<'static>> {
+        let timing = self.network.as_ref()?.following.course.timing;
+        let doubt = self.wakes.doubt(Slept::once(begin));
         let (open, one) = match listening {
             Listening::One(anchor) => {
                 let [open, close] = self.beacon_window(&timing, anchor.slot, doubt);
@@ -190,7 +199,7 @@ impl Tag {
         };
         let wait = difference(open, ARMING);
         if wait > SHORTEST_WAIT {
-            return Some(self.pause(present, present.plus(wait.min(LONGEST_WAIT))));
+            return Some(self.pause(present, wait));
         }
         self.aim = None;
         let (Watched { address, .. }, close) = one.filter(|(_, close)| *close > RadioDuration::ZERO)?;
@@ -212,7 +221,7 @@ impl Tag {
         let present = phase.at(passed);
         let wait = difference(difference(open, ARMING), passed);
         if wait > SHORTEST_WAIT {
-            return Some(self.pause(present, phase.at(difference(open, ARMING))));
+            return Some(self.pause(present, wait));
         }
         let awaited = Awaited { address: anchor.address, until: phase.at(close) };
         if close <= passed {
@@ -235,7 +244,7 @@ impl Tag {
         let later = next_round(network.owned, &timing, pulse, self.round.asked(), doubt)?;
         (self.wake_at, self.pulse_at) = (None, Some(phase.at(later)));
         let until = difference(later, sum(self.meter.lead(), doubt));
-        Some(self.pause(phase.at(passed), phase.at(until)))
+        Some(self.pause(phase.at(passed), difference(until, passed)))
     }
 
     /// Nothing more is to be done in this superframe: off until what is next.
@@ -246,17 +255,26 @@ impl Tag {
         let (timing, phase) = (network.following.course.timing, network.following.course.phase);
         let present = phase.at(passed);
         let next = phase.at(timing.superframe);
+        if next.since(present) > COMPENSATION && self.compensation.take(phase.number, self.config.address) {
+            return Action::Compensate;
+        }
         let begin = next.plus(difference(RadioDuration::ZERO, lead));
         let Some(rate) = self.rate.filter(|_| is_seldom) else { return Action::WaitUntil(begin) };
         if let Some(turns) =
             network.next_turn(self.config.address, rate).filter(|turns| *turns >= DOZE_FROM && self.dozes)
         {
-            network.following.adrift = Some(present);
+            if let Some(action) = self.hold_over(present, turns) {
+                return action;
+            }
+            let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
+            network.following.doze(turns, present);
             let superframe = phase.number.wrapping_add(turns);
-            // What is dozed through counts as one.
+            let listening = self.watch.after_doze(superframe);
+            // What is slept through counts as one.
             self.age_neighbours(1, true);
-            self.aim = Some(Aim { superframe, listening: self.watch.after_doze(superframe) });
-            return self.end_doze(present).unwrap_or(Action::WaitUntil(begin));
+            self.aim = Some(Aim { superframe, listening });
+            let until = RadioDuration::from_ticks(i64::from(turns) * timing.superframe.ticks());
+            return self.doze_until(difference(until, passed), listening, present).unwrap_or(Action::WaitUntil(begin));
         }
         // After a nap the clock is in doubt: a round needs room for that, or a beacon before it.
         let doubt = if self.dozes { self.wakes.doubt(Slept::once(timing.superframe)) } else { network.following.doubt };
@@ -279,7 +297,29 @@ impl Tag {
             }
             (Listening::Nothing, None) | (Listening::All, _) => difference(RadioDuration::ZERO, sum(lead, doubt)),
         };
-        self.pause(present, next.plus(wake))
+        self.pause(present, next.plus(wake).since(present))
+    }
+
+    /// Nothing more is to be done before the turn in `turns` superframes: sleeps until its round, which it makes without a beacon before it.
+    /// `None` where this turn had none either, where the list changes, or where the round has no room for the doubt.
+    fn hold_over(&mut self, present: RadioInstant, turns: u16) -> Option<Action<'static>> {
+        let (lead, doubt) = (self.meter.lead(), self.wakes.doubt(Slept::once(LONGEST_HOLDOVER)));
+        let network = self.network.as_mut().filter(|network| network.following.silent() == 0)?;
+        let (timing, phase) = (network.following.course.timing, network.following.course.phase);
+        let membership = &network.following.course.membership;
+        let members = membership.in_force().filter(|_| membership.countdown() == 0)?;
+        let owned = owned_slots(members, self.config.address, phase.number.wrapping_add(turns), timing.round_slots);
+        let pulse = next_round(owned, &timing, timing.rounds(), self.round.asked(), doubt)?;
+        let begin = RadioDuration::from_ticks(i64::from(turns) * timing.superframe.ticks());
+        if begin > LONGEST_HOLDOVER {
+            return None;
+        }
+        self.pulse_at = Some(phase.at(sum(begin, pulse)));
+        network.following.hold_over(turns);
+        let wait = difference(sum(begin, difference(pulse, sum(lead, doubt))), present.since(phase.start));
+        // What is slept through counts as one.
+        self.age_neighbours(1, true);
+        Some(self.pause(present, wait))
     }
 
     /// The poll has left: off until the first response, where that is worth it.
