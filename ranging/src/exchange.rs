@@ -285,71 +285,74 @@ pub async fn execute<'b, R: Radio>(
     buffer: &'b mut [u8; MAX_FRAME],
     action: Action<'_>,
 ) -> Result<(RadioInstant, Event<'b>), R::Error> {
-    let event = match action {
-        Action::Transmit { frame, start, listen } => match radio.transmit(frame, start, listen).await {
-            Ok(departure) => return Ok((departure, Event::Sent(departure))),
-            Err(TransmitError::Late) => Event::Late,
-            Err(TransmitError::TooLong | TransmitError::NoConfirmation) => Event::NotSent,
-            Err(TransmitError::Radio(error)) => return Err(error),
-        },
+    match action {
+        Action::Transmit { frame, start, listen } => return transmit(radio, frame, start, listen).await,
         Action::Receive { start, window, keep_listening } => {
-            match radio.receive(buffer, start, window, keep_listening).await {
-                Ok(frame) => return Ok((frame.rx_time, Event::Received(frame))),
-                Err(ReceiveError::Timeout) => Event::Timeout,
-                Err(ReceiveError::Late) => Event::Late,
-                Err(ReceiveError::Corrupt) => Event::Corrupt,
-                Err(ReceiveError::Radio(error)) => return Err(error),
-            }
+            return receive(radio, buffer, start, window, keep_listening).await;
         }
         Action::WaitUntil(instant) => {
-            wait_until(radio, delay, instant).await?;
-            Event::Woken
+            let now = radio.now().await?;
+            let micros = left_of(radio, now, instant.since(now)).await?;
+            delay.delay_us(micros).await;
         }
         Action::Sleep { from, duration } => {
             let micros = left_of(radio, from, duration).await?;
-            wait(radio, delay, micros).await?;
-            Event::Woken
+            delay.delay_us(micros).await;
         }
         Action::Compensate => {
             radio.compensate().await?;
-            Event::Woken
         }
-        Action::Report(_) => Event::Reported,
+        Action::Report(_) => return Ok((radio.now().await?, Event::Reported)),
+    }
+    Ok((radio.now().await?, Event::Woken))
+}
+
+/// [`Action::Transmit`].
+pub(crate) async fn transmit<'b, R: Radio>(
+    radio: &mut R,
+    frame: &[u8],
+    start: Start,
+    listen: bool,
+) -> Result<(RadioInstant, Event<'b>), R::Error> {
+    let event = match radio.transmit(frame, start, listen).await {
+        Ok(departure) => return Ok((departure, Event::Sent(departure))),
+        Err(TransmitError::Late) => Event::Late,
+        Err(TransmitError::TooLong | TransmitError::NoConfirmation) => Event::NotSent,
+        Err(TransmitError::Radio(error)) => return Err(error),
     };
     Ok((radio.now().await?, event))
 }
 
-/// [`Action::WaitUntil`].
-pub(crate) async fn wait_until<R: Radio>(
+/// [`Action::Receive`].
+pub(crate) async fn receive<'b, R: Radio>(
     radio: &mut R,
-    delay: &mut impl DelayNs,
-    instant: RadioInstant,
-) -> Result<(), R::Error> {
-    radio.idle().await?;
-    let micros = instant.since(radio.now().await?).as_micros();
-    delay.delay_us(u32::try_from(micros).map_or(0, whole)).await;
-    Ok(())
+    buffer: &'b mut [u8; MAX_FRAME],
+    start: Start,
+    window: RadioDuration,
+    keep_listening: bool,
+) -> Result<(RadioInstant, Event<'b>), R::Error> {
+    let event = match radio.receive(buffer, start, window, keep_listening).await {
+        Ok(frame) => return Ok((frame.rx_time, Event::Received(frame))),
+        Err(ReceiveError::Timeout) => Event::Timeout,
+        Err(ReceiveError::Late) => Event::Late,
+        Err(ReceiveError::Corrupt) => Event::Corrupt,
+        Err(ReceiveError::Radio(error)) => return Err(error),
+    };
+    Ok((radio.now().await?, event))
 }
 
-/// A microsecond begun is waited for, or a machine would be woken before its time again and again.
-const fn whole(micros: u32) -> u32 {
-    micros.saturating_add(1)
-}
-
-/// Microseconds left of [`Action::Sleep`].
+/// Switches the radio off, and answers how many microseconds are left of a wait of `duration` since `from`.
 pub(crate) async fn left_of<R: Radio>(
     radio: &mut R,
     from: RadioInstant,
     duration: RadioDuration,
 ) -> Result<u32, R::Error> {
+    radio.idle().await?;
     let passed = radio.now().await?.since(from);
-    let micros = RadioDuration::from_ticks(duration.ticks().saturating_sub(passed.ticks())).as_micros().max(0);
-    Ok(u32::try_from(micros).unwrap_or(u32::MAX))
+    Ok(micros(RadioDuration::from_ticks(duration.ticks().saturating_sub(passed.ticks()))))
 }
 
-/// Radio off for so many microseconds.
-pub(crate) async fn wait<R: Radio>(radio: &mut R, delay: &mut impl DelayNs, micros: u32) -> Result<(), R::Error> {
-    radio.idle().await?;
-    delay.delay_us(whole(micros)).await;
-    Ok(())
+/// A microsecond begun is waited for, or a machine would be woken before its time again and again.
+fn micros(wait: RadioDuration) -> u32 {
+    u32::try_from(wait.as_micros()).map_or(0, |micros| micros.saturating_add(1))
 }

@@ -9,9 +9,9 @@ use core::future::{Future, pending};
 use embassy_futures::select::{Either, select};
 use embedded_hal_async::delay::DelayNs;
 
-use crate::exchange::{Action, Event, Guidance, Machine, Report, execute, left_of, wait, wait_until};
+use crate::exchange::{Action, Event, Guidance, Machine, Report, left_of, receive, transmit};
 use crate::radio::MAX_FRAME;
-use crate::{Pace, Radio, RadioInstant};
+use crate::{Pace, Radio, RadioDuration, RadioInstant};
 
 /// The first pause after a failure, and what it grows to, milliseconds: a chip that is back is used again within a
 /// second.
@@ -106,7 +106,9 @@ async fn attempt<R: Restart>(
     loop {
         let action = machine.step(now, event);
         listener.observe(now, &event, &action);
-        match action {
+        let wait = match action {
+            Action::WaitUntil(instant) => Wait { from: now, duration: instant.since(now), may_sleep: false },
+            Action::Sleep { from, duration } => Wait { from, duration, may_sleep: true },
             Action::Report(report) => {
                 now = radio.now().await?;
                 let pace = Pace { ready: Some(now), ..Pace::default() };
@@ -125,46 +127,47 @@ async fn attempt<R: Restart>(
                     machine.sense(sensors);
                 }
                 (now, event) = (radio.now().await?, Event::Woken);
+                continue;
             }
-            Action::WaitUntil(instant) => {
-                or_roused(wait_until(radio, delay, instant), machine, listener).await?;
-                (now, event) = (radio.now().await?, Event::Woken);
-            }
-            Action::Sleep { from, duration } => {
-                let micros = left_of(radio, from, duration).await?;
-                let mut roused = None;
-                let slept = radio.sleep(micros, async { roused = Some(listener.roused().await) }).await;
-                // Who rouses does it once: an error of the radio may not lose why.
-                if let Some(guidance) = roused {
-                    machine.rouse(guidance);
-                }
-                let slept = slept?;
-                if !slept {
-                    or_roused(wait(radio, delay, micros), machine, listener).await?;
-                }
-                (now, event) = (radio.now().await?, if slept { Event::Started } else { Event::Woken });
-            }
-            Action::Transmit { .. } | Action::Receive { .. } => {
-                (now, event) = execute(radio, delay, &mut buffer, action).await?;
+            Action::Transmit { frame, start, listen } => {
+                (now, event) = transmit(radio, frame, start, listen).await?;
                 machine.pace(radio.pace());
+                *failures = 0;
+                continue;
             }
+            Action::Receive { start, window, keep_listening } => {
+                (now, event) = receive(radio, &mut buffer, start, window, keep_listening).await?;
+                machine.pace(radio.pace());
+                *failures = 0;
+                continue;
+            }
+        };
+        let micros = left_of(radio, wait.from, wait.duration).await?;
+        let mut roused = None;
+        let slept = if wait.may_sleep {
+            radio.sleep(micros, async { roused = Some(listener.roused().await) }).await
+        } else {
+            Ok(false)
+        };
+        if let Ok(false) = slept
+            && let Either::Second(guidance) = select(delay.delay_us(micros), listener.roused()).await
+        {
+            roused = Some(guidance);
         }
+        // Who rouses does it once: an error of the radio may not lose why.
+        if let Some(guidance) = roused {
+            machine.rouse(guidance);
+        }
+        event = if slept? { Event::Started } else { Event::Woken };
+        now = radio.now().await?;
         // The radio did something, and did it well.
         *failures = 0;
     }
 }
 
-/// Waits, or until the machine is to know something before.
-async fn or_roused<E>(
-    wait: impl Future<Output = Result<(), E>>,
-    machine: &mut impl Machine,
-    listener: &mut impl Listener,
-) -> Result<(), E> {
-    match select(wait, listener.roused()).await {
-        Either::First(waited) => waited,
-        Either::Second(guidance) => {
-            machine.rouse(guidance);
-            Ok(())
-        }
-    }
+/// What is left to do of an action that only lets time pass.
+struct Wait {
+    from: RadioInstant,
+    duration: RadioDuration,
+    may_sleep: bool,
 }

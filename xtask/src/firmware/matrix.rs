@@ -198,21 +198,21 @@ const fn missed(meant: u64, flash: u64, ram: u64) -> Budget {
 }
 
 const NONE: Budget = Budget { flash: None, ram: None, heap: None, missed: None };
-const ESP_BLE: Budget = Budget { flash: Some(497 << 10), ram: None, heap: Some(80 << 10), missed: Some(420 << 10) };
+const ESP_BLE: Budget = Budget { flash: Some(504 << 10), ram: None, heap: Some(80 << 10), missed: Some(420 << 10) };
 
 /// The whole matrix.
 pub const IMAGES: [Image; 22] = [
     // State machines and buses optimised for speed take 3 KiB (EVK1000: 6) more of an image than for size, the driver, with the apps that it
     // is compiled with, 9 (7) KiB more. Layouts told in beacons, naps and rules against one radio without a key take 14 to 27 KiB of an image. The
     // budgets were raised for these, to what the images take.
-    Image::new("anchor", Board::Dwm1001, &[], missed(64, 98, 14)),
-    Image::new("anchor", Board::Evk1000, &[], missed(64, 108, 14)),
+    Image::new("anchor", Board::Dwm1001, &[], missed(64, 102, 14)),
+    Image::new("anchor", Board::Evk1000, &[], missed(64, 112, 14)),
     Image::new("anchor", Board::Esp32C3, &[], NONE),
     Image::new("anchor", Board::Esp32C6, &[], NONE),
     // What they are spent on: `cargo xtask sizes`.
-    Image::new("tag", Board::Dwm1001, &[], missed(96, 186, 24)),
+    Image::new("tag", Board::Dwm1001, &[], missed(96, 192, 24)),
     // Some 6 KiB are a map of levels and a model of rooms.
-    Image::new("tag", Board::Dwm1001, &["ble"], missed(208, 276, 34)),
+    Image::new("tag", Board::Dwm1001, &["ble"], missed(208, 282, 34)),
     Image::new("tag", Board::Evk1000, &[], NONE),
     Image::new("tag", Board::Esp32C3, &[], NONE),
     Image::new("tag", Board::Esp32C3, &["ble"], ESP_BLE),
