@@ -1,5 +1,5 @@
 //! Puts the board's memory map where the linker finds it: `map-….x`, or the DWM1001's `memory.x`, which stands at the top of the
-//! repository and serves all Cortex-M images (see there).
+//! repository and serves all Cortex-M images (see there); for an ESP also what of the code lies in RAM.
 
 use std::path::PathBuf;
 use std::{env, error, fs};
@@ -26,6 +26,9 @@ fn main() -> Result<(), Box<dyn error::Error>> {
     };
     let out = PathBuf::from(env::var_os("OUT_DIR").ok_or("cargo sets OUT_DIR")?);
     fs::copy(map, out.join(name))?;
+    if board.is_some_and(|board| board.starts_with("esp")) {
+        fs::copy("memory/rwtext_hook.x", out.join("rwtext_hook.x"))?;
+    }
     println!("cargo::rustc-link-search={}", out.display());
     Ok(())
 }

@@ -59,6 +59,9 @@ impl TagMachine {
                 if tag.sleep {
                     machine.doze();
                 }
+                if let Some(spacing) = settings.frame_spacing {
+                    machine.space_frames(spacing);
+                }
                 Self::Native(machine)
             }
             Exchange::DecaRanging(variant) => Self::DecaRanging(decaranging::Tag::new(decaranging::TagConfig {

@@ -85,6 +85,10 @@ pub struct Tag {
     /// … and so until when.
     free_at: Option<RadioInstant>,
     round: Exchange,
+    /// From the first pulse of a frame of this tag to that of its next, at least, where that is limited, …
+    spacing: Option<RadioDuration>,
+    /// … and so the first pulse of the next, at the earliest.
+    next_pulse: Option<RadioInstant>,
     /// Whether the radio's clock may be lost between turns.
     dozes: bool,
     /// The last action was a wait in which it may.
@@ -158,6 +162,8 @@ impl Tag {
             busy: RadioDuration::ZERO,
             free_at: None,
             round: Exchange::new(),
+            spacing: None,
+            next_pulse: None,
             dozes: false,
             nap: None,
             compensation: Compensation::default(),
@@ -190,6 +196,11 @@ impl Tag {
     /// up to a minute after it has come.
     pub fn doze(&mut self) {
         self.dozes = true;
+    }
+
+    /// From now on the tag begins no frame sooner than this after the beginning of its last: what limits of mean power ask for.
+    pub fn space_frames(&mut self, spacing: RadioDuration) {
+        self.spacing = Some(spacing);
     }
 
     /// What was heard and not believed since the tag was made.
@@ -427,7 +438,11 @@ impl Tag {
         let after = |earliest: RadioDuration| {
             next_round(network.owned, &timing, earliest, anchors, doubt).filter(|_| anchors > 0)
         };
-        let soonest = RadioDuration::from_ticks(passed.ticks() + self.meter.immediate().ticks());
+        let immediate = RadioDuration::from_ticks(passed.ticks() + self.meter.immediate().ticks());
+        // Who has to wait with its next frame sends it at an instant.
+        let spaced = self.next_pulse.map(|pulse| pulse.since(phase.start)).filter(|pulse| *pulse > passed);
+        let in_lead = RadioDuration::from_ticks(passed.ticks() + lead.ticks());
+        let soonest = spaced.map_or(immediate, |pulse| pulse.max(in_lead));
         // What is measured before it can be computed is measured in vain. From the round's end to its report takes about as long as two frames.
         let computed = self.free_at.map_or(RadioDuration::ZERO, |free_at| free_at.since(phase.start));
         let takes = timing.round(anchors).ticks() + 2 * self.meter.reading().ticks();
@@ -445,7 +460,7 @@ impl Tag {
         let planned = planned.filter(|pulse| anchors > 0 && network.owned != 0 && is_in_time(pulse));
         if let Some(pulse) = planned.or_else(|| after(in_time)) {
             let pulse_at = phase.at(pulse);
-            let at_once = planned.is_none() && pulse == soonest;
+            let at_once = planned.is_none() && spaced.is_none() && pulse == soonest;
             if !at_once && spare(pulse) > SHORTEST_WAIT {
                 if let Some(action) = self.nap_before(pulse, passed) {
                     return action;
@@ -553,7 +568,7 @@ impl Machine for Tag {
         match event {
             Event::Started => {
                 self.doing = Doing::Nothing;
-                self.wake_at = None;
+                (self.wake_at, self.next_pulse) = (None, None);
                 self.round.forget();
                 match nap {
                     Some(nap) => self.woke(nap, now),
@@ -563,20 +578,23 @@ impl Machine for Tag {
                     }
                 }
             }
-            Event::Sent(departure) => match self.doing {
-                Doing::Polling => {
-                    self.doing = Doing::Collecting;
-                    self.round.sent(departure);
-                    off = core::mem::take(&mut self.is_off_after_poll);
-                    if let Some(decided) = self.decided_at.take() {
-                        let to_rmarker = self.config.network.phy.time_to_rmarker();
-                        let pulse = departure.plus(RadioDuration::from_ticks(-to_rmarker.ticks()));
-                        self.meter.left(pulse.since(decided));
+            Event::Sent(departure) => {
+                let to_rmarker = self.config.network.phy.time_to_rmarker();
+                let pulse = departure.plus(RadioDuration::from_ticks(-to_rmarker.ticks()));
+                self.next_pulse = self.spacing.map(|spacing| pulse.plus(spacing));
+                match self.doing {
+                    Doing::Polling => {
+                        self.doing = Doing::Collecting;
+                        self.round.sent(departure);
+                        off = core::mem::take(&mut self.is_off_after_poll);
+                        if let Some(decided) = self.decided_at.take() {
+                            self.meter.left(pulse.since(decided));
+                        }
                     }
+                    Doing::Ending => self.round.ended(departure),
+                    Doing::Requesting | Doing::Collecting | Doing::Nothing => {}
                 }
-                Doing::Ending => self.round.ended(departure),
-                Doing::Requesting | Doing::Collecting | Doing::Nothing => {}
-            },
+            }
             Event::Received(frame) => {
                 self.hear(&frame);
                 ended = end_of(&self.config.network.phy, &frame);
@@ -639,7 +657,13 @@ impl Machine for Tag {
         if is_over {
             match self.end_round() {
                 Ended::Final => {
-                    return Action::Transmit { frame: self.out.bytes(), start: Start::Now, listen: false };
+                    let to_rmarker = self.config.network.phy.time_to_rmarker();
+                    let spaced = self.next_pulse.map(|pulse| pulse.since(present));
+                    let start = match spaced.filter(|wait| *wait > RadioDuration::ZERO) {
+                        Some(wait) => Start::At(present.plus(wait.max(self.meter.lead())).plus(to_rmarker)),
+                        None => Start::Now,
+                    };
+                    return Action::Transmit { frame: self.out.bytes(), start, listen: false };
                 }
                 Ended::Report => return Action::Report(Report::Round(self.round.report())),
                 Ended::Nothing => {}
