@@ -3,7 +3,7 @@
 
 use core::fmt;
 
-use crate::{EddystoneUid, IBeacon, NoEddystone, Refusal};
+use crate::{EddystoneUid, IBeacon, EddystoneError, IBeaconError};
 
 /// A beacon's advertisement of either format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -32,9 +32,9 @@ pub struct Identity {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct NoBeacon {
     /// As an iBeacon.
-    pub ibeacon: Refusal,
+    pub ibeacon: IBeaconError,
     /// As an Eddystone-UID.
-    pub eddystone: NoEddystone,
+    pub eddystone: EddystoneError,
 }
 
 impl fmt::Display for NoBeacon {
@@ -104,8 +104,8 @@ mod tests {
         // Nordic Semiconductor, Google, Microsoft (its beacon for the swift pairing of devices).
         for other in [&hex!("02 01 06 05 FF 5900 02 15")[..], &hex!("04 FF E000 01"), &hex!("06 FF 0600 03 00 80")] {
             let refused = Advertised::parse(other).expect_err("no beacon");
-            assert!(matches!(refused.ibeacon, Refusal::OtherMaker(Some(_))), "{refused}");
-            assert_eq!(refused.eddystone, NoEddystone::NoServiceData);
+            assert!(matches!(refused.ibeacon, IBeaconError::OtherMaker(Some(_))), "{refused}");
+            assert_eq!(refused.eddystone, EddystoneError::NoServiceData);
             // Its structures before those of a beacon, without the flags.
             let both: Vec<u8> = other.iter().chain(&UID[3..]).copied().collect();
             assert!(matches!(Advertised::parse(&both), Ok(Advertised::EddystoneUid(_))));

@@ -30,7 +30,7 @@ const FIRST_METRE_DB: i8 = 41;
 /// Why advertising data is not an Eddystone-UID's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum NoEddystone {
+pub enum EddystoneError {
     /// An AD structure is cut short.
     Truncated(Truncated),
     /// It has no service data of Eddystone.
@@ -41,7 +41,7 @@ pub enum NoEddystone {
     Length(usize),
 }
 
-impl fmt::Display for NoEddystone {
+impl fmt::Display for EddystoneError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Truncated(truncated) => truncated.fmt(f),
@@ -59,7 +59,7 @@ impl fmt::Display for NoEddystone {
     }
 }
 
-impl From<Truncated> for NoEddystone {
+impl From<Truncated> for EddystoneError {
     fn from(truncated: Truncated) -> Self {
         Self::Truncated(truncated)
     }
@@ -71,8 +71,8 @@ pub struct UidPayload<'a>(&'a [u8; DATA_LENGTH]);
 
 impl<'a> UidPayload<'a> {
     /// Finds it in advertising data, whatever else is there; if there are several frames of Eddystone, the refusal is the last one's.
-    pub fn find(advertising_data: &'a [u8]) -> Result<Self, NoEddystone> {
-        let mut refusal = NoEddystone::NoServiceData;
+    pub fn find(advertising_data: &'a [u8]) -> Result<Self, EddystoneError> {
+        let mut refusal = EddystoneError::NoServiceData;
         for structure in Structures::new(advertising_data) {
             let structure = structure?;
             if structure.kind == SERVICE_DATA && structure.data.starts_with(&EDDYSTONE) {
@@ -86,14 +86,14 @@ impl<'a> UidPayload<'a> {
     }
 
     /// A view over service data that begins with Eddystone's UUID.
-    fn of_service_data(data: &'a [u8]) -> Result<Self, NoEddystone> {
+    fn of_service_data(data: &'a [u8]) -> Result<Self, EddystoneError> {
         match data.get(EDDYSTONE.len()) {
             Some(&UID) => {}
-            other => return Err(NoEddystone::OtherFrame(other.copied())),
+            other => return Err(EddystoneError::OtherFrame(other.copied())),
         }
         match data.split_first_chunk() {
             Some((frame, [] | [_, _])) => Ok(Self(frame)),
-            Some(_) | None => Err(NoEddystone::Length(data.len())),
+            Some(_) | None => Err(EddystoneError::Length(data.len())),
         }
     }
 
@@ -127,7 +127,7 @@ pub struct EddystoneUid {
 
 impl EddystoneUid {
     /// From the data of an advertisement.
-    pub fn parse(advertising_data: &[u8]) -> Result<Self, NoEddystone> {
+    pub fn parse(advertising_data: &[u8]) -> Result<Self, EddystoneError> {
         UidPayload::find(advertising_data).map(Self::from)
     }
 
@@ -207,18 +207,18 @@ mod tests {
     #[test]
     fn what_is_no_uid_is_refused_with_the_reason() {
         let refusal = |bytes: &[u8]| EddystoneUid::parse(bytes).expect_err("no UID");
-        assert_eq!(refusal(&[]), NoEddystone::NoServiceData);
+        assert_eq!(refusal(&[]), EddystoneError::NoServiceData);
         // A heart-rate service's data.
-        assert_eq!(refusal(&hex!("02 01 06 04 16 0D18 40")), NoEddystone::NoServiceData);
+        assert_eq!(refusal(&hex!("02 01 06 04 16 0D18 40")), EddystoneError::NoServiceData);
         // A URL, a telemetry frame, nothing.
-        assert_eq!(refusal(&hex!("06 16 AAFE 10 EE 01")), NoEddystone::OtherFrame(Some(0x10)));
-        assert_eq!(refusal(&hex!("04 16 AAFE 20")), NoEddystone::OtherFrame(Some(0x20)));
-        assert_eq!(refusal(&hex!("03 16 AAFE")), NoEddystone::OtherFrame(None));
+        assert_eq!(refusal(&hex!("06 16 AAFE 10 EE 01")), EddystoneError::OtherFrame(Some(0x10)));
+        assert_eq!(refusal(&hex!("04 16 AAFE 20")), EddystoneError::OtherFrame(Some(0x20)));
+        assert_eq!(refusal(&hex!("03 16 AAFE")), EddystoneError::OtherFrame(None));
         // One reserved byte of two: 2 + 1 + 1 + 16 + 1 = 21.
         let mut odd = FRAME[..30].to_vec();
         odd[7] = 0x16;
-        assert_eq!(refusal(&odd), NoEddystone::Length(21));
-        assert_eq!(refusal(&hex!("04 16 AAFE 00")), NoEddystone::Length(3));
+        assert_eq!(refusal(&odd), EddystoneError::Length(21));
+        assert_eq!(refusal(&hex!("04 16 AAFE 00")), EddystoneError::Length(3));
         assert_eq!(refusal(&FRAME[..30]).to_string(), "an AD structure of 23 bytes is cut after 22");
     }
 

@@ -33,7 +33,7 @@ const DATA_LENGTH: usize = 4 + PROXIMITY_LENGTH as usize;
 /// Why advertising data is not an iBeacon's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Refusal {
+pub enum IBeaconError {
     /// An AD structure is cut short.
     Truncated(Truncated),
     /// It has no manufacturer data.
@@ -48,7 +48,7 @@ pub enum Refusal {
     InnerLength(u8),
 }
 
-impl fmt::Display for Refusal {
+impl fmt::Display for IBeaconError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Truncated(truncated) => truncated.fmt(f),
@@ -65,7 +65,7 @@ impl fmt::Display for Refusal {
     }
 }
 
-impl From<Truncated> for Refusal {
+impl From<Truncated> for IBeaconError {
     fn from(truncated: Truncated) -> Self {
         Self::Truncated(truncated)
     }
@@ -78,8 +78,8 @@ pub struct Payload<'a>(&'a [u8; DATA_LENGTH]);
 impl<'a> Payload<'a> {
     /// Finds it in advertising data. Flags and other structures may stand before and behind it; if there are several
     /// structures of manufacturer data, the refusal is the last one's.
-    pub fn find(advertising_data: &'a [u8]) -> Result<Self, Refusal> {
-        let mut refusal = Refusal::NoManufacturerData;
+    pub fn find(advertising_data: &'a [u8]) -> Result<Self, IBeaconError> {
+        let mut refusal = IBeaconError::NoManufacturerData;
         for structure in Structures::new(advertising_data) {
             let structure = structure?;
             if structure.kind == MANUFACTURER_DATA {
@@ -93,21 +93,21 @@ impl<'a> Payload<'a> {
     }
 
     /// A view over manufacturer data as a Bluetooth stack may hand it out: from the maker's number on.
-    pub fn of_manufacturer_data(data: &'a [u8]) -> Result<Self, Refusal> {
+    pub fn of_manufacturer_data(data: &'a [u8]) -> Result<Self, IBeaconError> {
         let Some((&maker, rest)) = data.split_first_chunk() else {
-            return Err(Refusal::OtherMaker(None));
+            return Err(IBeaconError::OtherMaker(None));
         };
         if maker != APPLE {
-            return Err(Refusal::OtherMaker(Some(u16::from_le_bytes(maker))));
+            return Err(IBeaconError::OtherMaker(Some(u16::from_le_bytes(maker))));
         }
         match rest.first() {
             Some(&PROXIMITY) => {}
-            other => return Err(Refusal::OtherKind(other.copied())),
+            other => return Err(IBeaconError::OtherKind(other.copied())),
         }
-        let whole: &[u8; DATA_LENGTH] = data.try_into().map_err(|_| Refusal::Length(data.len()))?;
+        let whole: &[u8; DATA_LENGTH] = data.try_into().map_err(|_| IBeaconError::Length(data.len()))?;
         match whole[3] {
             PROXIMITY_LENGTH => Ok(Self(whole)),
-            other => Err(Refusal::InnerLength(other)),
+            other => Err(IBeaconError::InnerLength(other)),
         }
     }
 
@@ -148,7 +148,7 @@ pub struct IBeacon {
 
 impl IBeacon {
     /// From the data of an advertisement.
-    pub fn parse(advertising_data: &[u8]) -> Result<Self, Refusal> {
+    pub fn parse(advertising_data: &[u8]) -> Result<Self, IBeaconError> {
         Payload::find(advertising_data).map(Self::from)
     }
 
@@ -236,26 +236,26 @@ mod tests {
     #[test]
     fn what_is_no_ibeacon_is_refused_with_the_reason() {
         let refusal = |bytes: &[u8]| IBeacon::parse(bytes).expect_err("no iBeacon");
-        assert_eq!(refusal(&[]), Refusal::NoManufacturerData);
-        assert_eq!(refusal(&hex!("02 01 06")), Refusal::NoManufacturerData);
+        assert_eq!(refusal(&[]), IBeaconError::NoManufacturerData);
+        assert_eq!(refusal(&hex!("02 01 06")), IBeaconError::NoManufacturerData);
         // Nordic Semiconductor is 0x0059.
-        assert_eq!(refusal(&hex!("02 01 06 05 FF 5900 02 15")), Refusal::OtherMaker(Some(0x0059)));
-        assert_eq!(refusal(&hex!("02 FF 4C")), Refusal::OtherMaker(None));
+        assert_eq!(refusal(&hex!("02 01 06 05 FF 5900 02 15")), IBeaconError::OtherMaker(Some(0x0059)));
+        assert_eq!(refusal(&hex!("02 FF 4C")), IBeaconError::OtherMaker(None));
         // Apple's "nearby info" is kind 0x10.
-        assert_eq!(refusal(&hex!("02 01 06 08 FF 4C00 10 03 010203")), Refusal::OtherKind(Some(0x10)));
-        assert_eq!(refusal(&hex!("03 FF 4C00")), Refusal::OtherKind(None));
+        assert_eq!(refusal(&hex!("02 01 06 08 FF 4C00 10 03 010203")), IBeaconError::OtherKind(Some(0x10)));
+        assert_eq!(refusal(&hex!("03 FF 4C00")), IBeaconError::OtherKind(None));
         // One byte too few: 24 of 25 bytes of manufacturer data.
         let mut short = TABLE;
         short[3] = 0x19;
-        assert_eq!(refusal(&short[..29]), Refusal::Length(24));
+        assert_eq!(refusal(&short[..29]), IBeaconError::Length(24));
         // One byte too many.
         let mut long = TABLE.to_vec();
         long[3] = 0x1B;
         long.push(0);
-        assert_eq!(refusal(&long), Refusal::Length(26));
+        assert_eq!(refusal(&long), IBeaconError::Length(26));
         let mut inner = TABLE;
         inner[8] = 0x16;
-        assert_eq!(refusal(&inner), Refusal::InnerLength(0x16));
+        assert_eq!(refusal(&inner), IBeaconError::InnerLength(0x16));
         assert_eq!(
             refusal(&TABLE[..29]).to_string(),
             // 0x1A = 26 announced; 29 − 4 = 25 there.

@@ -14,7 +14,7 @@ use core::convert::Infallible;
 
 use embedded_hal_async::delay::DelayNs;
 
-pub use settings::{Advertisement, Channels, RANDOM_BYTES, Settings, SettingsFault};
+pub use settings::{Advertisement, Channels, RANDOM_BYTES, Settings, SettingsError};
 
 /// A controller that advertises. Both methods may be called in any state.
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]

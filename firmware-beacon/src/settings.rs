@@ -16,7 +16,7 @@ const LONGEST_INTERVAL_MS: u16 = 10_240;
 /// Why a record is no beacon's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum SettingsFault {
+pub enum SettingsError {
     /// It is for another role.
     OtherRole,
     /// This interval, milliseconds, is not from 20 to 10,240.
@@ -27,7 +27,7 @@ pub enum SettingsFault {
     NoKey,
 }
 
-impl fmt::Display for SettingsFault {
+impl fmt::Display for SettingsError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::OtherRole => f.write_str("the record is for another role"),
@@ -91,17 +91,17 @@ struct Rotation {
 
 impl Settings {
     /// From the record, and from an address of 48 bits that is the chip's own, the highest byte first.
-    pub fn of(record: &Record, chip_address: [u8; 6]) -> Result<Self, SettingsFault> {
+    pub fn of(record: &Record, chip_address: [u8; 6]) -> Result<Self, SettingsError> {
         let advertiser = match record.role {
             Role::Advertiser(advertiser) => advertiser,
-            Role::Tag(_) | Role::Anchor { .. } => return Err(SettingsFault::OtherRole),
+            Role::Tag(_) | Role::Anchor { .. } => return Err(SettingsError::OtherRole),
         };
         if !(SHORTEST_INTERVAL_MS..=LONGEST_INTERVAL_MS).contains(&advertiser.interval_ms) {
-            return Err(SettingsFault::Interval(advertiser.interval_ms));
+            return Err(SettingsError::Interval(advertiser.interval_ms));
         }
         let rotation = match (advertiser.rotate_s, &record.beacon_key) {
             (0, _) => None,
-            (_, None) => return Err(SettingsFault::NoKey),
+            (_, None) => return Err(SettingsError::NoKey),
             (seconds, Some(key)) => {
                 Some(Rotation { disguise: Disguise::new(key), period_ms: 1000 * u32::from(seconds) })
             }
@@ -116,7 +116,7 @@ impl Settings {
             rotation,
             address: static_address(chip_address),
             interval_ms: advertiser.interval_ms,
-            channels: Channels::new(advertiser.channels).ok_or(SettingsFault::Channels(advertiser.channels))?,
+            channels: Channels::new(advertiser.channels).ok_or(SettingsError::Channels(advertiser.channels))?,
             tx_power_dbm: advertiser.tx_power_dbm,
         })
     }

@@ -44,7 +44,7 @@ fn record(role: Role, beacon_key: Option<[u8; 16]>) -> Record {
     }
 }
 
-fn settings(change: impl FnOnce(&mut Advertiser)) -> Result<Settings, SettingsFault> {
+fn settings(change: impl FnOnce(&mut Advertiser)) -> Result<Settings, SettingsError> {
     let mut advertiser = ADVERTISER;
     change(&mut advertiser);
     Settings::of(&record(Role::Advertiser(advertiser), Some(KEY)), CHIP)
@@ -201,15 +201,15 @@ fn a_failing_controller_is_tried_again_ever_more_slowly() {
 #[test]
 fn what_cannot_be_advertised_is_refused_with_the_reason() {
     let fault = |change: fn(&mut Advertiser)| settings(change).err();
-    assert_eq!(fault(|a| a.interval_ms = 19), Some(SettingsFault::Interval(19)));
-    assert_eq!(fault(|a| a.interval_ms = 10_241), Some(SettingsFault::Interval(10_241)));
+    assert_eq!(fault(|a| a.interval_ms = 19), Some(SettingsError::Interval(19)));
+    assert_eq!(fault(|a| a.interval_ms = 10_241), Some(SettingsError::Interval(10_241)));
     assert_eq!(fault(|a| a.interval_ms = 20), None);
     assert_eq!(fault(|a| a.interval_ms = 10_240), None);
-    assert_eq!(fault(|a| a.channels = 0), Some(SettingsFault::Channels(0)));
-    assert_eq!(fault(|a| a.channels = 8), Some(SettingsFault::Channels(8)));
+    assert_eq!(fault(|a| a.channels = 0), Some(SettingsError::Channels(0)));
+    assert_eq!(fault(|a| a.channels = 8), Some(SettingsError::Channels(8)));
     assert_eq!(fault(|a| a.channels = 0b100), None);
     let keyless = record(Role::Advertiser(Advertiser { rotate_s: 60, ..ADVERTISER }), None);
-    assert_eq!(Settings::of(&keyless, CHIP).err(), Some(SettingsFault::NoKey));
+    assert_eq!(Settings::of(&keyless, CHIP).err(), Some(SettingsError::NoKey));
     let anchor = record(Role::Anchor { position_m: None }, Some(KEY));
-    assert_eq!(Settings::of(&anchor, CHIP).err(), Some(SettingsFault::OtherRole));
+    assert_eq!(Settings::of(&anchor, CHIP).err(), Some(SettingsError::OtherRole));
 }

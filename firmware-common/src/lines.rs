@@ -6,7 +6,7 @@
 use core::fmt;
 
 use telemetry::{
-    Condition, Counters, Crash, CrashReason, Fix, Hello, LevelsFault, Likely, MotionSensor, Outcome, Reason,
+    Condition, Counters, Crash, CrashReason, Fix, Hello, RssiModelError, Likely, MotionSensor, Outcome, Reason,
     RecordFault, Reset, ResetCause, Solver, Whereabouts,
 };
 
@@ -195,11 +195,11 @@ text!(StateLine, |this| this.0;
     Condition::RadioFailed(times) => ("radio failed, {} in a row; starting it again", times),
     Condition::ScannerRestarted(times) => ("scanner silent, restarted {} times", times),
     Condition::Advertising => ("advertising"),
-    Condition::Unused(levels, LevelsFault::Version(version)) =>
+    Condition::Unused(levels, RssiModelError::Version(version)) =>
         ("{} in flash: of version {}, which this image does not read; not used", levels.as_str(), version),
-    Condition::Unused(levels, LevelsFault::Corrupt) => ("{} in flash: damaged; not used", levels.as_str()),
-    Condition::Unused(levels, LevelsFault::Invalid) => ("{} in flash: not for a tag; not used", levels.as_str()),
-    Condition::Unused(levels, LevelsFault::OtherBeacons) =>
+    Condition::Unused(levels, RssiModelError::Corrupt) => ("{} in flash: damaged; not used", levels.as_str()),
+    Condition::Unused(levels, RssiModelError::Invalid) => ("{} in flash: not for a tag; not used", levels.as_str()),
+    Condition::Unused(levels, RssiModelError::OtherBeacons) =>
         ("{} in flash: of beacons that the record does not list; not used", levels.as_str()),
     Condition::BeaconElsewhere(of) => (
         "beacon {}-{} is not where, or as loud as, it is listed: {} s of levels; not used", of.major, of.minor, of.seconds
@@ -338,7 +338,7 @@ mod tests {
         assert_eq!(RoomLine(Whereabouts::Room(one)).to_string(), "room 3 (95 %)");
         assert_eq!(RoomLine(Whereabouts::Between([one, other])).to_string(), "room 3 (95 %) or 0 (20 %)");
         assert_eq!(RoomLine(Whereabouts::Unknown).to_string(), "room unknown");
-        let line = StateLine(Condition::Unused(Levels::Map, LevelsFault::Corrupt)).to_string();
+        let line = StateLine(Condition::Unused(Levels::Map, RssiModelError::Corrupt)).to_string();
         assert_eq!(line, "map of levels in flash: damaged; not used");
     }
 

@@ -5,7 +5,7 @@ use node_record::Solver;
 use positioning_core::ble::surroundings::Known;
 use positioning_core::engine::{Dimensions, NodeMethod, Settings, Solvers};
 use positioning_core::nlos::Classifier;
-use positioning_core::{NoFix, Noise, Real, Side};
+use positioning_core::{SolveError, Noise, Real, Side};
 
 use crate::{HEARS_BEACONS, KnownBeacons, Measured, Sounding, Surveyed};
 
@@ -50,7 +50,7 @@ pub struct Epoch<'a> {
     /// When its poll left or came, or its window ended, since the node started, microseconds: the time of the position.
     pub poll_us: u64,
     /// The position, or why there is none.
-    pub outcome: Result<Position, NoFix>,
+    pub outcome: Result<Position, SolveError>,
     /// The impulse response of its last frame, where it was read.
     pub sounding: Option<&'a Sounding>,
     /// What made the position.

@@ -25,7 +25,7 @@ pub trait MotionSensor {
     ///
     /// # Errors
     /// It is not to be had.
-    async fn start(&mut self) -> Result<(), NoSensor>;
+    async fn start(&mut self) -> Result<(), MotionSensorError>;
 
     /// Done when the tag is accelerated; at once while that goes on.
     async fn moved(&mut self);
@@ -34,7 +34,7 @@ pub trait MotionSensor {
 /// Why there is no sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum NoSensor {
+pub enum MotionSensorError {
     /// It does not answer.
     Silent,
     /// Something else does.
@@ -50,8 +50,8 @@ pub async fn run<M: RawMutex>(
 ) {
     let state = match select(sensor.start(), delay.delay_ms(PATIENCE_MS)).await {
         Either::First(Ok(())) => State::Ready,
-        Either::First(Err(NoSensor::Foreign)) => State::Foreign,
-        Either::First(Err(NoSensor::Silent)) | Either::Second(()) => State::Silent,
+        Either::First(Err(MotionSensorError::Foreign)) => State::Foreign,
+        Either::First(Err(MotionSensorError::Silent)) | Either::Second(()) => State::Silent,
     };
     sink.motion_sensor(state);
     if state != State::Ready {

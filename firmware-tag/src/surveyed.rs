@@ -7,7 +7,7 @@ use node_record::{Beacon, BeaconModels, Fault, OfBeacons};
 use positioning_core::ble::fingerprint::{self, MAX_NODE_POINTS, Map, Receiver, locate_on_node};
 use positioning_core::ble::rooms::{self, Classifier, Presence, Whereabouts};
 use positioning_core::engine::BeaconPosition;
-use telemetry::{Condition, LevelsFault, Likely, Room};
+use telemetry::{Condition, RssiModelError, Likely, Room};
 
 use crate::levels::{Scan, WINDOW_US};
 
@@ -74,9 +74,9 @@ impl<'a> Surveyed<'a> {
             Err(fault) => {
                 let told = match fault {
                     Fault::Missing => None,
-                    Fault::Version(version) => Some(LevelsFault::Version(version)),
-                    Fault::Corrupt => Some(LevelsFault::Corrupt),
-                    Fault::Invalid(_) => Some(LevelsFault::Invalid),
+                    Fault::Version(version) => Some(RssiModelError::Version(version)),
+                    Fault::Corrupt => Some(RssiModelError::Corrupt),
+                    Fault::Invalid(_) => Some(RssiModelError::Invalid),
                 };
                 told.into_iter().for_each(|fault| complain(Condition::Unused(telemetry::Levels::All, fault)));
                 return Self::default();
@@ -158,14 +158,14 @@ impl<'a> OnTheSpot<'a> {
 }
 
 impl<'a> Fingerprints<'a> {
-    fn of(of: &OfBeacons<'a>, list: &[Beacon]) -> Result<Self, LevelsFault> {
+    fn of(of: &OfBeacons<'a>, list: &[Beacon]) -> Result<Self, RssiModelError> {
         let (map, _) = Map::decode(of.model).map_err(|fault| match fault {
-            fingerprint::Fault::Version(version) => LevelsFault::Version(version),
-            fingerprint::Fault::Missing | fingerprint::Fault::Corrupt => LevelsFault::Corrupt,
-            fingerprint::Fault::Invalid | fingerprint::Fault::TooLong => LevelsFault::Invalid,
+            fingerprint::Fault::Version(version) => RssiModelError::Version(version),
+            fingerprint::Fault::Missing | fingerprint::Fault::Corrupt => RssiModelError::Corrupt,
+            fingerprint::Fault::Invalid | fingerprint::Fault::TooLong => RssiModelError::Invalid,
         })?;
         if !map.has_deviations() || map.points() > MAX_NODE_POINTS {
-            return Err(LevelsFault::Invalid);
+            return Err(RssiModelError::Invalid);
         }
         let places = places(of, list, map.beacons())?;
         Ok(Self { map, places })
@@ -173,11 +173,11 @@ impl<'a> Fingerprints<'a> {
 }
 
 impl<'a> Rooms<'a> {
-    fn of(of: &OfBeacons<'a>, list: &[Beacon]) -> Result<Self, LevelsFault> {
+    fn of(of: &OfBeacons<'a>, list: &[Beacon]) -> Result<Self, RssiModelError> {
         let (model, _) = rooms::NodeModel::decode(of.model).map_err(|fault| match fault {
-            rooms::Fault::Version { found, read: _ } => LevelsFault::Version(found),
-            rooms::Fault::Missing | rooms::Fault::Corrupt => LevelsFault::Corrupt,
-            rooms::Fault::Invalid | rooms::Fault::TooLong => LevelsFault::Invalid,
+            rooms::Fault::Version { found, read: _ } => RssiModelError::Version(found),
+            rooms::Fault::Missing | rooms::Fault::Corrupt => RssiModelError::Corrupt,
+            rooms::Fault::Invalid | rooms::Fault::TooLong => RssiModelError::Invalid,
         })?;
         let places = places(of, list, model.beacons())?;
         Ok(Self { model, places })
@@ -185,14 +185,14 @@ impl<'a> Rooms<'a> {
 }
 
 /// Where the record lists the beacons of a model that has so many; one that it does not list makes it a model of other beacons.
-fn places(of: &OfBeacons<'_>, list: &[Beacon], count: usize) -> Result<Places, LevelsFault> {
+fn places(of: &OfBeacons<'_>, list: &[Beacon], count: usize) -> Result<Places, RssiModelError> {
     let mut places = Places::new();
     for numbers in of.numbers() {
         let place = list.iter().position(|beacon| (beacon.major, beacon.minor) == numbers);
-        let place = place.and_then(|place| u8::try_from(place).ok()).ok_or(LevelsFault::OtherBeacons)?;
-        places.push(place).map_err(|_| LevelsFault::Invalid)?;
+        let place = place.and_then(|place| u8::try_from(place).ok()).ok_or(RssiModelError::OtherBeacons)?;
+        places.push(place).map_err(|_| RssiModelError::Invalid)?;
     }
-    if places.len() == count { Ok(places) } else { Err(LevelsFault::Invalid) }
+    if places.len() == count { Ok(places) } else { Err(RssiModelError::Invalid) }
 }
 
 /// The levels by a model's order of beacons.

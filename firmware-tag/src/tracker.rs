@@ -9,7 +9,7 @@ use node_record::Solver;
 use positioning_core::ble::surroundings::{ON_NODE, Surroundings};
 use positioning_core::engine::{Engine, Measurement, Missing, Output, Tdoa, Verdict};
 use positioning_core::nlos::{Feature, Features, Judge, Reception, first_path_to_noise_db};
-use positioning_core::{NoFix, Real, engine};
+use positioning_core::{SolveError, Real, engine};
 use ranging::Diagnostics;
 use ranging::exchange::{Difference, Differences, Range, Round};
 use ranging::native::MAX_ROUND;
@@ -197,7 +197,7 @@ impl Taken {
 }
 
 /// What the end of a round that measured so much has brought.
-pub(crate) fn outcome(end: &Output<f32>, taken: Taken, measured: usize) -> Result<Position, NoFix> {
+pub(crate) fn outcome(end: &Output<f32>, taken: Taken, measured: usize) -> Result<Position, SolveError> {
     match end.fix {
         Ok(fix) if fix.age_us == 0 => {
             let ranges = taken.places.iter().enumerate().filter(|(bit, _)| fix.used.contains(*bit));
@@ -208,10 +208,10 @@ pub(crate) fn outcome(end: &Output<f32>, taken: Taken, measured: usize) -> Resul
                 quality: fix.quality,
             })
         }
-        Ok(_) if measured > 0 => Err(NoFix::RangesDisjoint),
+        Ok(_) if measured > 0 => Err(SolveError::RangesDisjoint),
         // A round that has ended has a position or a solver's word.
-        Ok(_) | Err(Missing::RoundOpen | Missing::Lost(_)) => Err(NoFix::TooFewAnchors),
-        Err(Missing::NoFix(reason)) => Err(reason),
+        Ok(_) | Err(Missing::RoundOpen | Missing::Lost(_)) => Err(SolveError::TooFewAnchors),
+        Err(Missing::SolveError(reason)) => Err(reason),
     }
 }
 
@@ -323,11 +323,11 @@ mod tests {
     fn too_few_ranges_give_a_reason_until_there_is_a_track() {
         let heard = ranges(|i| Some(CORNERS[i]));
         let mut tracker = at_floor(&[]);
-        assert_eq!(tracker.follow(round(&heard[..2]), None, 10_000).outcome, Err(NoFix::TooFewAnchors));
+        assert_eq!(tracker.follow(round(&heard[..2]), None, 10_000).outcome, Err(SolveError::TooFewAnchors));
         assert!(tracker.follow(round(&heard), None, 60_000).outcome.is_ok());
         let one = tracker.follow(round(&heard[2..3]), None, 110_000).outcome.unwrap();
         assert_eq!(one.used, 0b1);
-        assert_eq!(tracker.follow(round(&[]), None, 160_000).outcome, Err(NoFix::TooFewAnchors));
+        assert_eq!(tracker.follow(round(&[]), None, 160_000).outcome, Err(SolveError::TooFewAnchors));
     }
 
     #[test]
@@ -350,7 +350,7 @@ mod tests {
             match solver {
                 Solver::Track => assert!(two.is_ok(), "{two:?}"),
                 Solver::Robust | Solver::BWls | Solver::BWlsR | Solver::BoundingBox => {
-                    assert_eq!(two, Err(NoFix::TooFewAnchors), "{solver:?}");
+                    assert_eq!(two, Err(SolveError::TooFewAnchors), "{solver:?}");
                 }
             }
         }
@@ -372,7 +372,7 @@ mod tests {
             tracker.follow(round(&heard), None, 50_000 * k).outcome.unwrap();
         }
         let wild = heard.map(|range| Range { distance_m: 60.0, ..range });
-        assert_eq!(tracker.follow(round(&wild), None, 1_050_000).outcome, Err(NoFix::RangesDisjoint));
+        assert_eq!(tracker.follow(round(&wild), None, 1_050_000).outcome, Err(SolveError::RangesDisjoint));
     }
 
     #[test]
@@ -384,7 +384,7 @@ mod tests {
         let first = at_floor(&[]).follow(heard(CORNERS[0], &all), None, 10_000).outcome.unwrap();
         assert_eq!(first.used, 0b111);
         let two = &all[..1];
-        assert_eq!(at_floor(&[]).follow(heard(CORNERS[0], two), None, 10_000).outcome, Err(NoFix::TooFewAnchors));
+        assert_eq!(at_floor(&[]).follow(heard(CORNERS[0], two), None, 10_000).outcome, Err(SolveError::TooFewAnchors));
     }
 
     #[test]
@@ -430,7 +430,7 @@ mod tests {
         heard[0].distance_m += 0.5;
         let mut error_m = |direct| {
             let sounding = Sounding { peer: 1, shape: shape(direct) };
-            let mut outcome = Err(NoFix::TooFewAnchors);
+            let mut outcome = Err(SolveError::TooFewAnchors);
             for k in 1..=20 {
                 outcome = tracker.follow(round(&heard), Some(&sounding), 50_000 * k).outcome;
             }

@@ -143,7 +143,7 @@ mod tests {
     use crate::{KnownBeacons, Locator};
     use advertising::{Advertised, IBeacon};
     use node_record::Beacon;
-    use positioning_core::NoFix;
+    use positioning_core::SolveError;
 
     /// In the corners of a square of 6 m, at the tag's height.
     fn corners() -> [Beacon; 4] {
@@ -167,7 +167,7 @@ mod tests {
         list: &[Beacon],
         from_us: u64,
         rssi_dbm: impl Fn(usize) -> i8,
-    ) -> Option<Result<[f32; 3], NoFix>> {
+    ) -> Option<Result<[f32; 3], SolveError>> {
         for k in 0..10 {
             for (place, beacon) in list.iter().enumerate() {
                 assert!(tracker.hear(&heard(beacon, from_us + 50_000 * k, rssi_dbm(place))).is_some());
@@ -213,7 +213,7 @@ mod tests {
         }
         // A scan may pause: two and a half seconds after the last advertisement, of 0.45 s.
         assert!(
-            told.iter().all(|(end_us, reason)| *end_us >= 2_950_000 && *reason == Some(NoFix::TooFewAnchors)),
+            told.iter().all(|(end_us, reason)| *end_us >= 2_950_000 && *reason == Some(SolveError::TooFewAnchors)),
             "{told:?}"
         );
         assert!(told.len() >= 4, "{told:?}");

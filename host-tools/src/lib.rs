@@ -31,10 +31,10 @@ mod statistics;
 mod table;
 pub mod thesis;
 pub mod track;
-mod wrong;
+mod user_error;
 
 pub use recording::{Anchor, Epoch, Files, Measured, Place, Recording, by_time, read_anchors, read_truth};
 pub use solve::{Half, Height, NoPosition, Position, Setup, Solved, Solver, Space};
 pub use statistics::Statistics;
 pub use table::{Column, Row, Table};
-pub use wrong::Wrong;
+pub use user_error::UserError;

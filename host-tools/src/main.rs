@@ -12,7 +12,7 @@ use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
-use host_tools::Wrong;
+use host_tools::UserError;
 
 /// Positions from UWB ranges and the levels of Bluetooth beacons, with honest uncertainty.
 #[derive(Parser)]
@@ -79,7 +79,7 @@ fn main() -> ExitCode {
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => match error.downcast_ref::<Wrong>() {
+        Err(error) => match error.downcast_ref::<UserError>() {
             Some(wrong) => complain(2, &wrong.to_string()),
             None => complain(1, &format!("baliza: {error:#}")),
         },

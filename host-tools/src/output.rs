@@ -6,19 +6,19 @@ use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
 
-use crate::Wrong;
+use crate::UserError;
 
 /// Refuses an output file that could not be written, before any work is done for it.
 ///
 /// # Errors
 /// It is a folder, or its folder does not exist.
-pub fn check(flag: &'static str, file: &Path) -> Result<(), Wrong> {
+pub fn check(flag: &'static str, file: &Path) -> Result<(), UserError> {
     if file.is_dir() {
-        return Err(Wrong::flag(flag, format!("{} is a folder", file.display())));
+        return Err(UserError::flag(flag, format!("{} is a folder", file.display())));
     }
     let folder = folder_of(file);
     if file.file_name().is_none() || !folder.is_dir() {
-        return Err(Wrong::flag(flag, format!("the folder {} does not exist", folder.display())));
+        return Err(UserError::flag(flag, format!("the folder {} does not exist", folder.display())));
     }
     Ok(())
 }

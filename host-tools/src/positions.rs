@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use crate::recording::{Epoch, Place};
-use crate::{Solved, Table, Wrong};
+use crate::{Solved, Table, UserError};
 
 pub(crate) const COLUMNS: [&str; 11] =
     ["epoch", "t_s", "method", "x_m", "y_m", "z_m", "sigma_x_m", "sigma_y_m", "sigma_z_m", "used", "reason"];
@@ -54,7 +54,7 @@ pub fn to_csv<'a>(
 ///
 /// # Errors
 /// The first line that is wrong: an epoch that stands twice is of a second method.
-pub fn read_track(file: &Path) -> Result<HashMap<String, ([f64; 2], f64)>, Wrong> {
+pub fn read_track(file: &Path) -> Result<HashMap<String, ([f64; 2], f64)>, UserError> {
     let mut table = Table::open(file)?;
     let [epoch, x, y] = [table.column("epoch")?, table.column("x_m")?, table.column("y_m")?];
     let sigmas = [table.optional("sigma_x_m"), table.optional("sigma_y_m")];
@@ -100,7 +100,7 @@ pub struct PositionRow {
 ///
 /// # Errors
 /// The first line that is wrong.
-pub fn read(file: &Path) -> Result<Vec<PositionRow>, Wrong> {
+pub fn read(file: &Path) -> Result<Vec<PositionRow>, UserError> {
     let mut table = Table::open(file)?;
     let (epoch, x, y) = (table.column("epoch")?, table.column("x_m")?, table.column("y_m")?);
     let [method, time, z, sigma_x, sigma_y, error] =
@@ -117,5 +117,5 @@ pub fn read(file: &Path) -> Result<Vec<PositionRow>, Wrong> {
             error_m: row.number(error)?,
         });
     }
-    if rows.is_empty() { Err(Wrong::line(file, 1, "no positions below the header")) } else { Ok(rows) }
+    if rows.is_empty() { Err(UserError::line(file, 1, "no positions below the header")) } else { Ok(rows) }
 }

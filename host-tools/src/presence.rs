@@ -7,7 +7,7 @@ use std::path::Path;
 use positioning_core::ble::rooms::{Classifier, MAX_ROOMS, Outlines, Presence, Settings, Spot, Whereabouts, likeliest};
 
 use crate::positions::PositionRow;
-use crate::{Table, Wrong};
+use crate::{Table, UserError};
 
 /// A room and its outline.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,7 +31,7 @@ pub struct Found {
 ///
 /// # Errors
 /// The first line that is wrong; a room of fewer than three corners; more rooms than are told apart.
-pub fn read_outlines(file: &Path) -> Result<Vec<Room>, Wrong> {
+pub fn read_outlines(file: &Path) -> Result<Vec<Room>, UserError> {
     let mut table = Table::open(file)?;
     let (room, x, y) = (table.column("room")?, table.column("x_m")?, table.column("y_m")?);
     let mut rooms: Vec<Room> = Vec::new();
@@ -43,12 +43,12 @@ pub fn read_outlines(file: &Path) -> Result<Vec<Room>, Wrong> {
         }
     }
     if let Some(room) = rooms.iter().find(|room| room.corners_m.len() < 3) {
-        return Err(Wrong::file(file, format!("room {:?} has fewer than three corners", room.name)));
+        return Err(UserError::file(file, format!("room {:?} has fewer than three corners", room.name)));
     }
     match rooms.len() {
-        0 => Err(Wrong::line(file, 1, "no rooms below the header")),
+        0 => Err(UserError::line(file, 1, "no rooms below the header")),
         count if count > MAX_ROOMS => {
-            Err(Wrong::file(file, format!("{count} rooms, where {MAX_ROOMS} are told apart")))
+            Err(UserError::file(file, format!("{count} rooms, where {MAX_ROOMS} are told apart")))
         }
         _ => Ok(rooms),
     }

@@ -12,7 +12,7 @@ use probe_rs::probe::list::{Accessibility, Lister, ProbeListItem};
 use probe_rs::probe::{DebugProbeError, DebugProbeInfo, DebugProbeSelector, Probe, ProbeCreationError, WireProtocol};
 use probe_rs::{CoreType, Permissions, Session};
 
-use crate::Wrong;
+use crate::UserError;
 
 /// Chooses a probe and its chip.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -33,7 +33,7 @@ impl ProbeArguments {
     /// finds out.
     ///
     /// # Errors
-    /// [`Wrong`] where the arguments do not choose one probe and a known chip; else what did not work, and what may
+    /// [`UserError`] where the arguments do not choose one probe and a known chip; else what did not work, and what may
     /// help.
     pub fn attach(&self, default_chip: Option<&str>) -> Result<Session> {
         let registry = registry();
@@ -48,7 +48,7 @@ impl ProbeArguments {
         if let Some(khz) = self.speed {
             probe
                 .set_speed(khz)
-                .map_err(|error| Wrong::flag("--speed", format!("{name} refuses {khz} kHz: {error}")))?;
+                .map_err(|error| UserError::flag("--speed", format!("{name} refuses {khz} kHz: {error}")))?;
         }
         if let TargetSelector::Specified(target) = &target {
             prefer(&mut probe, target.cores.first().map(|core| core.core_type));
@@ -87,7 +87,7 @@ fn find(registry: &Registry, name: &str) -> Result<probe_rs::Target> {
             }
             other => other.to_string(),
         };
-        Wrong::flag("--chip", what).into()
+        UserError::flag("--chip", what).into()
     })
 }
 
@@ -106,11 +106,11 @@ fn choose(found: Vec<ProbeListItem>, selector: Option<&DebugProbeSelector>) -> R
         (Some(item), true, _) => item,
         (None, _, selector) => {
             let wanted = selector.map(ToString::to_string).unwrap_or_default();
-            return Err(Wrong::flag("--probe", format!("no probe {wanted}; found: {all}")).into());
+            return Err(UserError::flag("--probe", format!("no probe {wanted}; found: {all}")).into());
         }
         (Some(item), false, _) => {
             meant.push(item);
-            return Err(Wrong::flag("--probe", format!("several probes, name one of {}", list(&meant))).into());
+            return Err(UserError::flag("--probe", format!("several probes, name one of {}", list(&meant))).into());
         }
     };
     match item.accessibility {
@@ -186,7 +186,7 @@ mod tests {
     fn an_unknown_chip_is_refused_with_its_neighbours() {
         let arguments = ProbeArguments { chip: Some("nRF52832_xxZZ".into()), ..ProbeArguments::default() };
         let error = arguments.attach(None).expect_err("there is no such chip");
-        let wrong = error.downcast_ref::<Wrong>().expect("the argument is wrong").to_string();
+        let wrong = error.downcast_ref::<UserError>().expect("the argument is wrong").to_string();
         assert!(wrong.starts_with("--chip: probe-rs knows no chip nRF52832_xxZZ; near it are "), "{wrong}");
         assert!(wrong.contains("nRF52832_xxAA"), "{wrong}");
     }

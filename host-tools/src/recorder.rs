@@ -12,7 +12,7 @@ use telemetry::Message;
 
 use crate::decode::{Stamp, Table, metres};
 use crate::output::Growing;
-use crate::{Anchor, Wrong};
+use crate::{Anchor, UserError};
 
 /// The files of a recording.
 const FILES: [&str; 7] =
@@ -68,10 +68,10 @@ impl Recorder {
     pub fn create(folder: &Path, anchors: &[Anchor]) -> anyhow::Result<Self> {
         let given = anchors.iter().map(address_and_place).collect::<Result<_, _>>()?;
         if folder.exists() && !folder.is_dir() {
-            return Err(Wrong::flag("--out", format!("{} is not a folder", folder.display())).into());
+            return Err(UserError::flag("--out", format!("{} is not a folder", folder.display())).into());
         }
         if let Some(file) = FILES.into_iter().find(|file| folder.join(file).exists()) {
-            return Err(Wrong::flag("--out", format!("{} has {file} already", folder.display())).into());
+            return Err(UserError::flag("--out", format!("{} has {file} already", folder.display())).into());
         }
         std::fs::create_dir_all(folder)?;
         Ok(Self {
@@ -176,8 +176,8 @@ impl Recorder {
 }
 
 /// Reads the places of anchors that are called by their short addresses.
-fn address_and_place(anchor: &Anchor) -> Result<(u16, [f64; 3]), Wrong> {
-    let wrong = |what: &str| Wrong::flag("--anchors", format!("anchor {:?} {what}", anchor.name));
+fn address_and_place(anchor: &Anchor) -> Result<(u16, [f64; 3]), UserError> {
+    let wrong = |what: &str| UserError::flag("--anchors", format!("anchor {:?} {what}", anchor.name));
     let address = anchor.name.parse().map_err(|_| wrong("is not called by its short address, 0 to 65535"))?;
     let z_m = anchor.place.z_m.ok_or_else(|| wrong("has no z_m"))?;
     Ok((address, [anchor.place.x_m, anchor.place.y_m, z_m]))

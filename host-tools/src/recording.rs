@@ -8,7 +8,7 @@ use std::path::Path;
 
 use crate::nlos::{Diagnostics, Told};
 use crate::table::quoted;
-use crate::{Table, Wrong};
+use crate::{Table, UserError};
 
 /// A place, metres; its height may be unknown.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,7 +85,7 @@ impl Recording {
     ///
     /// # Errors
     /// The first line of a file that is wrong.
-    pub fn read(files: &Files) -> Result<Self, Wrong> {
+    pub fn read(files: &Files) -> Result<Self, UserError> {
         let anchors = anchor_rows(files.anchors, files.anchor_heights)?;
         let mut recording = Self { anchors, epochs: Vec::new() };
         let by_name = recording.read_ranges(files.ranges)?;
@@ -96,7 +96,7 @@ impl Recording {
     }
 
     /// Adds the epochs with their ranges; returns their places by name.
-    fn read_ranges(&mut self, file: &Path) -> Result<HashMap<String, usize>, Wrong> {
+    fn read_ranges(&mut self, file: &Path) -> Result<HashMap<String, usize>, UserError> {
         let mut by_name = HashMap::new();
         let places: HashMap<&str, usize> = self.anchors.iter().enumerate().map(|(i, a)| (a.name.as_str(), i)).collect();
         let mut table = Table::open(file)?;
@@ -119,11 +119,11 @@ impl Recording {
                 self.epochs[at].ranges.push(measured);
             }
         }
-        if self.epochs.is_empty() { Err(Wrong::line(file, 1, "no ranges below the header")) } else { Ok(by_name) }
+        if self.epochs.is_empty() { Err(UserError::line(file, 1, "no ranges below the header")) } else { Ok(by_name) }
     }
 
     /// Epochs of which no range came through take their place after the one before them in the file of truth.
-    fn read_truth(&mut self, file: &Path, heights: bool, by_name: &HashMap<String, usize>) -> Result<(), Wrong> {
+    fn read_truth(&mut self, file: &Path, heights: bool, by_name: &HashMap<String, usize>) -> Result<(), UserError> {
         let mut unheard: Vec<Vec<Epoch>> = vec![Vec::new(); self.epochs.len() + 1];
         let mut next = 0;
         for row in truth_rows(file, heights)? {
@@ -171,11 +171,11 @@ pub fn by_time(times_s: impl IntoIterator<Item = Option<f64>>) -> Vec<usize> {
 ///
 /// # Errors
 /// The first line that is wrong.
-pub fn read_truth(file: &Path) -> Result<Vec<(String, Place)>, Wrong> {
+pub fn read_truth(file: &Path) -> Result<Vec<(String, Place)>, UserError> {
     Ok(truth_rows(file, false)?.into_iter().map(|row| (row.epoch, row.place)).collect())
 }
 
-fn truth_rows(file: &Path, heights: bool) -> Result<Vec<TruthRow>, Wrong> {
+fn truth_rows(file: &Path, heights: bool) -> Result<Vec<TruthRow>, UserError> {
     let mut table = Table::open(file)?;
     let (epoch, x, y) = (table.column("epoch")?, table.column("x_m")?, table.column("y_m")?);
     let z = if heights { table.column("z_m")? } else { table.optional("z_m") };
@@ -190,18 +190,18 @@ fn truth_rows(file: &Path, heights: bool) -> Result<Vec<TruthRow>, Wrong> {
         let place = Place { x_m: row.some_number(x)?, y_m: row.some_number(y)?, z_m: row.number(z)? };
         rows.push(TruthRow { epoch: name.to_owned(), t_s: row.number(time)?, place });
     }
-    if rows.is_empty() { Err(Wrong::line(file, 1, "no positions below the header")) } else { Ok(rows) }
+    if rows.is_empty() { Err(UserError::line(file, 1, "no positions below the header")) } else { Ok(rows) }
 }
 
 /// Reads `anchors.csv`; an anchor may lack its height.
 ///
 /// # Errors
 /// The first line that is wrong.
-pub fn read_anchors(file: &Path) -> Result<Vec<Anchor>, Wrong> {
+pub fn read_anchors(file: &Path) -> Result<Vec<Anchor>, UserError> {
     anchor_rows(file, false)
 }
 
-fn anchor_rows(file: &Path, heights: bool) -> Result<Vec<Anchor>, Wrong> {
+fn anchor_rows(file: &Path, heights: bool) -> Result<Vec<Anchor>, UserError> {
     let mut table = Table::open(file)?;
     let (anchor, x, y) = (table.column("anchor")?, table.column("x_m")?, table.column("y_m")?);
     let z = if heights { table.column("z_m")? } else { table.optional("z_m") };
@@ -216,7 +216,7 @@ fn anchor_rows(file: &Path, heights: bool) -> Result<Vec<Anchor>, Wrong> {
         let place = Place { x_m: row.some_number(x)?, y_m: row.some_number(y)?, z_m };
         anchors.push(Anchor { name: name.to_owned(), place });
     }
-    if anchors.is_empty() { Err(Wrong::line(file, 1, "no anchors below the header")) } else { Ok(anchors) }
+    if anchors.is_empty() { Err(UserError::line(file, 1, "no anchors below the header")) } else { Ok(anchors) }
 }
 
 #[cfg(test)]

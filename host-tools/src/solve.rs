@@ -5,7 +5,7 @@
 
 use positioning_core::ble::fingerprint;
 use positioning_core::engine::Missing;
-use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, Method, NoFix, RangeSample, Side, flatten};
+use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, Method, SolveError, RangeSample, Side, flatten};
 
 use crate::recording::{Anchor, Epoch, Measured, Place};
 
@@ -65,7 +65,7 @@ pub struct Position {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoPosition {
     /// The solver found none.
-    NoFix(NoFix),
+    SolveError(SolveError),
     /// The truth of this epoch, from which the height should come, has none.
     HeightUnknown,
     /// The track has none.
@@ -78,7 +78,7 @@ impl NoPosition {
     /// The reason as files spell it.
     pub fn as_str(self) -> &'static str {
         match self {
-            Self::NoFix(reason) => reason.as_str(),
+            Self::SolveError(reason) => reason.as_str(),
             Self::HeightUnknown => "height-unknown",
             Self::Missing(reason) => reason.as_str(),
             Self::Unmatched(reason) => reason.as_str(),
@@ -113,7 +113,7 @@ impl<'a> Solver<'a> {
     /// The position of one epoch by `method`, and its error where the truth is known.
     pub fn solve(&self, method: Method, epoch: &Epoch) -> Solved {
         let outcome = match self.setup.space {
-            _ if epoch.ranges.is_empty() => Err(NoPosition::NoFix(NoFix::TooFewAnchors)),
+            _ if epoch.ranges.is_empty() => Err(NoPosition::SolveError(SolveError::TooFewAnchors)),
             Space::Plane(height) => self.in_plane(method, epoch, height),
             Space::Full(half) => self.in_space(method, epoch, half),
         };
@@ -211,7 +211,7 @@ fn solve<const D: usize>(
         samples.sort_by(|a, b| a.range.total_cmp(&b.range));
         samples.truncate(MAX_ANCHORS);
     }
-    positioning_core::solve(method, &samples, constraints).map_err(NoPosition::NoFix)
+    positioning_core::solve(method, &samples, constraints).map_err(NoPosition::SolveError)
 }
 
 impl Position {

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use csv_core::{ReadRecordResult, Reader};
 
-use crate::Wrong;
+use crate::UserError;
 
 /// The longest line that is read, bytes.
 pub const LONGEST_LINE: usize = 64 * 1024;
@@ -52,8 +52,8 @@ impl Table {
     ///
     /// # Errors
     /// The file cannot be opened, is empty, or its first line is not a CSV header.
-    pub fn open(file: &Path) -> Result<Self, Wrong> {
-        let input = File::open(file).map_err(|error| Wrong::file(file, format!("cannot open it: {error}")))?;
+    pub fn open(file: &Path) -> Result<Self, UserError> {
+        let input = File::open(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))?;
         let mut table = Self {
             file: file.to_owned(),
             input: BufReader::new(input),
@@ -63,7 +63,7 @@ impl Table {
             fields: Fields { parser: Reader::new(), text: String::new(), ends: Vec::new() },
         };
         if !table.advance()? {
-            return Err(Wrong::line(file, 1, "the file is empty; a header is expected"));
+            return Err(UserError::line(file, 1, "the file is empty; a header is expected"));
         }
         table.header = table.fields.iter().map(str::to_owned).collect();
         for (index, name) in table.header.iter().enumerate() {
@@ -83,12 +83,12 @@ impl Table {
     ///
     /// # Errors
     /// It is not.
-    pub fn column(&self, name: &'static str) -> Result<Column, Wrong> {
+    pub fn column(&self, name: &'static str) -> Result<Column, UserError> {
         let column = self.optional(name);
         if column.is_present() {
             Ok(column)
         } else {
-            Err(Wrong::line(
+            Err(UserError::line(
                 &self.file,
                 1,
                 format!("no column {name} in the header {}", quoted(&self.header.join(","))),
@@ -105,7 +105,7 @@ impl Table {
     ///
     /// # Errors
     /// The line is too long, is not UTF-8, does not have the header's number of fields, or cannot be read.
-    pub fn next_row(&mut self) -> Result<Option<Row<'_>>, Wrong> {
+    pub fn next_row(&mut self) -> Result<Option<Row<'_>>, UserError> {
         if !self.advance()? {
             return Ok(None);
         }
@@ -117,7 +117,7 @@ impl Table {
     }
 
     /// Reads the next line that is not blank into `self.fields`; false at the end of the file.
-    fn advance(&mut self) -> Result<bool, Wrong> {
+    fn advance(&mut self) -> Result<bool, UserError> {
         loop {
             self.line += 1;
             self.text.clear();
@@ -149,8 +149,8 @@ impl Table {
         }
     }
 
-    fn wrong(&self, what: impl Into<String>) -> Wrong {
-        Wrong::line(&self.file, self.line, what)
+    fn wrong(&self, what: impl Into<String>) -> UserError {
+        UserError::line(&self.file, self.line, what)
     }
 }
 
@@ -169,7 +169,7 @@ impl<'a> Row<'a> {
     ///
     /// # Errors
     /// It is.
-    pub fn some_text(&self, column: Column) -> Result<&'a str, Wrong> {
+    pub fn some_text(&self, column: Column) -> Result<&'a str, UserError> {
         match self.text(column) {
             "" => Err(self.wrong(column, "is empty")),
             text => Ok(text),
@@ -180,7 +180,7 @@ impl<'a> Row<'a> {
     ///
     /// # Errors
     /// The field is something else.
-    pub fn number(&self, column: Column) -> Result<Option<f64>, Wrong> {
+    pub fn number(&self, column: Column) -> Result<Option<f64>, UserError> {
         match self.text(column) {
             "" => Ok(None),
             text => match text.parse::<f64>() {
@@ -195,7 +195,7 @@ impl<'a> Row<'a> {
     ///
     /// # Errors
     /// The field is empty or something else.
-    pub fn some_number(&self, column: Column) -> Result<f64, Wrong> {
+    pub fn some_number(&self, column: Column) -> Result<f64, UserError> {
         self.number(column)?.ok_or_else(|| self.wrong(column, "is empty"))
     }
 
@@ -203,7 +203,7 @@ impl<'a> Row<'a> {
     ///
     /// # Errors
     /// The field is something else.
-    pub fn truth_value(&self, column: Column) -> Result<Option<bool>, Wrong> {
+    pub fn truth_value(&self, column: Column) -> Result<Option<bool>, UserError> {
         match self.text(column) {
             "" => Ok(None),
             "1" | "1.0" => Ok(Some(true)),
@@ -213,8 +213,8 @@ impl<'a> Row<'a> {
     }
 
     /// A field of this row is wrong.
-    pub fn wrong(&self, column: Column, what: &str) -> Wrong {
-        Wrong::line(self.file, self.line, format!("{} {what}", column.name))
+    pub fn wrong(&self, column: Column, what: &str) -> UserError {
+        UserError::line(self.file, self.line, format!("{} {what}", column.name))
     }
 }
 

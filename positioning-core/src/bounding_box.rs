@@ -5,16 +5,16 @@
 
 use crate::fix::conclude_equal;
 use crate::geometry::Survey;
-use crate::{Constraints, Fix, NoFix, RangeSample, Real};
+use crate::{Constraints, Fix, SolveError, RangeSample, Real};
 
 /// The centre of [max(aᵢ − dᵢ), min(aᵢ + dᵢ)], axis by axis (6-3, 6-4): additions and comparisons only.
 ///
 /// # Errors
-/// See [`NoFix`].
+/// See [`SolveError`].
 pub fn bounding_box<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     let survey = Survey::of(samples, constraints)?;
     conclude_equal(samples, &survey.layout, survey.boxed)
 }

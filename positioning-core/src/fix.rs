@@ -53,7 +53,7 @@ impl<T: Real, const D: usize> Fix<T, D> {
 /// Why there is no position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum NoFix {
+pub enum SolveError {
     /// Fewer than dimensions + 1 ranges.
     TooFewAnchors,
     /// More than [`MAX_ANCHORS`](crate::MAX_ANCHORS) ranges.
@@ -72,7 +72,7 @@ pub enum NoFix {
     SightUnknown,
 }
 
-impl NoFix {
+impl SolveError {
     /// The reason as files and telemetry spell it.
     pub fn as_str(self) -> &'static str {
         match self {
@@ -88,13 +88,13 @@ impl NoFix {
     }
 }
 
-impl core::fmt::Display for NoFix {
+impl core::fmt::Display for SolveError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(self.as_str())
     }
 }
 
-impl core::error::Error for NoFix {}
+impl core::error::Error for SolveError {}
 
 /// A range that misses the position by more than this was not used by a method that weighs, metres: the thesis' own bound
 /// between direct and blocked (table 8-9).
@@ -110,7 +110,7 @@ pub(crate) fn conclude_equal<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     layout: &Layout<T, D>,
     position: Vector<T, D>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     let all = AnchorSet(((1_u32 << samples.len().min(MAX_ANCHORS)) - 1) as u16);
     // One copy of the code for all weights.
     Ok(Fix { used: all, ..conclude_weighted(samples, layout, position, &[T::ONE; MAX_ANCHORS])? })
@@ -123,7 +123,7 @@ pub(crate) fn conclude_weighted<T: Real, const D: usize>(
     layout: &Layout<T, D>,
     position: Vector<T, D>,
     weights: &PerSample<T>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     conclude(samples, layout, position, weights.iter().copied())
 }
 
@@ -136,7 +136,7 @@ pub(crate) fn conclude<T: Real, const D: usize>(
     layout: &Layout<T, D>,
     position: Vector<T, D>,
     weights: impl Iterator<Item = T>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     let count = T::count(samples.len());
     let freedom = count / (count - T::count(D));
     let (mut hessian, mut scatter, mut geometry) = ([[T::ZERO; D]; D], [[T::ZERO; D]; D], [[T::ZERO; D]; D]);
@@ -157,17 +157,17 @@ pub(crate) fn conclude<T: Real, const D: usize>(
     }
     quality /= count;
     if balance < count * T::of(SUSPECT_M) && cannot_meet(samples, layout, &position) {
-        return Err(blame(samples, NoFix::RangesDisjoint));
+        return Err(blame(samples, SolveError::RangesDisjoint));
     }
     let (Some(dilution), Some(hessian)) = (Ldl::new(geometry), Ldl::new(hessian)) else {
-        return Err(blame(samples, NoFix::Diverged));
+        return Err(blame(samples, SolveError::Diverged));
     };
     let dilution = dilution.inverse();
     let mut covariance = sandwich(&hessian, scatter);
     // Whatever was wrong with a sample has reached this sum.
     let health = (0..D).fold(quality, |sum, axis| sum + covariance[axis][axis]);
     if !health.is_finite() {
-        return Err(blame(samples, NoFix::Diverged));
+        return Err(blame(samples, SolveError::Diverged));
     }
     widen_to_mirror(&mut covariance, samples, layout, &position);
     Ok(Fix {
@@ -182,8 +182,8 @@ pub(crate) fn conclude<T: Real, const D: usize>(
 /// The reason for a failure: the samples, where one is not a measurement at all, else `otherwise`. Asked only once something
 /// went wrong, so that good samples are not examined twice.
 #[inline(never)]
-pub(crate) fn blame<T: Real, const D: usize>(samples: &[RangeSample<T, D>], otherwise: NoFix) -> NoFix {
-    if samples.iter().all(RangeSample::is_sane) { otherwise } else { NoFix::NotFinite }
+pub(crate) fn blame<T: Real, const D: usize>(samples: &[RangeSample<T, D>], otherwise: SolveError) -> SolveError {
+    if samples.iter().all(RangeSample::is_sane) { otherwise } else { SolveError::NotFinite }
 }
 
 /// Whether more than half of the ranges end short of the position.

@@ -2,7 +2,7 @@
 //! bounding box that every better method starts from, and the reference anchor of the closed forms. One pass gives it all.
 
 use crate::linalg::{Matrix, Vector, add_outer, add_scaled, dot, sub, symmetric_eigen};
-use crate::{Constraints, MAX_ANCHORS, NoFix, RangeSample, Real, Side};
+use crate::{Constraints, MAX_ANCHORS, SolveError, RangeSample, Real, Side};
 
 /// Anchors closer together than this are one place, metres.
 const COINCIDENT_M: f64 = 0.01;
@@ -50,18 +50,18 @@ pub(crate) fn centroid<T: Real, const D: usize>(samples: &[RangeSample<T, D>]) -
 impl<T: Real, const D: usize> Survey<T, D> {
     /// Looks at samples in any order.
     #[inline(never)]
-    pub(crate) fn of(samples: &[RangeSample<T, D>], constraints: &Constraints<T, D>) -> Result<Self, NoFix> {
+    pub(crate) fn of(samples: &[RangeSample<T, D>], constraints: &Constraints<T, D>) -> Result<Self, SolveError> {
         Self::of_inlined(samples, constraints)
     }
 
     /// The same for the one method that is worth the copy of the code.
     #[inline(always)]
-    pub(crate) fn of_inlined(samples: &[RangeSample<T, D>], constraints: &Constraints<T, D>) -> Result<Self, NoFix> {
+    pub(crate) fn of_inlined(samples: &[RangeSample<T, D>], constraints: &Constraints<T, D>) -> Result<Self, SolveError> {
         if samples.len() > MAX_ANCHORS {
-            return Err(NoFix::TooManyAnchors);
+            return Err(SolveError::TooManyAnchors);
         }
         let (Some(first), true) = (samples.first(), samples.len() > D) else {
-            return Err(NoFix::TooFewAnchors);
+            return Err(SolveError::TooFewAnchors);
         };
         // The scatter of the anchors about the first one: as singular as that about their middle.
         let mut scatter: Matrix<T, D> = [[T::ZERO; D]; D];
@@ -95,23 +95,23 @@ impl<T: Real, const D: usize> Layout<T, D> {
         samples: &[RangeSample<T, D>],
         scatter: &Matrix<T, D>,
         constraints: &Constraints<T, D>,
-    ) -> Result<Self, NoFix> {
+    ) -> Result<Self, SolveError> {
         let collinear = T::of(COLLINEAR).squared();
         let trace = (0..D).fold(T::ZERO, |sum, axis| sum + scatter[axis][axis]);
         if trace < T::count(samples.len()) * T::of(COINCIDENT_M).squared() {
-            return Err(NoFix::CoincidentAnchors);
+            return Err(SolveError::CoincidentAnchors);
         }
         if D == 2 {
             // For λ₀ ≪ λ₁, det ⁄ trace² is λ₀ ⁄ λ₁: no eigenvalues needed.
             let det = scatter[0][0] * scatter[1][1] - scatter[1][0].squared();
-            return if det < collinear * trace.squared() { Err(NoFix::CollinearAnchors) } else { Ok(Self::Full) };
+            return if det < collinear * trace.squared() { Err(SolveError::CollinearAnchors) } else { Ok(Self::Full) };
         }
         Self::of_space(samples, constraints)
     }
 
     /// The same for three dimensions, where the anchors may lie on a plane.
     #[inline(never)]
-    fn of_space(samples: &[RangeSample<T, D>], constraints: &Constraints<T, D>) -> Result<Self, NoFix> {
+    fn of_space(samples: &[RangeSample<T, D>], constraints: &Constraints<T, D>) -> Result<Self, SolveError> {
         let centre = centroid(samples);
         let mut scatter: Matrix<T, D> = [[T::ZERO; D]; D];
         for sample in samples {
@@ -119,7 +119,7 @@ impl<T: Real, const D: usize> Layout<T, D> {
         }
         let (values, vectors) = symmetric_eigen(&scatter);
         if values[1] <= T::of(COLLINEAR).squared() * values[D - 1] {
-            return Err(NoFix::CollinearAnchors);
+            return Err(SolveError::CollinearAnchors);
         }
         if values[0] > T::of(COPLANAR).squared() * values[1] {
             return Ok(Self::Full);

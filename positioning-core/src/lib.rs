@@ -2,7 +2,7 @@
 //!
 //! No operating system, no heap, no I/O, no clock, no logger: numbers in, numbers out, so that a tag, a replay and a
 //! simulation run the same code. In flow [`RangeSample`]s, one a range; out flows a [`Fix`] with its covariance, or the
-//! reason why there is [`NoFix`]. Call [`solve`] with a [`Method`], or the method's own function. [`engine`] is what remembers: it
+//! reason why there is [`SolveError`]. Call [`solve`] with a [`Method`], or the method's own function. [`engine`] is what remembers: it
 //! takes measurements as they come, and tracks.
 //!
 //! Equation numbers are those of P. M. de Rojas Malpartida, *Evaluación de un sistema UWB frente a medidas sin línea de
@@ -34,7 +34,7 @@ mod track;
 
 pub use bounding_box::bounding_box;
 pub use constraints::{Area, Constraints, Side};
-pub use fix::{AnchorSet, Fix, NoFix};
+pub use fix::{AnchorSet, Fix, SolveError};
 pub use linear::{b_wls, b_wls_c, b_wls_r, lls};
 pub use method::{Method, Solver, UnknownMethod, solve};
 pub use nonlinear::{bb_nls, bb_nls_c, bb_nls_r, nls, nls_ccv};

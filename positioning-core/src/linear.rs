@@ -7,7 +7,7 @@
 use crate::fix::{blame, conclude, conclude_equal, conclude_weighted};
 use crate::geometry::{Survey, centroid};
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_scaled, dot, sub};
-use crate::{Constraints, Fix, MAX_ANCHORS, NoFix, RangeSample, Real};
+use crate::{Constraints, Fix, MAX_ANCHORS, SolveError, RangeSample, Real};
 
 /// Joins every uncertainty as an independent part, metres: σ = 0 would divide by zero (6-13), and a single range that happens
 /// to agree with the weighing position to the millimetre must not outweigh all others.
@@ -67,7 +67,7 @@ fn solve_rows<T: Real, const D: usize>(
     survey: &Survey<T, D>,
     variance: Option<impl Fn(usize, &RangeSample<T, D>) -> T>,
     rows: &mut Rows<T>,
-) -> Result<Vector<T, D>, NoFix> {
+) -> Result<Vector<T, D>, SolveError> {
     let reference = &samples[survey.reference];
     let square = reference.range.squared();
     let mut total = T::ZERO;
@@ -134,7 +134,7 @@ fn solve_rows<T: Real, const D: usize>(
             })
         }
     };
-    position.ok_or_else(|| blame(samples, NoFix::Diverged))
+    position.ok_or_else(|| blame(samples, SolveError::Diverged))
 }
 
 /// The position of LLS, without its covariance.
@@ -142,7 +142,7 @@ fn solve_rows<T: Real, const D: usize>(
 pub(crate) fn lls_position<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     survey: &Survey<T, D>,
-) -> Result<Vector<T, D>, NoFix> {
+) -> Result<Vector<T, D>, SolveError> {
     solve_rows(samples, survey, None::<fn(usize, &RangeSample<T, D>) -> T>, &mut Rows::new())
 }
 
@@ -152,7 +152,7 @@ pub(crate) fn weighted_position<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     survey: &Survey<T, D>,
     variances: &PerSample<T>,
-) -> Result<Vector<T, D>, NoFix> {
+) -> Result<Vector<T, D>, SolveError> {
     solve_rows(samples, survey, Some(|i: usize, _: &RangeSample<T, D>| variances[i]), &mut Rows::new())
 }
 
@@ -160,7 +160,7 @@ pub(crate) fn weighted_position<T: Real, const D: usize>(
 pub(crate) fn b_wls_position<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     survey: &Survey<T, D>,
-) -> Result<Vector<T, D>, NoFix> {
+) -> Result<Vector<T, D>, SolveError> {
     weighted_position(samples, survey, &variances(samples, &survey.boxed))
 }
 
@@ -169,7 +169,7 @@ fn solve_weighted<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     survey: &Survey<T, D>,
     variances: &PerSample<T>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     let position = weighted_position(samples, survey, variances)?;
     conclude_weighted(samples, &survey.layout, position, &variances.map(|variance| T::ONE / variance))
 }
@@ -177,11 +177,11 @@ fn solve_weighted<T: Real, const D: usize>(
 /// Linear least squares about the anchor of least range (6-8 to 6-10, 6-16).
 ///
 /// # Errors
-/// See [`NoFix`].
+/// See [`SolveError`].
 pub fn lls<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     let survey = Survey::of(samples, constraints)?;
     let position = lls_position(samples, &survey)?;
     conclude_equal(samples, &survey.layout, position)
@@ -190,11 +190,11 @@ pub fn lls<T: Real, const D: usize>(
 /// Linear least squares weighted by the bounding box (6-12 to 6-16).
 ///
 /// # Errors
-/// See [`NoFix`].
+/// See [`SolveError`].
 pub fn b_wls<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     let survey = Survey::of_inlined(samples, constraints)?;
     let mut rows = Rows::new();
     let variance = |_, sample: &RangeSample<T, D>| variance(sample, &survey.boxed);
@@ -207,7 +207,7 @@ pub fn b_wls<T: Real, const D: usize>(
 pub(crate) fn b_wls_in_parts<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     let survey = Survey::of(samples, constraints)?;
     solve_weighted(samples, &survey, &variances(samples, &survey.boxed))
 }
@@ -215,11 +215,11 @@ pub(crate) fn b_wls_in_parts<T: Real, const D: usize>(
 /// B-WLS that treats the ranges judged direct alike (6.2.2.2): each |σ| under 0.45 m becomes the least |σ|, as in annex P.
 ///
 /// # Errors
-/// See [`NoFix`].
+/// See [`SolveError`].
 pub fn b_wls_c<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     let survey = Survey::of(samples, constraints)?;
     let mut variances = variances(samples, &survey.boxed);
     let least = least(&variances, samples.len());
@@ -232,11 +232,11 @@ pub fn b_wls_c<T: Real, const D: usize>(
 /// B-WLS once more, weighted by its own answer instead of the bounding box (6.2.3.2, 6-21).
 ///
 /// # Errors
-/// See [`NoFix`].
+/// See [`SolveError`].
 pub fn b_wls_r<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     let survey = Survey::of(samples, constraints)?;
     let first = b_wls_position(samples, &survey)?;
     solve_weighted(samples, &survey, &variances(samples, &first))

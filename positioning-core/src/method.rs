@@ -1,6 +1,6 @@
 //! The methods by name, and the one way to call any of them.
 
-use crate::{Constraints, Fix, NoFix, RangeSample, Real};
+use crate::{Constraints, Fix, SolveError, RangeSample, Real};
 
 /// How ranges become a position. The names are those of the command line and of the thesis they come from
 /// (P. M. de Rojas Malpartida, *Evaluación de un sistema UWB frente a medidas sin línea de visión directa*, 2021).
@@ -98,7 +98,7 @@ impl core::fmt::Display for UnknownMethod {
 impl core::error::Error for UnknownMethod {}
 
 /// A method as a function of samples and constraints.
-pub type Solver<T, const D: usize> = fn(&[RangeSample<T, D>], &Constraints<T, D>) -> Result<Fix<T, D>, NoFix>;
+pub type Solver<T, const D: usize> = fn(&[RangeSample<T, D>], &Constraints<T, D>) -> Result<Fix<T, D>, SolveError>;
 
 impl Method {
     /// The method's function.
@@ -122,11 +122,11 @@ impl Method {
 /// The position that explains `samples` (in any order) best by `method`.
 ///
 /// # Errors
-/// The reason why there is no position; see [`NoFix`]. No input panics.
+/// The reason why there is no position; see [`SolveError`]. No input panics.
 pub fn solve<T: Real, const D: usize>(
     method: Method,
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     method.solver()(samples, constraints)
 }

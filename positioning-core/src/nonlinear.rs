@@ -7,7 +7,7 @@ use crate::fix::{blame, conclude_equal, conclude_weighted};
 use crate::geometry::Survey;
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_scaled, dot, sub};
 use crate::linear::{DIRECT_M, PerSample, b_wls_position, least, lls_position, variances};
-use crate::{Area, Constraints, Fix, MAX_ANCHORS, NoFix, RangeSample, Real};
+use crate::{Area, Constraints, Fix, MAX_ANCHORS, SolveError, RangeSample, Real};
 
 /// The iteration ends when a step is shorter than this, metres.
 const CONVERGED_M: f64 = 1.0e-4;
@@ -67,7 +67,7 @@ pub(crate) fn minimise<T: Real, const D: usize>(
     beta: &PerSample<T>,
     starts: &[Vector<T, D>],
     constraints: &Constraints<T, D>,
-) -> Result<Vector<T, D>, NoFix> {
+) -> Result<Vector<T, D>, SolveError> {
     let mut best: Option<(T, Vector<T, D>)> = None;
     for &start in starts {
         let start = constraints.inside(start);
@@ -77,10 +77,10 @@ pub(crate) fn minimise<T: Real, const D: usize>(
         }
     }
     let Some((_, mut position)) = best else {
-        return Err(blame(samples, NoFix::Diverged));
+        return Err(blame(samples, SolveError::Diverged));
     };
     let mut here = model(samples, beta, &position);
-    let diverged = || blame(samples, NoFix::Diverged);
+    let diverged = || blame(samples, SolveError::Diverged);
     let mut step = gauss_newton_step(&mut here, &position, constraints).ok_or_else(diverged)?;
     for _ in 0..MAX_STEPS {
         let next = constraints.inside(add_scaled(&position, T::ONE, &step));
@@ -122,18 +122,18 @@ fn gauss_newton_step<T: Real, const D: usize>(
 fn starts<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     survey: &Survey<T, D>,
-) -> Result<[Vector<T, D>; 2], NoFix> {
+) -> Result<[Vector<T, D>; 2], SolveError> {
     Ok([survey.boxed, lls_position(samples, survey)?])
 }
 
 /// Nonlinear least squares, all ranges alike (6-5).
 ///
 /// # Errors
-/// See [`NoFix`].
+/// See [`SolveError`].
 pub fn nls<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     let survey = Survey::of(samples, constraints)?;
     let beta = [T::ONE; MAX_ANCHORS];
     let position = minimise(samples, &beta, &starts(samples, &survey)?, constraints)?;
@@ -144,15 +144,15 @@ pub fn nls<T: Real, const D: usize>(
 /// floor of what weighing can reach.
 ///
 /// # Errors
-/// [`NoFix::SightUnknown`] where a sample's `los` is `None`; else see [`NoFix`].
+/// [`SolveError::SightUnknown`] where a sample's `los` is `None`; else see [`SolveError`].
 pub fn nls_ccv<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     let survey = Survey::of(samples, constraints)?;
     let mut beta = [T::ONE; MAX_ANCHORS];
     for (beta, sample) in beta.iter_mut().zip(samples) {
-        if !sample.los.ok_or(NoFix::SightUnknown)? {
+        if !sample.los.ok_or(SolveError::SightUnknown)? {
             *beta = T::of(BLOCKED_WEIGHT);
         }
     }
@@ -168,11 +168,11 @@ fn reciprocal_deviations<T: Real>(variances: &PerSample<T>) -> PerSample<T> {
 /// Nonlinear least squares weighted by the bounding box, β = 1 ⁄ |σ| (6-18, 6-19).
 ///
 /// # Errors
-/// See [`NoFix`].
+/// See [`SolveError`].
 pub fn bb_nls<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     let survey = Survey::of(samples, constraints)?;
     let starts = starts(samples, &survey)?;
     let beta = reciprocal_deviations(&variances(samples, &starts[0]));
@@ -186,11 +186,11 @@ pub fn bb_nls<T: Real, const D: usize>(
 /// are the printed ones, so the code is followed here. The weight of a direct range is 1 ⁄ min |σ|.
 ///
 /// # Errors
-/// See [`NoFix`].
+/// See [`SolveError`].
 pub fn bb_nls_c<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     let survey = Survey::of(samples, constraints)?;
     let starts = starts(samples, &survey)?;
     let mut variances = variances(samples, &starts[0]);
@@ -209,11 +209,11 @@ pub fn bb_nls_c<T: Real, const D: usize>(
 /// Nonlinear least squares weighted by B-WLS, β = 1 ⁄ |σ| (6-21, 6-11).
 ///
 /// # Errors
-/// See [`NoFix`].
+/// See [`SolveError`].
 pub fn bb_nls_r<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     let survey = Survey::of(samples, constraints)?;
     let start = b_wls_position(samples, &survey)?;
     let beta = reciprocal_deviations(&variances(samples, &start));

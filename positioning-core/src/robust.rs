@@ -15,7 +15,7 @@ use crate::fix::{blame, conclude_weighted, widen_to_mirror};
 use crate::geometry::{Survey, centroid};
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_outer_full, add_scaled, dot, sub};
 use crate::linear::{PerSample, b_wls_position, lls_position};
-use crate::{Constraints, Fix, NoFix, RangeSample, Real};
+use crate::{Constraints, Fix, SolveError, RangeSample, Real};
 
 /// Deviation of a direct range beside its own `sigma`: a surveyed anchor, its antenna and the air add to the radio's noise.
 const DIRECT_SCALE: f64 = 1.1;
@@ -47,11 +47,11 @@ const INFLATION: f64 = 1.8;
 /// The posterior mean under the mixture: the default, without knowing which ranges are blocked.
 ///
 /// # Errors
-/// See [`NoFix`].
+/// See [`SolveError`].
 pub fn robust<T: Real, const D: usize>(
     samples: &[RangeSample<T, D>],
     constraints: &Constraints<T, D>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     let survey = Survey::of(samples, constraints)?;
     let spare = T::count(samples.len() - D - 1);
     let posterior =
@@ -62,7 +62,7 @@ pub fn robust<T: Real, const D: usize>(
         Some(survey.layout.lift(centroid(samples), samples)),
     ];
     let Best { first, second } = posterior.search(starts);
-    let diverged = || blame(samples, NoFix::Diverged);
+    let diverged = || blame(samples, SolveError::Diverged);
     let first = first.ok_or_else(diverged)?;
     let second = second.filter(|second| second.log_evidence - first.log_evidence > T::of(LEAST_LOG_EVIDENCE));
     let first = posterior.mode(first.next).ok_or_else(diverged)?;

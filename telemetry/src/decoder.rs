@@ -6,7 +6,7 @@
 //! The stream may carry other things (a serial line that has `defmt` frames `FF 00 … 00` and a boot loader's text in it): they
 //! are foreign, not malformed.
 
-use crate::{LONGEST_FRAME, Malformed, Message, SCHEMA, decode};
+use crate::{LONGEST_FRAME, DecodeError, Message, SCHEMA, decode};
 
 /// Without its zero.
 const KEPT: usize = LONGEST_FRAME - 1;
@@ -100,7 +100,7 @@ impl Decoder {
     ///
     /// What is foreign and what was torn at the start is counted, and gives `None`.
     #[inline]
-    pub fn feed(&mut self, byte: u8) -> Option<Result<Message, Malformed>> {
+    pub fn feed(&mut self, byte: u8) -> Option<Result<Message, DecodeError>> {
         if byte == 0 {
             return self.end();
         }
@@ -141,27 +141,27 @@ impl Decoder {
     }
 
     /// A zero came.
-    fn end(&mut self) -> Option<Result<Message, Malformed>> {
+    fn end(&mut self) -> Option<Result<Message, DecodeError>> {
         let Self { chunk, kept, dropped, dropped_stray, start, defmt, .. } =
             core::mem::replace(self, Self { counts: self.counts, start: false, ..Self::new() });
         let chunk = chunk.get(..kept).unwrap_or(&[]);
         let (&last, before_last) = chunk.split_last()?;
 
-        let whole = if dropped == 0 { decode(chunk) } else { Err(Malformed::TooLong) };
+        let whole = if dropped == 0 { decode(chunk) } else { Err(DecodeError::TooLong) };
         let torn = match whole {
             Ok(message) => {
                 self.counts.frames += 1;
                 return Some(Ok(message));
             }
-            Err(Malformed::Schema(_)) => {
+            Err(DecodeError::Schema(_)) => {
                 self.counts.schema += 1;
                 return Some(whole);
             }
-            Err(Malformed::Unknown) => {
+            Err(DecodeError::Unknown) => {
                 self.counts.unknown += 1;
                 return Some(whole);
             }
-            Err(torn @ (Malformed::TooLong | Malformed::Cobs | Malformed::Checksum | Malformed::Body)) => torn,
+            Err(torn @ (DecodeError::TooLong | DecodeError::Cobs | DecodeError::Checksum | DecodeError::Body)) => torn,
         };
 
         let found = frame_at_the_end(chunk);
@@ -197,14 +197,14 @@ impl Decoder {
             .or(answer)
     }
 
-    fn counter(&mut self, malformed: Malformed) -> &mut u64 {
+    fn counter(&mut self, malformed: DecodeError) -> &mut u64 {
         match malformed {
-            Malformed::TooLong => &mut self.counts.too_long,
-            Malformed::Cobs => &mut self.counts.cobs,
-            Malformed::Checksum => &mut self.counts.checksum,
-            Malformed::Schema(_) => &mut self.counts.schema,
-            Malformed::Unknown => &mut self.counts.unknown,
-            Malformed::Body => &mut self.counts.body,
+            DecodeError::TooLong => &mut self.counts.too_long,
+            DecodeError::Cobs => &mut self.counts.cobs,
+            DecodeError::Checksum => &mut self.counts.checksum,
+            DecodeError::Schema(_) => &mut self.counts.schema,
+            DecodeError::Unknown => &mut self.counts.unknown,
+            DecodeError::Body => &mut self.counts.body,
         }
     }
 }

@@ -139,11 +139,11 @@ pub enum Outcome {
         /// How far the ranges agree with it, 0 to 255.
         quality: u8,
     },
-    /// None, with the reason of `positioning_core::NoFix`.
+    /// None, with the reason of `positioning_core::SolveError`.
     Reason(Reason),
 }
 
-/// Why there is no position: `positioning_core::NoFix`, one by one.
+/// Why there is no position: `positioning_core::SolveError`, one by one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Reason {
@@ -325,7 +325,7 @@ pub enum Condition {
     /// Advertises.
     Advertising,
     /// What a tag knows of beacons' levels on the spot is not used: all of it, or a part.
-    Unused(Levels, LevelsFault),
+    Unused(Levels, RssiModelError),
     /// A listed beacon's levels contradict the place where it is listed: it makes no positions.
     BeaconElsewhere(BeaconWord),
     /// A listed beacon's levels are those of two senders: it makes no positions.
@@ -367,7 +367,7 @@ pub enum Levels {
 /// Why it is not used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum LevelsFault {
+pub enum RssiModelError {
     /// It is of this version, which the image does not read.
     Version(u8),
     /// A checksum is wrong, or it is cut short.

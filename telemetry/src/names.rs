@@ -2,10 +2,10 @@
 
 use core::fmt::{self, Display, Formatter};
 
-use positioning_core::NoFix;
+use positioning_core::SolveError;
 
 use crate::{
-    Board, Condition, CrashReason, Levels, LevelsFault, Malformed, Message, MotionSensor, Reason, RecordFault,
+    Board, Condition, CrashReason, Levels, RssiModelError, DecodeError, Message, MotionSensor, Reason, RecordFault,
     ResetCause, Role, Solver, Whereabouts,
 };
 
@@ -66,9 +66,9 @@ impl Solver {
 }
 
 impl Reason {
-    /// As [`NoFix::as_str`] spells it.
+    /// As [`SolveError::as_str`] spells it.
     pub fn as_str(self) -> &'static str {
-        NoFix::from(self).as_str()
+        SolveError::from(self).as_str()
     }
 }
 
@@ -113,7 +113,7 @@ impl Levels {
     }
 }
 
-impl LevelsFault {
+impl RssiModelError {
     /// Its name, without what it carries.
     pub fn as_str(self) -> &'static str {
         match self {
@@ -176,7 +176,7 @@ impl CrashReason {
     }
 }
 
-impl Display for Malformed {
+impl Display for DecodeError {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match self {
             Self::TooLong => f.write_str("too long to be a frame"),
@@ -189,4 +189,4 @@ impl Display for Malformed {
     }
 }
 
-impl core::error::Error for Malformed {}
+impl core::error::Error for DecodeError {}

@@ -3,7 +3,7 @@
 //! Numbers beyond the wire's range become its greatest or least. One that is none (NaN) never becomes zero: a position with such a
 //! coordinate is told as [`Reason::NotFinite`], a deviation as the greatest, a power as [`UNKNOWN_POWER`].
 
-use positioning_core::{NoFix, Real};
+use positioning_core::{SolveError, Real};
 
 use crate::{Diagnostics, Difference, Fix, Likely, Message, Outcome, Range, Reason, Whereabouts};
 
@@ -300,22 +300,22 @@ impl From<Diagnostics> for ranging::Diagnostics {
     }
 }
 
-impl From<NoFix> for Reason {
-    fn from(reason: NoFix) -> Self {
+impl From<SolveError> for Reason {
+    fn from(reason: SolveError) -> Self {
         match reason {
-            NoFix::TooFewAnchors => Self::TooFewAnchors,
-            NoFix::TooManyAnchors => Self::TooManyAnchors,
-            NoFix::NotFinite => Self::NotFinite,
-            NoFix::CoincidentAnchors => Self::CoincidentAnchors,
-            NoFix::CollinearAnchors => Self::CollinearAnchors,
-            NoFix::RangesDisjoint => Self::RangesDisjoint,
-            NoFix::Diverged => Self::Diverged,
-            NoFix::SightUnknown => Self::SightUnknown,
+            SolveError::TooFewAnchors => Self::TooFewAnchors,
+            SolveError::TooManyAnchors => Self::TooManyAnchors,
+            SolveError::NotFinite => Self::NotFinite,
+            SolveError::CoincidentAnchors => Self::CoincidentAnchors,
+            SolveError::CollinearAnchors => Self::CollinearAnchors,
+            SolveError::RangesDisjoint => Self::RangesDisjoint,
+            SolveError::Diverged => Self::Diverged,
+            SolveError::SightUnknown => Self::SightUnknown,
         }
     }
 }
 
-impl From<Reason> for NoFix {
+impl From<Reason> for SolveError {
     fn from(reason: Reason) -> Self {
         match reason {
             Reason::TooFewAnchors => Self::TooFewAnchors,
@@ -486,6 +486,6 @@ mod tests {
         let names = "too-few-anchors too-many-anchors not-finite coincident-anchors collinear-anchors ranges-disjoint \
                      diverged sight-unknown";
         assert!(told.iter().map(|reason| reason.as_str()).eq(names.split(' ')));
-        assert!(told.iter().all(|reason| Reason::from(NoFix::from(*reason)) == *reason));
+        assert!(told.iter().all(|reason| Reason::from(SolveError::from(*reason)) == *reason));
     }
 }

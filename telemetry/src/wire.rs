@@ -24,7 +24,7 @@ const _: () = assert!(MAX_FRAME <= LONGEST_FRAME);
 /// Why a frame gives no message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Malformed {
+pub enum DecodeError {
     /// No zero came for so long that it cannot be a frame.
     TooLong,
     /// COBS was violated, or there is no room for schema and checksum.
@@ -65,25 +65,25 @@ pub fn encode<'a>(message: &Message, frame: &'a mut [u8; MAX_FRAME]) -> &'a [u8]
 ///
 /// # Errors
 /// The frame is not whole, or its message is not known.
-pub fn decode(frame: &[u8]) -> Result<Message, Malformed> {
+pub fn decode(frame: &[u8]) -> Result<Message, DecodeError> {
     if frame.len() > LONGEST_FRAME {
-        return Err(Malformed::TooLong);
+        return Err(DecodeError::TooLong);
     }
     let mut plain = [0; LONGEST_FRAME];
-    let length = cobs::decode(frame, &mut plain).map_err(|_| Malformed::Cobs)?;
-    let plain = plain.get(..length).ok_or(Malformed::Cobs)?;
-    let (checked, check) = plain.split_last_chunk::<CRC_BYTES>().ok_or(Malformed::Cobs)?;
-    let (schema, body) = checked.split_first().ok_or(Malformed::Cobs)?;
+    let length = cobs::decode(frame, &mut plain).map_err(|_| DecodeError::Cobs)?;
+    let plain = plain.get(..length).ok_or(DecodeError::Cobs)?;
+    let (checked, check) = plain.split_last_chunk::<CRC_BYTES>().ok_or(DecodeError::Cobs)?;
+    let (schema, body) = checked.split_first().ok_or(DecodeError::Cobs)?;
     if CRC.checksum(checked) != u16::from_le_bytes(*check) {
-        return Err(Malformed::Checksum);
+        return Err(DecodeError::Checksum);
     }
     if *schema != SCHEMA {
-        return Err(Malformed::Schema(*schema));
+        return Err(DecodeError::Schema(*schema));
     }
     match postcard::take_from_bytes(body) {
         Ok((message, _newer)) => Ok(message),
         // serde's own error: no variant has this number. All others are postcard's.
-        Err(postcard::Error::SerdeDeCustom) => Err(Malformed::Unknown),
-        Err(_) => Err(Malformed::Body),
+        Err(postcard::Error::SerdeDeCustom) => Err(DecodeError::Unknown),
+        Err(_) => Err(DecodeError::Body),
     }
 }

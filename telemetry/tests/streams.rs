@@ -14,7 +14,7 @@ fn frame(message: &Message) -> Vec<u8> {
 }
 
 /// What a decoder gives for a stream.
-fn read(stream: &[u8]) -> (Vec<Result<Message, Malformed>>, Counts) {
+fn read(stream: &[u8]) -> (Vec<Result<Message, DecodeError>>, Counts) {
     let mut decoder = Decoder::new();
     let results = stream.iter().filter_map(|byte| decoder.feed(*byte)).collect();
     (results, *decoder.counts())
@@ -107,7 +107,7 @@ fn whole_frames_of_other_builds_are_no_losses() {
     // Schema 2 and message 99, from the golden bytes.
     let stream = b"\x0B\x02\x04\x80\x89\x7A\x04\x81\x02\x27\xDF\0\x06\x01\x63\x05\x70\xF5\0";
     let (results, found) = read(stream);
-    assert_eq!(results, [Err(Malformed::Schema(2)), Err(Malformed::Unknown)]);
+    assert_eq!(results, [Err(DecodeError::Schema(2)), Err(DecodeError::Unknown)]);
     assert_eq!(found, Counts { schema: 1, unknown: 1, ..counts(0) });
     assert_eq!((found.malformed(), found.newer()), (0, 2));
 }
@@ -128,7 +128,7 @@ fn each_kind_of_damage_has_its_count() {
     let expected = Counts { checksum: 1, cobs: 1, body: 1, too_long: 1, lost_bytes: 11 + 11 + 9 + 300, ..counts(1) };
     assert_eq!(found, expected);
     let torn: Vec<_> = results.into_iter().skip(1).collect();
-    assert_eq!(torn, [Malformed::Checksum, Malformed::Cobs, Malformed::Body, Malformed::TooLong].map(Err));
+    assert_eq!(torn, [DecodeError::Checksum, DecodeError::Cobs, DecodeError::Body, DecodeError::TooLong].map(Err));
 }
 
 fn outcome() -> impl Strategy<Value = Outcome> {

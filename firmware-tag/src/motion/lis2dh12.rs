@@ -12,7 +12,7 @@ use embedded_hal_async::digital::Wait;
 use embedded_hal_async::i2c::I2c;
 use lis2dh::{FullScale, HighPassCutoffFrequencySelection, Lis2dh, OutputDataRate, Register};
 
-use super::{MotionSensor, NoSensor};
+use super::{MotionSensor, MotionSensorError};
 
 pub use lis2dh::Sa0Pad;
 
@@ -68,10 +68,10 @@ impl<B, P, D> Lis2dh12<B, P, D> {
 }
 
 impl<B: I2c, P: Wait, D: DelayNs> MotionSensor for Lis2dh12<B, P, D> {
-    async fn start(&mut self) -> Result<(), NoSensor> {
+    async fn start(&mut self) -> Result<(), MotionSensorError> {
         match self.bus.take() {
             Some(bus) => set_up(bus, self.address, &mut self.delay).await,
-            None => Err(NoSensor::Silent),
+            None => Err(MotionSensorError::Silent),
         }
     }
 
@@ -86,13 +86,13 @@ impl<B: I2c, P: Wait, D: DelayNs> MotionSensor for Lis2dh12<B, P, D> {
 ///
 /// # Errors
 /// It does not answer, or is another device.
-async fn set_up<B: I2c>(bus: B, address: Sa0Pad, delay: &mut impl DelayNs) -> Result<(), NoSensor> {
+async fn set_up<B: I2c>(bus: B, address: Sa0Pad, delay: &mut impl DelayNs) -> Result<(), MotionSensorError> {
     delay.delay_ms(BOOT_MS).await;
     let mut sensor = Lis2dh::new(bus, address);
     match sensor.get_device_id().await {
-        Ok(IDENTITY) => configure(&mut sensor, delay).await.map_err(|_| NoSensor::Silent),
-        Ok(_) => Err(NoSensor::Foreign),
-        Err(_) => Err(NoSensor::Silent),
+        Ok(IDENTITY) => configure(&mut sensor, delay).await.map_err(|_| MotionSensorError::Silent),
+        Ok(_) => Err(MotionSensorError::Foreign),
+        Err(_) => Err(MotionSensorError::Silent),
     }
 }
 

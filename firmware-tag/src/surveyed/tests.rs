@@ -163,20 +163,20 @@ fn what_cannot_be_used_is_complained_of_once_and_the_rest_is_used() {
     let whole = region(&[1, 2, 3, 4], &map, &rooms);
     let mut damaged = whole.clone();
     damaged[500] ^= 4;
-    assert_eq!(said(&damaged), [Condition::Unused(All, LevelsFault::Corrupt)]);
+    assert_eq!(said(&damaged), [Condition::Unused(All, RssiModelError::Corrupt)]);
     let mut flipped = map.clone();
     flipped[500] ^= 4;
-    assert_eq!(said(&region(&[1, 2, 3, 4], &flipped, &rooms)), [Condition::Unused(Map, LevelsFault::Corrupt)]);
+    assert_eq!(said(&region(&[1, 2, 3, 4], &flipped, &rooms)), [Condition::Unused(Map, RssiModelError::Corrupt)]);
     let mut newer = map.clone();
     newer[2] = 9;
-    assert_eq!(said(&region(&[1, 2, 3, 4], &newer, &rooms)), [Condition::Unused(Map, LevelsFault::Version(9))]);
-    assert_eq!(said(&region(&[1, 2, 3, 7], &map, &rooms)), [Condition::Unused(Map, LevelsFault::OtherBeacons)]);
-    assert_eq!(said(&region(&[1, 2, 3], &map, &rooms)), [Condition::Unused(Map, LevelsFault::Invalid)]);
+    assert_eq!(said(&region(&[1, 2, 3, 4], &newer, &rooms)), [Condition::Unused(Map, RssiModelError::Version(9))]);
+    assert_eq!(said(&region(&[1, 2, 3, 7], &map, &rooms)), [Condition::Unused(Map, RssiModelError::OtherBeacons)]);
+    assert_eq!(said(&region(&[1, 2, 3], &map, &rooms)), [Condition::Unused(Map, RssiModelError::Invalid)]);
     let surveyed = Point { position_m: [0.0; 2], levels: &[Some(-60.0)], deviations: &[] };
     let plain = encode(&[surveyed], &[1], &[-95.0], None, &mut [0; 64]).expect("it fits").to_vec();
-    assert_eq!(said(&region(&[1], &plain, &rooms)), [Condition::Unused(Map, LevelsFault::Invalid)]);
+    assert_eq!(said(&region(&[1], &plain, &rooms)), [Condition::Unused(Map, RssiModelError::Invalid)]);
     let cut = region(&[1, 2, 3, 4], &map, &rooms[..20]);
-    assert_eq!(said(&cut), [Condition::Unused(Rooms, LevelsFault::Corrupt)]);
+    assert_eq!(said(&cut), [Condition::Unused(Rooms, RssiModelError::Corrupt)]);
     assert!(taken(&cut, &list).0.map.is_some() && taken(&cut, &list).0.rooms.is_none());
 }
 

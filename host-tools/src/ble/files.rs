@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use crate::table::quoted;
-use crate::{Column, NoPosition, Place, Position, Row, Solved, Table, Wrong, by_time, read_truth};
+use crate::{Column, NoPosition, Place, Position, Row, Solved, Table, UserError, by_time, read_truth};
 
 /// A beacon, and what is known of its signal.
 #[derive(Clone, Debug, PartialEq)]
@@ -78,7 +78,7 @@ pub struct Wall {
 ///
 /// # Errors
 /// The first line that is wrong: a beacon that stands twice, an exponent or a deviation that is not above 0.
-pub fn read_beacons(file: &Path) -> Result<Vec<Beacon>, Wrong> {
+pub fn read_beacons(file: &Path) -> Result<Vec<Beacon>, UserError> {
     let mut table = Table::open(file)?;
     let (beacon, x, y) = (table.column("beacon")?, table.column("x_m")?, table.column("y_m")?);
     let [z, level, exponent, deviation] =
@@ -100,7 +100,7 @@ pub fn read_beacons(file: &Path) -> Result<Vec<Beacon>, Wrong> {
         let (height_m, rssi_1m_dbm) = (row.number(z)?, row.number(level)?);
         beacons.push(Beacon { name, position_m, height_m, rssi_1m_dbm, path_loss_exponent, deviation_db });
     }
-    if beacons.is_empty() { Err(Wrong::line(file, 1, "no beacons below the header")) } else { Ok(beacons) }
+    if beacons.is_empty() { Err(UserError::line(file, 1, "no beacons below the header")) } else { Ok(beacons) }
 }
 
 /// Reads `fingerprints.csv` or `targets.csv`: `point,x_m,y_m,beacon,rssi_dbm` and, where known, `t_s,room`. A row without a level says
@@ -108,7 +108,7 @@ pub fn read_beacons(file: &Path) -> Result<Vec<Beacon>, Wrong> {
 ///
 /// # Errors
 /// The first line that is wrong: a point that is in two places or in two rooms.
-pub fn read_stays(file: &Path) -> Result<Vec<Stay>, Wrong> {
+pub fn read_stays(file: &Path) -> Result<Vec<Stay>, UserError> {
     let mut table = Table::open(file)?;
     let (point, x, y) = (table.column("point")?, table.column("x_m")?, table.column("y_m")?);
     let room = table.optional("room");
@@ -134,7 +134,7 @@ pub fn read_stays(file: &Path) -> Result<Vec<Stay>, Wrong> {
         }
         signal.read(&row, &mut stay.samples)?;
     }
-    if stays.is_empty() { Err(Wrong::line(file, 1, "no samples below the header")) } else { Ok(stays) }
+    if stays.is_empty() { Err(UserError::line(file, 1, "no samples below the header")) } else { Ok(stays) }
 }
 
 /// Reads `rssi.csv`: `epoch,t_s,beacon,rssi_dbm`, or a file of stays, whose points are their truth. `truth` is `truth.csv`; epochs
@@ -142,7 +142,7 @@ pub fn read_stays(file: &Path) -> Result<Vec<Stay>, Wrong> {
 ///
 /// # Errors
 /// The first line that is wrong.
-pub fn read_captures(file: &Path, truth: Option<&Path>) -> Result<Vec<Capture>, Wrong> {
+pub fn read_captures(file: &Path, truth: Option<&Path>) -> Result<Vec<Capture>, UserError> {
     let mut captures = if Table::open(file)?.optional("point").is_present() {
         read_stays(file)?.into_iter().map(Capture::from).collect()
     } else {
@@ -162,7 +162,7 @@ pub fn read_captures(file: &Path, truth: Option<&Path>) -> Result<Vec<Capture>, 
     Ok(captures)
 }
 
-fn read_epochs(file: &Path) -> Result<Vec<Capture>, Wrong> {
+fn read_epochs(file: &Path) -> Result<Vec<Capture>, UserError> {
     let mut table = Table::open(file)?;
     let epoch = table.column("epoch")?;
     let signal = Signal::of(&table)?;
@@ -175,7 +175,7 @@ fn read_epochs(file: &Path) -> Result<Vec<Capture>, Wrong> {
         });
         signal.read(&row, &mut captures[at].samples)?;
     }
-    if captures.is_empty() { Err(Wrong::line(file, 1, "no samples below the header")) } else { Ok(captures) }
+    if captures.is_empty() { Err(UserError::line(file, 1, "no samples below the header")) } else { Ok(captures) }
 }
 
 /// Reads `walls.csv`: the corners of an outline in their order, `x_m,y_m` (or `x,y`), each joined to the next; or walls one by
@@ -183,7 +183,7 @@ fn read_epochs(file: &Path) -> Result<Vec<Capture>, Wrong> {
 ///
 /// # Errors
 /// The first line that is wrong; fewer than two corners; an attenuation below 0.
-pub fn read_walls(file: &Path) -> Result<Vec<Wall>, Wrong> {
+pub fn read_walls(file: &Path) -> Result<Vec<Wall>, UserError> {
     let mut table = Table::open(file)?;
     let mut walls = Vec::new();
     if table.optional("x1_m").is_present() {
@@ -206,7 +206,7 @@ pub fn read_walls(file: &Path) -> Result<Vec<Wall>, Wrong> {
             walls.extend(corner.replace(next).map(|corner| Wall { ends_m: [corner, next], attenuation_db: None }));
         }
     }
-    if walls.is_empty() { Err(Wrong::line(file, 1, "no wall below the header")) } else { Ok(walls) }
+    if walls.is_empty() { Err(UserError::line(file, 1, "no wall below the header")) } else { Ok(walls) }
 }
 
 /// The places of captures in a list, by their time; stays are in the file's order, as each may have a clock of its own.
@@ -242,12 +242,12 @@ struct Signal {
 }
 
 impl Signal {
-    fn of(table: &Table) -> Result<Self, Wrong> {
+    fn of(table: &Table) -> Result<Self, UserError> {
         Ok(Self { beacon: table.column("beacon")?, level: table.column("rssi_dbm")?, time: table.optional("t_s") })
     }
 
     /// Adds the row's sample, where the row has a level.
-    fn read(&self, row: &Row, samples: &mut Vec<Sample>) -> Result<(), Wrong> {
+    fn read(&self, row: &Row, samples: &mut Vec<Sample>) -> Result<(), UserError> {
         let beacon = row.some_text(self.beacon)?;
         let (level, time) = (row.number(self.level)?, row.number(self.time)?);
         if let Some(rssi_dbm) = level {
@@ -319,7 +319,7 @@ mod tests {
             "beacon,x_m,y_m,path_loss_exponent\na,0,0,0\n",
             "x,y\n0,0\n",
         ]);
-        let refused = |said: Result<(), crate::Wrong>, ending: &str| {
+        let refused = |said: Result<(), crate::UserError>, ending: &str| {
             let said = said.expect_err("wrong").to_string();
             assert!(said.ends_with(ending), "{said}");
         };

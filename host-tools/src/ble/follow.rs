@@ -1,7 +1,7 @@
 //! Kernels with memory over captures: the tag's engine and the particle filter, window by window, and the receiver's offset, learnt on the
 //! way.
 
-use positioning_core::NoFix;
+use positioning_core::SolveError;
 use positioning_core::ble::multilateration::Heard;
 use positioning_core::ble::offset::ReceiverOffset;
 use positioning_core::ble::particles::{self, Levels, Likelihood, ON_HOST, ParticleFilter};
@@ -97,11 +97,11 @@ impl<'a> Follower<'a> {
         let mut samples: Vec<&Sample> = capture.samples.iter().collect();
         samples.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
         let (Some(first), Some(last)) = (samples.first(), samples.last()) else {
-            return Err(NoPosition::NoFix(NoFix::TooFewAnchors));
+            return Err(NoPosition::SolveError(SolveError::TooFewAnchors));
         };
         let (first_s, last_s, window_s) = (first.t_s, last.t_s, self.solver.setup.window_s);
         let window = |sample: &Sample| ((sample.t_s - first_s) / window_s).floor();
-        let mut position = Err(NoPosition::NoFix(NoFix::TooFewAnchors));
+        let mut position = Err(NoPosition::SolveError(SolveError::TooFewAnchors));
         for samples in samples.chunk_by(|a, b| window(a) == window(b)) {
             for sample in samples {
                 if let Some(beacon) = self.solver.beacons.iter().position(|beacon| beacon.name == sample.beacon) {
@@ -164,7 +164,7 @@ fn engine_step(
     let mut levels: Vec<Level<f32>> = solver.heard(scan).into_iter().map(level).collect();
     levels.sort_by(|a, b| b.heard.level.total_cmp(&a.heard.level));
     let site = Site { area: solver.reach(), walls: solver.attenuating() };
-    let located = surroundings.locate(now_us, &levels, &site, None).map_err(NoPosition::NoFix)?;
+    let located = surroundings.locate(now_us, &levels, &site, None).map_err(NoPosition::SolveError)?;
     engine.step(now_us, &Measurement::BeaconPosition(located.position));
     let fix = engine.step(now_us, &Measurement::RoundEnd).fix.map_err(NoPosition::Missing)?;
     let [x, y, _] = fix.position;
@@ -181,7 +181,7 @@ fn particle_step(
 ) -> Result<Position, NoPosition> {
     let heard = corrected(solver, receiver, scan);
     if heard.is_empty() {
-        return Err(NoPosition::NoFix(NoFix::TooFewAnchors));
+        return Err(NoPosition::SolveError(SolveError::TooFewAnchors));
     }
     if !filter.is_started() {
         filter.start_in(&solver.reach());
@@ -191,6 +191,6 @@ fn particle_step(
     let reach = solver.reach();
     let within = |at: [f32; 2]| (0..2).all(|axis| (reach.min[axis]..=reach.max[axis]).contains(&at[axis]));
     let likelihood = |at| if within(at) { levels.ln_at(at) } else { f32::NAN };
-    let estimate = filter.step(now_us, &solver.walls, &likelihood).ok_or(NoPosition::NoFix(NoFix::Diverged))?;
+    let estimate = filter.step(now_us, &solver.walls, &likelihood).ok_or(NoPosition::SolveError(SolveError::Diverged))?;
     Ok(solver.global(estimate.position, &estimate.covariance, heard.len()))
 }

@@ -9,7 +9,7 @@ use positioning_core::ble::path_loss::{PathLoss, Wall};
 use positioning_core::ble::posterior::{Belief, posterior};
 use positioning_core::ble::signal::level;
 use positioning_core::ble::surroundings::News;
-use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, NoFix, Side};
+use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, SolveError, Side};
 
 use super::files::{self, Beacon, Capture, Sample, in_order};
 use super::follow::{Follower, Memory};
@@ -130,12 +130,12 @@ impl<'a> Solver<'a> {
     fn at_once(
         &self,
         capture: &Capture,
-        kernel: impl FnOnce(&[Heard<f32, 2>]) -> Result<Fix<f32, 2>, NoFix>,
+        kernel: impl FnOnce(&[Heard<f32, 2>]) -> Result<Fix<f32, 2>, SolveError>,
     ) -> Result<Position, NoPosition> {
         let scan = means(self.beacons, &capture.samples);
         let mut heard: Vec<Heard<f32, 2>> = self.heard(&scan).into_iter().map(|(_, heard)| heard).collect();
         loudest(&mut heard);
-        let fix = kernel(&heard).map_err(NoPosition::NoFix)?;
+        let fix = kernel(&heard).map_err(NoPosition::SolveError)?;
         Ok(self.global(fix.position, &fix.covariance, fix.used.len()))
     }
 

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use host_tools::plot::{Dot, Picture, Track};
-use host_tools::{Epoch, Place, Solved, Statistics, Wrong, output, positions};
+use host_tools::{Epoch, Place, Solved, Statistics, UserError, output, positions};
 
 use super::PictureFile;
 
@@ -54,7 +54,7 @@ pub struct Checked<'a> {
 
 impl Answers {
     /// Refuses files that could not be written, before any work is done for them.
-    pub fn check(&self) -> Result<Checked<'_>, Wrong> {
+    pub fn check(&self) -> Result<Checked<'_>, UserError> {
         if let Some(file) = &self.out {
             output::check("--out", file)?;
         }

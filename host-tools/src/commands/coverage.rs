@@ -9,7 +9,7 @@ use host_tools::ble::coverage::{Fitted, Grid, Map, USUAL_WALL_DB, errors_m, fitt
 use host_tools::ble::files::{Beacon, Stay, Wall, read_beacons, read_stays, read_walls};
 use host_tools::ble::fingerprint::{Average, Survey};
 use host_tools::plot::{Heat, heat};
-use host_tools::{Wrong, output};
+use host_tools::{UserError, output};
 
 use super::recorded::{CornersM, finite};
 use super::{PictureFile, print, print_json, tell, write};
@@ -108,10 +108,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if !["mean", "heard", "error"].contains(&arguments.of.as_str()) && !beacons.iter().any(|b| b.name == arguments.of) {
         let names: Vec<_> = beacons.iter().map(|beacon| beacon.name.as_str()).collect();
         let what = format!("{:?} is neither mean, heard, error nor a beacon: {}", arguments.of, names.join(", "));
-        return Err(Wrong::flag("--of", what).into());
+        return Err(UserError::flag("--of", what).into());
     }
     if arguments.of == "error" && placed.is_none() {
-        return Err(Wrong::flag("--of", "the least error needs the beacons' places: --beacons").into());
+        return Err(UserError::flag("--of", "the least error needs the beacons' places: --beacons").into());
     }
     let grid = grid(arguments, stays.as_deref(), placed.as_deref(), &walls)?;
     let barriers = walls_of(&walls, arguments.wall_db);
@@ -167,7 +167,7 @@ fn grid(
     stays: Option<&[Stay]>,
     beacons: Option<&[Beacon]>,
     walls: &[Wall],
-) -> Result<Grid, Wrong> {
+) -> Result<Grid, UserError> {
     let corners = match arguments.area {
         Some(CornersM(corners)) => Some(corners),
         None => {
@@ -177,7 +177,7 @@ fn grid(
             Grid::about(points.chain(places).chain(ends), 1.0)
         }
     };
-    let corners = corners.ok_or_else(|| Wrong::flag("--area", "the files have no place to map"))?;
+    let corners = corners.ok_or_else(|| UserError::flag("--area", "the files have no place to map"))?;
     Grid::over("--cell-m", corners, arguments.cell_m)
 }
 
@@ -305,7 +305,7 @@ fn draw(
 pub(super) fn barriers(
     file: Option<&Path>,
     wall_db: f64,
-) -> Result<(Vec<Wall>, Vec<positioning_core::ble::path_loss::Wall<f64>>), Wrong> {
+) -> Result<(Vec<Wall>, Vec<positioning_core::ble::path_loss::Wall<f64>>), UserError> {
     let walls = file.map(read_walls).transpose()?.unwrap_or_default();
     let barriers = walls_of(&walls, wall_db);
     Ok((walls, barriers))

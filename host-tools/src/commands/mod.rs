@@ -26,7 +26,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use host_tools::plot::Format;
-use host_tools::{Wrong, output};
+use host_tools::{UserError, output};
 use serde_json::Value;
 
 /// The file of a picture: its name is looked at before any work, it is written after all of it.
@@ -38,13 +38,13 @@ struct PictureFile<'a> {
 
 impl<'a> PictureFile<'a> {
     /// The file that a flag names. It must be one that can be written, in a format that can be drawn.
-    fn of(flag: &'static str, file: &'a Path) -> Result<Self, Wrong> {
+    fn of(flag: &'static str, file: &'a Path) -> Result<Self, UserError> {
         output::check(flag, file)?;
         Ok(Self { file, format: Format::of(flag, file)? })
     }
 
     /// The file of `--plot`, where it is given.
-    fn plot(file: Option<&'a Path>) -> Result<Option<Self>, Wrong> {
+    fn plot(file: Option<&'a Path>) -> Result<Option<Self>, UserError> {
         file.map(|file| Self::of("--plot", file)).transpose()
     }
 

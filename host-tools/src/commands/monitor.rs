@@ -6,7 +6,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
-use host_tools::Wrong;
+use host_tools::UserError;
 use host_tools::decode::{Stream, Timeline};
 use host_tools::monitor::{
     Channel, Event, Files, Image, Limits, Lines, Listener, Patience, Piped, Reload, Said, Session, Source, json,
@@ -71,7 +71,7 @@ enum Format {
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.table.is_some() && arguments.format != Format::Csv {
-        return Err(Wrong::flag("--table", "only with --format csv").into());
+        return Err(UserError::flag("--table", "only with --format csv").into());
     }
     let image = arguments.elf.as_deref().map(Image::read).transpose()?;
     let (source, patience) = source(arguments, image.as_ref())?;

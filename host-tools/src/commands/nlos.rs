@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use host_tools::nlos::{self, Method, RECIPES, Recipe, Samples, Score, mitigation};
-use host_tools::{Place, Wrong, output, read_anchors, read_truth};
+use host_tools::{Place, UserError, output, read_anchors, read_truth};
 use positioning_core::nlos::Classifier;
 
 use crate::progress::Progress;
@@ -149,7 +149,7 @@ pub fn run(command: &Command) -> Result<()> {
 }
 
 impl Receptions {
-    fn read(&self, placement: Option<&str>) -> Result<Samples, Wrong> {
+    fn read(&self, placement: Option<&str>) -> Result<Samples, UserError> {
         // Columns live as long as the program: there is one.
         let placement: &'static str = match placement {
             Some(column) => String::leak(column.to_owned()),
@@ -180,7 +180,7 @@ fn train(arguments: &Train) -> Result<()> {
             let wrong = format!(
                 "none of its receptions is known to be {what}, by `label` or `los`: there is nothing to learn from"
             );
-            return Err(Wrong::file(&arguments.receptions.first(), wrong).into());
+            return Err(UserError::file(&arguments.receptions.first(), wrong).into());
         }
     }
     let folds = arguments.fold_count as usize;
@@ -206,7 +206,7 @@ fn train(arguments: &Train) -> Result<()> {
     drop(progress);
     if file.is_empty() {
         let wrong = "it knows the features of no classifier that was asked for";
-        return Err(Wrong::file(&arguments.receptions.first(), wrong).into());
+        return Err(UserError::file(&arguments.receptions.first(), wrong).into());
     }
     super::write(&arguments.out, &file)?;
     if arguments.json {
@@ -223,12 +223,12 @@ fn train(arguments: &Train) -> Result<()> {
 
 fn eval(arguments: &Eval) -> Result<()> {
     let file = &arguments.model;
-    let bytes = std::fs::read(file).map_err(|error| Wrong::file(file, format!("cannot open it: {error}")))?;
-    let models = nlos::models(&bytes).map_err(|fault| Wrong::file(file, fault.to_string()))?;
+    let bytes = std::fs::read(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))?;
+    let models = nlos::models(&bytes).map_err(|fault| UserError::file(file, fault.to_string()))?;
     let samples = arguments.receptions.read(None)?;
     if samples.all.iter().all(|sample| sample.blocked.is_none()) {
         let wrong = "none of its receptions is known to be direct or blocked, by `label` or `los`: nothing to score by";
-        return Err(Wrong::file(&arguments.receptions.first(), wrong).into());
+        return Err(UserError::file(&arguments.receptions.first(), wrong).into());
     }
     let progress = Progress::new(models.len());
     let row = |model| {
@@ -290,14 +290,14 @@ fn ranges_of(outcome: &mitigation::Outcome) -> &'static str {
 }
 
 /// Those that were asked for; all where none was.
-fn recipes(names: &[String]) -> Result<Vec<&'static Recipe>, Wrong> {
+fn recipes(names: &[String]) -> Result<Vec<&'static Recipe>, UserError> {
     for name in names {
         if !RECIPES.iter().any(|recipe| recipe.method.as_str() == name) {
             let mut known: Vec<&str> = RECIPES.iter().map(|recipe| Method::as_str(recipe.method)).collect();
             known.sort_unstable();
             known.dedup();
             let wrong = format!("no classifier is called {name:?}; there are {}", known.join(", "));
-            return Err(Wrong::flag("--classifiers", wrong));
+            return Err(UserError::flag("--classifiers", wrong));
         }
     }
     let asked = |recipe: &&Recipe| names.is_empty() || names.iter().any(|name| recipe.method.as_str() == name);

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::ValueEnum;
-use host_tools::Wrong;
+use host_tools::UserError;
 use host_tools::ble::coverage::bound::{Information, Noise, Station};
 use host_tools::ble::coverage::{Grid, USUAL_WALL_DB};
 use host_tools::ble::files::{Beacon, read_beacons};
@@ -122,7 +122,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
     };
     let corners =
-        corners.ok_or_else(|| Wrong::flag("--area", "say where tags are, or give --walls or --candidates"))?;
+        corners.ok_or_else(|| UserError::flag("--area", "say where tags are, or give --walls or --candidates"))?;
     let grid = Grid::over("--cell-m", corners, arguments.cell_m)?;
     let candidates = match listed {
         Some(listed) => listed,
@@ -182,11 +182,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// Candidates everywhere, from border to border.
-fn lattice([least, greatest]: [[f64; 2]; 2], spacing_m: f64) -> Result<Vec<Beacon>, Wrong> {
+fn lattice([least, greatest]: [[f64; 2]; 2], spacing_m: f64) -> Result<Vec<Beacon>, UserError> {
     const MOST: usize = 1000;
     let steps: [f64; 2] = std::array::from_fn(|axis| ((greatest[axis] - least[axis]) / spacing_m).round().max(1.0));
     if (steps[0] + 1.0) * (steps[1] + 1.0) > MOST as f64 {
-        return Err(Wrong::flag("--spacing-m", format!("more than {MOST} candidates: take a greater one")));
+        return Err(UserError::flag("--spacing-m", format!("more than {MOST} candidates: take a greater one")));
     }
     let along = |axis: usize, step: usize| least[axis] + (greatest[axis] - least[axis]) * step as f64 / steps[axis];
     let [columns, rows] = steps.map(|steps| steps as usize);

@@ -11,7 +11,7 @@ use host_tools::probe::ProbeArguments;
 use host_tools::provision::image::{Contents, Held, Image};
 use host_tools::provision::show::{self, Keys};
 use host_tools::provision::{EXAMPLE, Node, Site, transfer, warnings};
-use host_tools::{Wrong, output};
+use host_tools::{UserError, output};
 use node_record::{Board, MODELS_BYTES, Record};
 
 /// Tell nodes who they are: make their records, write, show and check them
@@ -84,9 +84,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     if let Some(file) = &arguments.show {
         let held = Image::new(&read_file(file)?)
-            .map_err(|(line, what)| Wrong::line(file, line, what))?
+            .map_err(|(line, what)| UserError::line(file, line, what))?
             .read()
-            .map_err(|fault| Wrong::file(file, fault.to_string()))?;
+            .map_err(|fault| UserError::file(file, fault.to_string()))?;
         return print_record(arguments, &held);
     }
     if let Some(file) = &arguments.check {
@@ -118,7 +118,7 @@ fn make(arguments: &Arguments, file: &Path) -> Result<()> {
         return Ok(());
     }
     let Some(out) = &arguments.out else {
-        return Err(Wrong::flag("--config", "say where the record goes: --out FILE, or --write").into());
+        return Err(UserError::flag("--config", "say where the record goes: --out FILE, or --write").into());
     };
     output::check("--out", out)?;
     let board = board_of(arguments, node)?;
@@ -134,7 +134,7 @@ fn warn<'n>(nodes: impl IntoIterator<Item = &'n Node>) {
 
 fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
     let Some(folder) = &arguments.out else {
-        return Err(Wrong::flag("--all", "say which folder the records go to: --out FOLDER").into());
+        return Err(UserError::flag("--all", "say which folder the records go to: --out FOLDER").into());
     };
     let extension = match arguments.format {
         Format::Bin => "bin",
@@ -150,7 +150,7 @@ fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
         files.push((made(node, board, &contents, &file), file, bytes));
     }
     if folder.exists() && !folder.is_dir() {
-        return Err(Wrong::flag("--out", format!("{} is no folder", folder.display())).into());
+        return Err(UserError::flag("--out", format!("{} is no folder", folder.display())).into());
     }
     fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     for (_, file, bytes) in &files {
@@ -213,7 +213,7 @@ fn encoded(format: Format, board: Board, contents: &Contents<'_>) -> Result<Vec<
 fn board_of(arguments: &Arguments, node: &Node) -> Result<Board> {
     arguments.board.or(node.board).ok_or_else(|| {
         let what = format!("say what {} is built on, here or by `board` in the file", node.name);
-        Wrong::flag("--board", what).into()
+        UserError::flag("--board", what).into()
     })
 }
 
@@ -235,7 +235,7 @@ fn write(arguments: &Arguments, node: &Node, board: Board, contents: &Contents<'
 
 fn read(arguments: &Arguments) -> Result<()> {
     let Some(board) = arguments.board else {
-        return Err(Wrong::flag("--board", "say what the node is built on").into());
+        return Err(UserError::flag("--board", "say what the node is built on").into());
     };
     if !transfer::is_readable(board) {
         let [address, _] = board.pages().addresses();
@@ -244,7 +244,7 @@ fn read(arguments: &Arguments) -> Result<()> {
             "a probe does not read an ESP's flash: `espflash read-flash 0x{address:X} 0x{bytes:X} record.bin`, then \
              --show record.bin"
         );
-        return Err(Wrong::flag("--read", what).into());
+        return Err(UserError::flag("--read", what).into());
     }
     let mut session = arguments.probe.attach(Some(transfer::chip(board)))?;
     let held = transfer::read(&mut session, board)?.with_context(|| format!("the {} at the probe", board.name()))?;
@@ -262,14 +262,14 @@ fn print_record(arguments: &Arguments, held: &Held) -> Result<()> {
 
 fn check(arguments: &Arguments, file: &Path) -> Result<()> {
     let checked = match Image::new(&read_file(file)?) {
-        Ok(image) => image.check().map_err(|what| Wrong::file(file, what)),
-        Err((line, what)) => Err(Wrong::line(file, line, what)),
+        Ok(image) => image.check().map_err(|what| UserError::file(file, what)),
+        Err((line, what)) => Err(UserError::line(file, line, what)),
     };
     let board = arguments.board.map(|board| (board, board.name()));
     let checked = checked.and_then(|held| match board {
         Some((board, name)) => match held.record.validate_for(board) {
             Ok(()) => Ok(held),
-            Err(invalid) => Err(Wrong::file(file, format!("a good record, but not for {name}: {invalid}"))),
+            Err(invalid) => Err(UserError::file(file, format!("a good record, but not for {name}: {invalid}"))),
         },
         None => Ok(held),
     });
@@ -287,5 +287,5 @@ fn check(arguments: &Arguments, file: &Path) -> Result<()> {
 }
 
 fn read_file(file: &Path) -> Result<Vec<u8>> {
-    Ok(fs::read(file).map_err(|error| Wrong::file(file, error.to_string()))?)
+    Ok(fs::read(file).map_err(|error| UserError::file(file, error.to_string()))?)
 }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::ValueEnum;
-use host_tools::{Files, Half, Height, Recording, Setup, Space, Wrong};
+use host_tools::{Files, Half, Height, Recording, Setup, Space, UserError};
 
 use super::answers::{Answers, ByMethod, Told, flat};
 
@@ -84,16 +84,16 @@ pub fn finite(text: &str) -> Result<f64, String> {
 
 impl Recorded {
     /// What the flags say of space; flags that do not go together are refused.
-    fn space(&self) -> Result<Space, Wrong> {
+    fn space(&self) -> Result<Space, UserError> {
         match self.dims {
-            Dims::Two if self.side.is_some() => Err(Wrong::flag("--side", "only with --dims 3")),
+            Dims::Two if self.side.is_some() => Err(UserError::flag("--side", "only with --dims 3")),
             Dims::Two => Ok(Space::Plane(match self.height_m {
                 Some(height_m) => Height::Fixed(height_m),
                 None if self.height_from_truth => Height::FromTruth,
                 None => Height::Unknown,
             })),
-            Dims::Three if self.height_m.is_some() => Err(Wrong::flag("--height-m", "only with --dims 2")),
-            Dims::Three if self.height_from_truth => Err(Wrong::flag("--height-from-truth", "only with --dims 2")),
+            Dims::Three if self.height_m.is_some() => Err(UserError::flag("--height-m", "only with --dims 2")),
+            Dims::Three if self.height_from_truth => Err(UserError::flag("--height-from-truth", "only with --dims 2")),
             Dims::Three => Ok(Space::Full(self.side.map(|side| match side {
                 Side::Below => Half::Below,
                 Side::Above => Half::Above,

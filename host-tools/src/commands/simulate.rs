@@ -11,7 +11,7 @@ use firmware_common::lines::{RoomLine, StateLine};
 use host_tools::nlos::Chosen;
 use host_tools::presence::read_outlines;
 use host_tools::simulate::{Capture, Logbook, load_levels, picture, position_header, position_row, survey_csv};
-use host_tools::{Wrong, output};
+use host_tools::{UserError, output};
 use node_record::{Scheme, Solver};
 use positioning_core::Method;
 use positioning_core::engine::NodeMethod;
@@ -216,7 +216,7 @@ fn height(text: &str) -> Result<f32, String> {
 }
 
 impl Arguments {
-    fn scenario(&self) -> Result<Scenario, Wrong> {
+    fn scenario(&self) -> Result<Scenario, UserError> {
         let mut scenario = match &self.scenario {
             Some(file) => read(file)?,
             None => match self.mode {
@@ -258,7 +258,7 @@ impl Arguments {
         scenario.tag.scheme = self.scheme.map_or(scenario.tag.scheme, ranging::native::Scheme::from);
         let only_listen = scenario.networks.iter().any(|network| matches!(network.mode, Mode::Listening { .. }));
         if self.solver.is_some_and(|solver| solver != Solver::Track) && only_listen {
-            return Err(Wrong::flag("--solver", "tags that only listen have no ranges to solve: only track"));
+            return Err(UserError::flag("--solver", "tags that only listen have no ranges to solve: only track"));
         }
         scenario.tag.weigh_nlos &= !self.ignore_powers;
         if let Some(file) = &self.model {
@@ -267,7 +267,7 @@ impl Arguments {
             scenario.tag.model = Some(chosen.bytes().to_vec().leak());
         }
         scenario.tag.height_m = match (self.dims, self.height_m) {
-            (Some(3), Some(_)) => return Err(Wrong::flag("--height-m", "only with --dims 2")),
+            (Some(3), Some(_)) => return Err(UserError::flag("--height-m", "only with --dims 2")),
             (Some(3), None) => None,
             (_, Some(height_m)) => Some(height_m),
             (Some(_), None) => scenario.tag.height_m.or(Some(HEIGHT_M)),
@@ -277,9 +277,9 @@ impl Arguments {
     }
 }
 
-fn read(file: &Path) -> Result<Scenario, Wrong> {
-    let text = std::fs::read_to_string(file).map_err(|error| Wrong::file(file, format!("cannot read it: {error}")))?;
-    Scenario::parse(&text).map_err(|error| Wrong::line(file, error.line as u64, error.message))
+fn read(file: &Path) -> Result<Scenario, UserError> {
+    let text = std::fs::read_to_string(file).map_err(|error| UserError::file(file, format!("cannot read it: {error}")))?;
+    Scenario::parse(&text).map_err(|error| UserError::line(file, error.line as u64, error.message))
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
@@ -298,7 +298,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     if let Some(folder) = &arguments.out {
         if folder.exists() && !folder.is_dir() {
-            return Err(Wrong::flag("--out", format!("{} is not a folder", folder.display())).into());
+            return Err(UserError::flag("--out", format!("{} is not a folder", folder.display())).into());
         }
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     }

@@ -9,7 +9,7 @@ use clap::ValueEnum;
 use host_tools::decode::{Chunks, Stamp, Table, json, open_stream};
 use host_tools::monitor::{Image, Pace, Port, Probed, Serial, Source};
 use host_tools::probe::ProbeArguments;
-use host_tools::{Wrong, output};
+use host_tools::{UserError, output};
 use telemetry::Message;
 
 use crate::progress::Progress;
@@ -45,7 +45,7 @@ impl SourceArguments {
     }
 
     /// The file or standard input; `None` where a live node is meant.
-    pub fn input(&self) -> Result<Option<Input>, Wrong> {
+    pub fn input(&self) -> Result<Option<Input>, UserError> {
         match self.file() {
             Some(file) => Input::open(Some(&file)).map(Some),
             None if self.stdin => Input::open(None).map(Some),
@@ -84,7 +84,7 @@ pub struct Input {
 
 impl Input {
     /// Of a file; without one, standard input.
-    pub fn open(file: Option<&Path>) -> Result<Self, Wrong> {
+    pub fn open(file: Option<&Path>) -> Result<Self, UserError> {
         let Some(path) = file else {
             let chunks = Chunks::new(std::io::stdin());
             return Ok(Self { chunks, name: "standard input".to_owned(), length: 0 });
@@ -161,9 +161,9 @@ pub enum Lines {
 
 impl Writing {
     /// What the flags ask for; flags that do not go together are refused.
-    pub fn lines(self) -> Result<Lines, Wrong> {
+    pub fn lines(self) -> Result<Lines, UserError> {
         match (self.format, self.table) {
-            (Format::Jsonl, Some(_)) => Err(Wrong::flag("--table", "only with --format csv")),
+            (Format::Jsonl, Some(_)) => Err(UserError::flag("--table", "only with --format csv")),
             (Format::Jsonl, None) => Ok(Lines::Json),
             (Format::Csv, table) => Ok(Lines::csv(table)),
         }

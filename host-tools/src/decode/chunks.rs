@@ -8,7 +8,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread;
 use std::time::Duration;
 
-use crate::Wrong;
+use crate::UserError;
 
 /// Read at once, bytes.
 const CHUNK: usize = 1 << 16;
@@ -21,11 +21,11 @@ const PATIENCE: Duration = Duration::from_millis(50);
 ///
 /// # Errors
 /// It cannot be opened, or is a folder.
-pub fn open_stream(path: &Path) -> Result<(File, u64), Wrong> {
+pub fn open_stream(path: &Path) -> Result<(File, u64), UserError> {
     let opened = File::open(path).and_then(|file| file.metadata().map(|metadata| (file, metadata)));
-    let (file, metadata) = opened.map_err(|error| Wrong::file(path, format!("cannot open it: {error}")))?;
+    let (file, metadata) = opened.map_err(|error| UserError::file(path, format!("cannot open it: {error}")))?;
     if metadata.is_dir() {
-        return Err(Wrong::file(path, "it is a folder"));
+        return Err(UserError::file(path, "it is a folder"));
     }
     Ok((file, metadata.len()))
 }

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use telemetry::{
-    Condition, Counters, Diagnostics, Difference, Fix, Hello, LevelsFault, Message, Range, RecordFault, Reset,
+    Condition, Counters, Diagnostics, Difference, Fix, Hello, RssiModelError, Message, Range, RecordFault, Reset,
     ResetCause, Room, Sighting, State,
 };
 
@@ -274,8 +274,8 @@ impl Object {
             Condition::Unused(_, fault) => {
                 levels_fault = Some(fault.as_str());
                 levels_version = match fault {
-                    LevelsFault::Version(version) => Some(version),
-                    LevelsFault::Corrupt | LevelsFault::Invalid | LevelsFault::OtherBeacons => None,
+                    RssiModelError::Version(version) => Some(version),
+                    RssiModelError::Corrupt | RssiModelError::Invalid | RssiModelError::OtherBeacons => None,
                 };
             }
             Condition::BeaconElsewhere(of) | Condition::BeaconDoubled(of) | Condition::BeaconBelieved(of) => {

@@ -63,7 +63,7 @@ pub struct Frames {
     pub room: u64,
 }
 
-/// Frames that did not come whole, as [`telemetry::Malformed`] calls them.
+/// Frames that did not come whole, as [`telemetry::DecodeError`] calls them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[allow(missing_docs, reason = "they are called as telemetry::Counts calls them")]
 pub struct Malformed {

@@ -6,7 +6,7 @@
 //! unless the whole piece is a valid frame. So whatever is lost, the second frame after it is right again.
 
 use super::source::{Channel, Event};
-use telemetry::Malformed;
+use telemetry::DecodeError;
 
 /// Longer than any frame: what has no zero for so long is none.
 const MAX_PIECE: usize = 4096;
@@ -86,7 +86,7 @@ impl Demux {
 
 /// Whole, though perhaps of a newer node.
 fn is_telemetry(piece: &[u8]) -> bool {
-    matches!(telemetry::decode(piece), Ok(_) | Err(Malformed::Schema(_) | Malformed::Unknown))
+    matches!(telemetry::decode(piece), Ok(_) | Err(DecodeError::Schema(_) | DecodeError::Unknown))
 }
 
 /// Joined to the last event where it is the same channel's.

@@ -9,7 +9,7 @@ use defmt_decoder::{Encoding, Table};
 use object::{Object, ObjectSection, ObjectSegment, ObjectSymbol, SegmentFlags};
 
 use super::formats::Formats;
-use crate::Wrong;
+use crate::UserError;
 
 /// Where an image keeps its build.
 const BUILD_SECTION: &str = ".baliza.build";
@@ -66,9 +66,9 @@ impl Image {
     ///
     /// # Errors
     /// It cannot be read, is no ELF file, or has no log that can be read.
-    pub fn read(file: &Path) -> Result<Self, Wrong> {
-        let bytes = fs::read(file).map_err(|error| Wrong::file(file, format!("cannot open it: {error}")))?;
-        Self::parse(file, &bytes).map_err(|what| Wrong::file(file, what))
+    pub fn read(file: &Path) -> Result<Self, UserError> {
+        let bytes = fs::read(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))?;
+        Self::parse(file, &bytes).map_err(|what| UserError::file(file, what))
     }
 
     pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<Self, String> {

@@ -10,7 +10,7 @@ use anyhow::{Result, anyhow};
 
 use super::demux::Demux;
 use super::source::{Event, Pace, Source};
-use crate::Wrong;
+use crate::UserError;
 
 /// Opens a port.
 pub trait Open {
@@ -52,7 +52,7 @@ fn refused(name: &str, error: serialport::Error) -> anyhow::Error {
             let others: Vec<_> = others.into_iter().map(|port| port.port_name).collect();
             let there =
                 if others.is_empty() { "there is none".into() } else { format!("there are {}", others.join(", ")) };
-            Wrong::flag("--serial", format!("no port {name}: plug in the board with a cable for data; {there}")).into()
+            UserError::flag("--serial", format!("no port {name}: plug in the board with a cable for data; {there}")).into()
         }
         Kind::Io(ErrorKind::PermissionDenied) => {
             anyhow!("no permission to open {name}: on Linux `sudo usermod -aG dialout $USER` and a new login give it")
@@ -227,7 +227,7 @@ mod tests {
         let port = Port { name: "/dev/nosuch".into(), baud: 115_200 };
         let error =
             Serial::new(port, "/dev/nosuch".into(), PACE).next(Duration::ZERO).expect_err("there is no such port");
-        let wrong = error.downcast_ref::<crate::Wrong>().expect("the argument is wrong").to_string();
+        let wrong = error.downcast_ref::<crate::UserError>().expect("the argument is wrong").to_string();
         assert!(wrong.starts_with("--serial: no port /dev/nosuch: plug in the board"), "{wrong}");
     }
 }

@@ -18,7 +18,7 @@ use super::image::{Build, Image};
 use super::log::{self, Frames, LogLine};
 use super::merge::{Merger, Patience};
 use super::source::{Channel, Event};
-use crate::Wrong;
+use crate::UserError;
 use trust::{OPEN, Trust};
 
 /// A node says who it is every two seconds. Who has not heard it by now need not wait for it any longer.
@@ -72,7 +72,7 @@ impl Counts {
 }
 
 /// Rereads an ELF file that may have been built anew since.
-pub type Reload = Box<dyn FnMut(&Image) -> Option<Result<Image, Wrong>>>;
+pub type Reload = Box<dyn FnMut(&Image) -> Option<Result<Image, UserError>>>;
 
 /// One listening to a node.
 pub struct Session {

@@ -10,7 +10,7 @@ use anyhow::{Context, Result};
 
 use super::demux::Demux;
 use super::source::{Channel, Event, Source};
-use crate::Wrong;
+use crate::UserError;
 use crate::decode::{Chunks, Waited, open_stream};
 
 /// Read at once.
@@ -73,7 +73,7 @@ impl Files {
     ///
     /// # Errors
     /// One cannot be opened.
-    pub fn open(mixture: &Path, log: Option<&Path>) -> Result<Self, Wrong> {
+    pub fn open(mixture: &Path, log: Option<&Path>) -> Result<Self, UserError> {
         Ok(Self {
             mixture: Part::open(mixture)?,
             log: log.map(Part::open).transpose()?,
@@ -84,7 +84,7 @@ impl Files {
 }
 
 impl Part {
-    fn open(path: &Path) -> Result<Self, Wrong> {
+    fn open(path: &Path) -> Result<Self, UserError> {
         let (file, length) = open_stream(path)?;
         Ok(Self { path: path.to_owned(), file, length, read: 0, ended: false })
     }

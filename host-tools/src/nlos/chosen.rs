@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use positioning_core::nlos::{Classifier, Model};
 
 use super::{features_of, models};
-use crate::Wrong;
+use crate::UserError;
 
 /// A model that was chosen.
 #[derive(Clone, Debug)]
@@ -19,8 +19,8 @@ impl Chosen {
     ///
     /// # Errors
     /// The file cannot be read, is no file of models, has none of this name, or several where none is named.
-    pub fn read(file: &Path, name: Option<&str>) -> Result<Self, Wrong> {
-        let all = std::fs::read(file).map_err(|error| Wrong::file(file, format!("cannot open it: {error}")))?;
+    pub fn read(file: &Path, name: Option<&str>) -> Result<Self, UserError> {
+        let all = std::fs::read(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))?;
         Self::of(file, &all, name)
     }
 
@@ -28,8 +28,8 @@ impl Chosen {
     ///
     /// # Errors
     /// As [`read`](Self::read).
-    pub fn of(file: &Path, all: &[u8], name: Option<&str>) -> Result<Self, Wrong> {
-        let models = models(all).map_err(|fault| Wrong::file(file, fault.to_string()))?;
+    pub fn of(file: &Path, all: &[u8], name: Option<&str>) -> Result<Self, UserError> {
+        let models = models(all).map_err(|fault| UserError::file(file, fault.to_string()))?;
         let index = match name {
             Some(name) => models.iter().position(|model| model.name() == name),
             None if models.len() == 1 => Some(0),
@@ -42,7 +42,7 @@ impl Chosen {
                 Some(name) => format!("it has no classifier {name}; it has {}", named.join(", ")),
                 None => format!("it has several classifiers, name one of {}", named.join(", ")),
             };
-            return Err(Wrong::file(file, what));
+            return Err(UserError::file(file, what));
         };
         // The models follow each other without gap: the bytes of one are those that its successor does not have.
         let rest = |count: usize| {
@@ -56,10 +56,10 @@ impl Chosen {
     ///
     /// # Errors
     /// None: it has been read before.
-    pub fn model(&self) -> Result<Model<'_>, Wrong> {
+    pub fn model(&self) -> Result<Model<'_>, UserError> {
         match Model::decode(&self.bytes) {
             Ok((model, _)) => Ok(model),
-            Err(fault) => Err(Wrong::file(&self.file, fault.to_string())),
+            Err(fault) => Err(UserError::file(&self.file, fault.to_string())),
         }
     }
 

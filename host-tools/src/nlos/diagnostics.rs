@@ -2,7 +2,7 @@
 
 use positioning_core::nlos::{Feature, Features, first_path_to_noise_db, power_difference_db};
 
-use crate::{Column, Row, Table, Wrong};
+use crate::{Column, Row, Table, UserError};
 
 /// The columns, as far as a file has them.
 pub struct Diagnostics {
@@ -55,8 +55,8 @@ impl Diagnostics {
     ///
     /// # Errors
     /// A field is no number.
-    pub fn read(&self, row: &Row<'_>) -> Result<Told, Wrong> {
-        let known = |column| -> Result<f32, Wrong> { Ok(row.number(column)?.map_or(f32::NAN, |number| number as f32)) };
+    pub fn read(&self, row: &Row<'_>) -> Result<Told, UserError> {
+        let known = |column| -> Result<f32, UserError> { Ok(row.number(column)?.map_or(f32::NAN, |number| number as f32)) };
         let mut amplitudes = [f32::NAN; 3];
         for (amplitude, column) in amplitudes.iter_mut().zip(self.amplitudes) {
             *amplitude = known(column)?;

@@ -9,7 +9,7 @@ use std::path::Path;
 use positioning_core::nlos::{BEFORE, Features, Means, Shape, WINDOW};
 
 use super::diagnostics::{Diagnostics, Told};
-use crate::{Table, Wrong};
+use crate::{Table, UserError};
 
 /// One reception.
 #[derive(Clone, Debug)]
@@ -38,7 +38,7 @@ impl Samples {
     ///
     /// # Errors
     /// The first line that is wrong.
-    pub fn read_cir(&mut self, file: &Path, placement: &'static str) -> Result<(), Wrong> {
+    pub fn read_cir(&mut self, file: &Path, placement: &'static str) -> Result<(), UserError> {
         let mut table = Table::open(file)?;
         let label = table.column("label")?;
         let place = if placement == DEFAULT_PLACEMENT { table.optional(placement) } else { table.column(placement)? };
@@ -71,7 +71,7 @@ impl Samples {
             let error_m = row.number(diagnostics.range)?.zip(row.number(truth)?).map(|(range, truth)| range - truth);
             self.all.push(Sample { placement, blocked, features, error_m });
         }
-        if self.all.len() == before { Err(Wrong::line(file, 1, "no receptions below the header")) } else { Ok(()) }
+        if self.all.len() == before { Err(UserError::line(file, 1, "no receptions below the header")) } else { Ok(()) }
     }
 
     /// Adds the receptions of a `ranges.csv`, an anchor a placement. `true_range_m` gives the true range of an epoch to
@@ -84,7 +84,7 @@ impl Samples {
         file: &Path,
         placement: &'static str,
         true_range_m: impl Fn(&str, &str) -> Option<f64>,
-    ) -> Result<(), Wrong> {
+    ) -> Result<(), UserError> {
         let mut table = Table::open(file)?;
         let anchor = table.column("anchor")?;
         let place = if placement == DEFAULT_PLACEMENT { anchor } else { table.column(placement)? };
@@ -102,7 +102,7 @@ impl Samples {
             let error_m = row.number(diagnostics.range)?.zip(truth).map(|(range, truth)| range - truth);
             self.all.push(Sample { placement, blocked, features, error_m });
         }
-        if self.all.len() == before { Err(Wrong::line(file, 1, "no ranges below the header")) } else { Ok(()) }
+        if self.all.len() == before { Err(UserError::line(file, 1, "no ranges below the header")) } else { Ok(()) }
     }
 
     /// The place of a placement's name, which is new in each file.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result};
 use resvg::{tiny_skia, usvg};
 
-use crate::Wrong;
+use crate::UserError;
 
 /// Text in PNG looks the same on every machine, and is there on those without fonts.
 const FONT: &[u8] = include_bytes!("../../assets/DejaVuSans.ttf");
@@ -29,11 +29,11 @@ impl Format {
     ///
     /// # Errors
     /// Neither.
-    pub fn of(flag: &'static str, file: &Path) -> Result<Self, Wrong> {
+    pub fn of(flag: &'static str, file: &Path) -> Result<Self, UserError> {
         match file.extension().and_then(|extension| extension.to_str()) {
             Some(extension) if extension.eq_ignore_ascii_case("svg") => Ok(Self::Svg),
             Some(extension) if extension.eq_ignore_ascii_case("png") => Ok(Self::Png),
-            Some(_) | None => Err(Wrong::flag(flag, format!("{} ends in neither .svg nor .png", file.display()))),
+            Some(_) | None => Err(UserError::flag(flag, format!("{} ends in neither .svg nor .png", file.display()))),
         }
     }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use node_record::Beacon;
 
 use super::document::Field;
-use crate::Wrong;
+use crate::UserError;
 use crate::ble::files::read_beacons;
 
 /// A beacon of the file. Its height may not be known: then it stands elsewhere in the document.
@@ -19,13 +19,13 @@ pub(super) struct Calibrated {
 ///
 /// # Errors
 /// The file is wrong, or a name does not end in major and minor number.
-pub(super) fn read(field: &Field<'_>, site: &Path) -> Result<Vec<Calibrated>, Wrong> {
+pub(super) fn read(field: &Field<'_>, site: &Path) -> Result<Vec<Calibrated>, UserError> {
     let name = field.text("the name of a file, in quotation marks")?;
     let file = site.parent().unwrap_or(Path::new("")).join(name);
     let beacon = |beacon: crate::ble::files::Beacon| {
         let Some((major, minor)) = numbers(&beacon.name) else {
             let what = "is not named by its numbers: major-minor, or network-major-minor as decode has it";
-            return Err(Wrong::file(&file, format!("beacon {:?} {what}", beacon.name)));
+            return Err(UserError::file(&file, format!("beacon {:?} {what}", beacon.name)));
         };
         let [x, y] = beacon.position_m;
         let position_m = [x, y, beacon.height_m.unwrap_or(0.0)].map(|metres| metres as f32);

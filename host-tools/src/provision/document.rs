@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use crate::Wrong;
+use crate::UserError;
 
 /// The file, for its lines.
 #[derive(Clone, Copy, Debug)]
@@ -17,7 +17,7 @@ pub(super) struct Document<'d> {
 
 impl<'d> Document<'d> {
     /// The file's outermost table.
-    pub(super) fn parse(self) -> Result<Spanned<DeTable<'d>>, Wrong> {
+    pub(super) fn parse(self) -> Result<Spanned<DeTable<'d>>, UserError> {
         DeTable::parse(self.text).map_err(|error| {
             let at = error.span().map_or(0, |span| span.start);
             self.wrong(self.line(at), error.message())
@@ -30,8 +30,8 @@ impl<'d> Document<'d> {
         before.iter().filter(|byte| **byte == b'\n').count() as u64 + 1
     }
 
-    pub(super) fn wrong(self, line: u64, what: impl Into<String>) -> Wrong {
-        Wrong::line(self.file, line, what)
+    pub(super) fn wrong(self, line: u64, what: impl Into<String>) -> UserError {
+        UserError::line(self.file, line, what)
     }
 }
 
@@ -51,7 +51,7 @@ impl<'d> Section<'d> {
     }
 
     /// The table with no other keys than these; `foreign` says of a key that is known elsewhere why it is wrong here.
-    pub(super) fn with_keys(self, known: &[&str], foreign: impl Fn(&str) -> Option<String>) -> Result<Self, Wrong> {
+    pub(super) fn with_keys(self, known: &[&str], foreign: impl Fn(&str) -> Option<String>) -> Result<Self, UserError> {
         let mut keys: Vec<_> = self.table.iter().map(|(key, _)| (key.span().start, key.get_ref().as_ref())).collect();
         keys.sort_unstable();
         let Some((at, unknown)) = keys.into_iter().find(|(_, key)| !known.contains(key)) else {
@@ -74,12 +74,12 @@ impl<'d> Section<'d> {
         })
     }
 
-    pub(super) fn required(&self, key: &'static str) -> Result<Field<'d>, Wrong> {
+    pub(super) fn required(&self, key: &'static str) -> Result<Field<'d>, UserError> {
         self.optional(key).ok_or_else(|| self.wrong(format!("{key} is missing")))
     }
 
     /// The tables of a list `[[key]]`, or the one table `[key]`.
-    pub(super) fn tables(&self, key: &'static str) -> Result<Vec<Section<'d>>, Wrong> {
+    pub(super) fn tables(&self, key: &'static str) -> Result<Vec<Section<'d>>, UserError> {
         let Some((name, value)) = self.table.get_key_value(key) else { return Ok(Vec::new()) };
         let table_at = |value: &'d Spanned<DeValue<'d>>| match value.get_ref() {
             DeValue::Table(table) => {
@@ -101,7 +101,7 @@ impl<'d> Section<'d> {
         }
     }
 
-    pub(super) fn wrong(&self, what: impl Into<String>) -> Wrong {
+    pub(super) fn wrong(&self, what: impl Into<String>) -> UserError {
         self.document.wrong(self.line, what)
     }
 }
@@ -117,17 +117,17 @@ pub(super) struct Field<'d> {
 
 impl<'d> Field<'d> {
     /// A whole number that fits; `must` says which those are.
-    pub(super) fn integer<T: TryFrom<i128>>(&self, must: &str) -> Result<T, Wrong> {
+    pub(super) fn integer<T: TryFrom<i128>>(&self, must: &str) -> Result<T, UserError> {
         whole(self.value).ok_or_else(|| self.refuse(must))
     }
 
     /// A number.
-    pub(super) fn real(&self) -> Result<f32, Wrong> {
+    pub(super) fn real(&self) -> Result<f32, UserError> {
         number(self.value).ok_or_else(|| self.refuse("a number"))
     }
 
     /// Where something is, metres.
-    pub(super) fn place(&self) -> Result<[f32; 3], Wrong> {
+    pub(super) fn place(&self) -> Result<[f32; 3], UserError> {
         let must = "three numbers, [x, y, z]";
         let DeValue::Array(list) = self.value else { return Err(self.refuse(must)) };
         let numbers: Option<Vec<f32>> = list.iter().map(|value| number(value.get_ref())).collect();
@@ -135,20 +135,20 @@ impl<'d> Field<'d> {
     }
 
     /// Whole numbers that fit.
-    pub(super) fn integers<T: TryFrom<i128>>(&self, must: &str) -> Result<Vec<T>, Wrong> {
+    pub(super) fn integers<T: TryFrom<i128>>(&self, must: &str) -> Result<Vec<T>, UserError> {
         let DeValue::Array(list) = self.value else { return Err(self.refuse(must)) };
         let numbers: Option<Vec<T>> = list.iter().map(|value| whole(value.get_ref())).collect();
         numbers.ok_or_else(|| self.refuse(must))
     }
 
-    pub(super) fn boolean(&self) -> Result<bool, Wrong> {
+    pub(super) fn boolean(&self) -> Result<bool, UserError> {
         match self.value {
             DeValue::Boolean(value) => Ok(*value),
             _ => Err(self.refuse("true or false")),
         }
     }
 
-    pub(super) fn text(&self, must: &str) -> Result<&'d str, Wrong> {
+    pub(super) fn text(&self, must: &str) -> Result<&'d str, UserError> {
         match self.value {
             DeValue::String(text) => Ok(text),
             _ => Err(self.refuse(must)),
@@ -156,7 +156,7 @@ impl<'d> Field<'d> {
     }
 
     /// One of these, by its name.
-    pub(super) fn choice<T: Copy>(&self, all: &[T], name: impl Fn(T) -> &'static str) -> Result<T, Wrong> {
+    pub(super) fn choice<T: Copy>(&self, all: &[T], name: impl Fn(T) -> &'static str) -> Result<T, UserError> {
         let names: Vec<&str> = all.iter().map(|one| name(*one)).collect();
         let must = format!("one of \"{}\"", names.join("\", \""));
         let text = self.text(&must)?;
@@ -168,13 +168,13 @@ impl<'d> Field<'d> {
     }
 
     /// A file; its path counts from the folder of the document.
-    pub(super) fn path(&self, must: &str) -> Result<PathBuf, Wrong> {
+    pub(super) fn path(&self, must: &str) -> Result<PathBuf, UserError> {
         let text = self.text(must)?;
         Ok(self.document.file.parent().map_or_else(|| PathBuf::from(text), |folder| folder.join(text)))
     }
 
     /// So many bytes as hexadecimal digits; `-` and `:` may stand between them.
-    pub(super) fn bytes<const N: usize>(&self) -> Result<[u8; N], Wrong> {
+    pub(super) fn bytes<const N: usize>(&self) -> Result<[u8; N], UserError> {
         let must = format!("{} hexadecimal digits in quotation marks", 2 * N);
         let text = self.text(&must)?;
         let digits: Option<Vec<u8>> =
@@ -186,7 +186,7 @@ impl<'d> Field<'d> {
     }
 
     /// The table that the value is.
-    pub(super) fn table(&self) -> Result<Section<'d>, Wrong> {
+    pub(super) fn table(&self) -> Result<Section<'d>, UserError> {
         match self.value {
             DeValue::Table(table) => Ok(Section { document: self.document, table, line: self.line }),
             _ => Err(self.refuse("a table, { … }")),
@@ -194,11 +194,11 @@ impl<'d> Field<'d> {
     }
 
     /// The value is not what it must be.
-    pub(super) fn refuse(&self, must: &str) -> Wrong {
+    pub(super) fn refuse(&self, must: &str) -> UserError {
         self.wrong(format!("{} is {}: it must be {must}", self.key, kind(self.value)))
     }
 
-    pub(super) fn wrong(&self, what: impl Into<String>) -> Wrong {
+    pub(super) fn wrong(&self, what: impl Into<String>) -> UserError {
         self.document.wrong(self.line, what)
     }
 }

@@ -10,7 +10,7 @@ use positioning_core::ble::rooms::{Classifier, Model, NodeModel};
 
 use super::calibrated::numbers;
 use super::document::{Field, Section};
-use crate::Wrong;
+use crate::UserError;
 use crate::ble::rooms::ModelFile;
 
 /// The keys of a tag's section.
@@ -47,7 +47,7 @@ impl Files {
     ///
     /// # Errors
     /// One cannot be read, is none, or none for a node.
-    pub(super) fn read(section: &Section<'_>) -> Result<Self, Wrong> {
+    pub(super) fn read(section: &Section<'_>) -> Result<Self, UserError> {
         let [map, rooms] = KEYS.map(|key| section.optional(key));
         let needs = |field: &Field<'_>, key: &'static str, why: &str| match section.optional(key) {
             Some(_) => Ok(()),
@@ -151,7 +151,7 @@ fn read(file: &Path) -> Result<Vec<u8>, String> {
 }
 
 /// What the file that a field names holds; its path counts from the site's folder.
-fn named<T>(field: &Field<'_>, maker: &str, read: impl FnOnce(&Path) -> Result<T, String>) -> Result<Named<T>, Wrong> {
+fn named<T>(field: &Field<'_>, maker: &str, read: impl FnOnce(&Path) -> Result<T, String>) -> Result<Named<T>, UserError> {
     let file = field.path(&format!("the name of a file of `baliza {maker} --out`"))?;
     let content = read(&file).map_err(|what| field.wrong(format!("{}: {}: {what}", field.key, file.display())))?;
     Ok(Named { content, line: field.line })

@@ -5,7 +5,7 @@ use node_record::{Anchor, Anchors, Beacon, Beacons, MAX_ANCHORS, MAX_BEACONS};
 use super::calibrated::Calibrated;
 use super::document::Section;
 use super::network::Lines;
-use crate::Wrong;
+use crate::UserError;
 
 const ANCHOR_KEYS: [&str; 2] = ["address", "position_m"];
 const BEACON_KEYS: [&str; 5] = ["major", "minor", "position_m", "rssi_1m_dbm", "path_loss_exponent"];
@@ -19,7 +19,7 @@ pub(super) struct Lists {
 
 impl Lists {
     /// Those that the file lists.
-    pub(super) fn read(root: &Section<'_>) -> Result<Self, Wrong> {
+    pub(super) fn read(root: &Section<'_>) -> Result<Self, UserError> {
         let anchors = root.tables("anchor")?;
         let beacons = root.tables("beacon")?;
         Ok(Self {
@@ -89,13 +89,13 @@ pub(super) struct RecordLists {
     pub(super) beacons: Beacons,
 }
 
-fn anchor(section: Section<'_>) -> Result<(Anchor, u64), Wrong> {
+fn anchor(section: Section<'_>) -> Result<(Anchor, u64), UserError> {
     section.with_keys(&ANCHOR_KEYS, |_| None)?;
     let address = section.required("address")?.integer("a short address, 0 to 0xFFFD")?;
     Ok((Anchor { address, position_m: section.required("position_m")?.place()? }, section.line))
 }
 
-fn beacon(section: Section<'_>) -> Result<(Beacon, u64), Wrong> {
+fn beacon(section: Section<'_>) -> Result<(Beacon, u64), UserError> {
     section.with_keys(&BEACON_KEYS, |_| None)?;
     let beacon = Beacon {
         major: section.required("major")?.integer("a whole number, 0 to 65535")?,

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use node_record::{Mode, Network, Phy, Region, Turnaround};
 
 use super::document::{Section, nearest};
-use crate::Wrong;
+use crate::UserError;
 
 /// The keys of `[network]`.
 const KEYS: [&str; 13] = [
@@ -62,7 +62,7 @@ pub(super) struct Shared {
 }
 
 impl Shared {
-    pub(super) fn read(section: &Section<'_>) -> Result<Self, Wrong> {
+    pub(super) fn read(section: &Section<'_>) -> Result<Self, UserError> {
         section.with_keys(&KEYS, |_| None)?;
         let mut lines = Lines::new();
         let mut number = |key: &'static str, field: &str, default: u16, most: u16| {
@@ -109,7 +109,7 @@ impl Shared {
     }
 }
 
-fn mode(section: &Section<'_>) -> Result<Mode, Wrong> {
+fn mode(section: &Section<'_>) -> Result<Mode, UserError> {
     let rounds = section.optional("rounds_hz");
     let must = format!("\"{}\"", MODES.join("\", \""));
     let mode = match section.optional("mode") {
@@ -137,7 +137,7 @@ fn mode(section: &Section<'_>) -> Result<Mode, Wrong> {
     }
 }
 
-fn beacon_key(section: &Section<'_>) -> Result<Option<[u8; 16]>, Wrong> {
+fn beacon_key(section: &Section<'_>) -> Result<Option<[u8; 16]>, UserError> {
     let Some(given) = section.optional("beacon_key") else { return Ok(None) };
     if given.text("32 hexadecimal digits in quotation marks")? == HIDDEN {
         return Err(given.wrong("beacon_key is hidden: put the key there, or show the record with --show-keys"));

@@ -8,7 +8,7 @@ use positioning_core::nlos::{Classifier, NodeModel};
 use super::document::{Field, Section, nearest};
 use super::levels::{self, Files};
 use super::network::{Lines, centihertz};
-use crate::Wrong;
+use crate::UserError;
 use crate::nlos::Chosen;
 
 const COMMON_KEYS: [&str; 9] =
@@ -89,7 +89,7 @@ impl Node {
     ///
     /// # Errors
     /// It cannot; the line says what is wrong.
-    pub fn record_for(&self, board: Option<Board>) -> Result<&Record, Wrong> {
+    pub fn record_for(&self, board: Option<Board>) -> Result<&Record, UserError> {
         let judged = match board.or(self.board) {
             Some(board) => self.record.validate_for(board),
             None => self.record.validate(),
@@ -98,14 +98,14 @@ impl Node {
     }
 
     /// In the file's words.
-    fn wrong(&self, invalid: &Invalid) -> Wrong {
+    fn wrong(&self, invalid: &Invalid) -> UserError {
         let Invalid { within, field, value, must } = invalid;
         let (place, key) = match within {
             Some((list, index)) => (format!("{list}[{index}]"), *field),
             None => ((*field).to_owned(), key_of(field)),
         };
         let line = self.lines.get(&place).copied().unwrap_or(self.line);
-        Wrong::line(&self.file, line, format!("{key} is {value}: it must be {must}"))
+        UserError::line(&self.file, line, format!("{key} is {value}: it must be {must}"))
     }
 }
 
@@ -121,7 +121,7 @@ fn key_of(field: &'static str) -> &'static str {
 }
 
 impl Own {
-    pub(super) fn read(section: &Section<'_>) -> Result<Self, Wrong> {
+    pub(super) fn read(section: &Section<'_>) -> Result<Self, UserError> {
         let role_field = section.required("role")?;
         let must = "\"anchor\", \"tag\" or \"beacon\"";
         let said = role_field.text(must)?;
@@ -165,14 +165,14 @@ impl Own {
 }
 
 /// Names are those of files, too.
-fn name(field: Field<'_>) -> Result<String, Wrong> {
+fn name(field: Field<'_>) -> Result<String, UserError> {
     let must = "letters, digits, - and _";
     let text = field.text(must)?;
     let plain = text.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_'));
     if plain && !text.is_empty() { Ok(text.to_owned()) } else { Err(field.refuse(must)) }
 }
 
-fn board(field: Field<'_>) -> Result<Board, Wrong> {
+fn board(field: Field<'_>) -> Result<Board, UserError> {
     let names = Board::ALL.map(Board::name);
     let must = names.join(", ");
     let text = field.text(&must)?;
@@ -195,7 +195,7 @@ impl<'d> Reader<'_, 'd> {
         Some(field)
     }
 
-    fn integer<T: TryFrom<i128>>(&mut self, key: &'static str, name: &str, must: &str) -> Result<Option<T>, Wrong> {
+    fn integer<T: TryFrom<i128>>(&mut self, key: &'static str, name: &str, must: &str) -> Result<Option<T>, UserError> {
         self.field(key, name).map(|field| field.integer(must)).transpose()
     }
 
@@ -205,20 +205,20 @@ impl<'d> Reader<'_, 'd> {
         name: &str,
         all: &[T],
         name_of: impl Fn(T) -> &'static str,
-    ) -> Result<Option<T>, Wrong> {
+    ) -> Result<Option<T>, UserError> {
         self.field(key, name).map(|field| field.choice(all, name_of)).transpose()
     }
 
-    fn boolean(&mut self, key: &'static str, default: bool) -> Result<bool, Wrong> {
+    fn boolean(&mut self, key: &'static str, default: bool) -> Result<bool, UserError> {
         self.section.optional(key).map_or(Ok(default), |field| field.boolean())
     }
 
-    fn identity(&mut self) -> Result<Identity, Wrong> {
+    fn identity(&mut self) -> Result<Identity, UserError> {
         let eui = self.field("eui", "identity.eui").map(|field| field.bytes().map(u64::from_be_bytes)).transpose()?;
         Ok(Identity { eui, address: self.integer("address", "identity.address", "a short address, 0 to 0xFFFD")? })
     }
 
-    fn calibration(&mut self) -> Result<Calibration, Wrong> {
+    fn calibration(&mut self) -> Result<Calibration, UserError> {
         Ok(Calibration {
             antenna_delay: self.integer("antenna_delay_ticks", "calibration.antenna_delay", WHOLE)?,
             crystal_trim: self.integer("crystal_trim", "calibration.crystal_trim", "0 to 31")?,
@@ -226,7 +226,7 @@ impl<'d> Reader<'_, 'd> {
         })
     }
 
-    fn pins(&mut self) -> Result<Option<Pins>, Wrong> {
+    fn pins(&mut self) -> Result<Option<Pins>, UserError> {
         let Some(field) = self.field("pins", "pins") else { return Ok(None) };
         let table = field.table()?.with_keys(&PIN_KEYS, |_| None)?;
         let mut pin = |key: &'static str| {
@@ -245,12 +245,12 @@ impl<'d> Reader<'_, 'd> {
     }
 
     /// A rate in Hz as hundredths.
-    fn rate(&mut self, key: &'static str, name: &str) -> Result<Option<u32>, Wrong> {
+    fn rate(&mut self, key: &'static str, name: &str) -> Result<Option<u32>, UserError> {
         let Some(field) = self.field(key, name) else { return Ok(None) };
         field.real().map(|hertz| Some(centihertz(hertz)))
     }
 
-    fn tag(&mut self) -> Result<Tag, Wrong> {
+    fn tag(&mut self) -> Result<Tag, UserError> {
         let interval: Option<u16> = self.integer("scan_interval_ms", "tag.scan.interval_ms", WHOLE)?;
         let window: Option<u16> = self.integer("scan_window_ms", "tag.scan.window_ms", WHOLE)?;
         let scan = match (interval, window) {
@@ -274,7 +274,7 @@ impl<'d> Reader<'_, 'd> {
         })
     }
 
-    fn advertiser(&mut self) -> Result<Advertiser, Wrong> {
+    fn advertiser(&mut self) -> Result<Advertiser, UserError> {
         Ok(Advertiser {
             uuid: self.section.required("uuid")?.bytes()?,
             major: self.section.required("major")?.integer(WHOLE)?,
@@ -288,7 +288,7 @@ impl<'d> Reader<'_, 'd> {
     }
 
     /// The classifier of a file, whose path counts from the site's.
-    fn model(&mut self) -> Result<Option<Chosen>, Wrong> {
+    fn model(&mut self) -> Result<Option<Chosen>, UserError> {
         let classifier = self.section.optional("nlos_classifier");
         let Some(field) = self.section.optional("nlos_model") else {
             let alone =
@@ -310,7 +310,7 @@ impl<'d> Reader<'_, 'd> {
         Ok(Some(chosen))
     }
 
-    fn channels(&mut self) -> Result<u8, Wrong> {
+    fn channels(&mut self) -> Result<u8, UserError> {
         let Some(field) = self.field("channels", "beacon.channels") else { return Ok(0b111) };
         let must = "a list of 37, 38, 39 or some of them";
         let channels: Vec<u8> = field.integers(must)?;

@@ -10,7 +10,7 @@ use super::document::{Document, Section, nearest};
 use super::lists::{Lists, RecordLists};
 use super::network::Shared;
 use super::node::{Node, Own};
-use crate::Wrong;
+use crate::UserError;
 
 const KEYS: [&str; 5] = ["network", "node", "anchor", "beacon", "beacons_csv"];
 
@@ -26,8 +26,8 @@ impl Site {
     ///
     /// # Errors
     /// It cannot be read, or [`parse`](Self::parse) refuses it.
-    pub fn read(file: &Path) -> Result<Self, Wrong> {
-        let text = fs::read_to_string(file).map_err(|error| Wrong::file(file, error.to_string()))?;
+    pub fn read(file: &Path) -> Result<Self, UserError> {
+        let text = fs::read_to_string(file).map_err(|error| UserError::file(file, error.to_string()))?;
         Self::parse(file, &text)
     }
 
@@ -36,20 +36,20 @@ impl Site {
     /// # Errors
     /// The first line that is wrong: it is no TOML, a key is unknown or missing, a value is not what it must be, two
     /// nodes are the same, or a node could not do as it is told.
-    pub fn parse(file: &Path, text: &str) -> Result<Self, Wrong> {
+    pub fn parse(file: &Path, text: &str) -> Result<Self, UserError> {
         let document = Document { file, text };
         let root = document.parse()?;
         let root = Section::root(document, &root).with_keys(&KEYS, |_| None)?;
         let shared = match root.tables("network")?.as_slice() {
             [network] => Shared::read(network)?,
-            [] => return Err(Wrong::file(file, "[network] is missing")),
+            [] => return Err(UserError::file(file, "[network] is missing")),
             [_, second, ..] => return Err(second.wrong("[network] is there twice")),
         };
         let listed = Lists::read(&root)?;
         let sections = root.tables("node")?;
         let owns = sections.iter().map(Own::read).collect::<Result<Vec<_>, _>>()?;
         if owns.is_empty() {
-            return Err(Wrong::file(file, "there is no [[node]]"));
+            return Err(UserError::file(file, "there is no [[node]]"));
         }
 
         let mut told = told(listed, &owns, shared.network.mode);
@@ -71,18 +71,18 @@ impl Site {
     ///
     /// # Errors
     /// There are several and none is named, or there is none of that name.
-    pub fn node(&self, name: Option<&str>) -> Result<&Node, Wrong> {
+    pub fn node(&self, name: Option<&str>) -> Result<&Node, UserError> {
         let names: Vec<_> = self.nodes.iter().map(|node| node.name.as_str()).collect();
         match (name, self.nodes.as_slice()) {
             (None, [only]) => Ok(only),
             (None, _) => {
                 let what =
                     format!("the file has {} nodes, name one of {}, or give --all", names.len(), names.join(", "));
-                Err(Wrong::flag("--node", what))
+                Err(UserError::flag("--node", what))
             }
             (Some(name), nodes) => nodes.iter().find(|node| node.name == name).ok_or_else(|| {
                 let near = nearest(name, &names).map_or_else(|| names.join(", "), ToOwned::to_owned);
-                Wrong::flag("--node", format!("there is no node {name}; there is {near}"))
+                UserError::flag("--node", format!("there is no node {name}; there is {near}"))
             }),
         }
     }
@@ -110,7 +110,7 @@ fn told(mut lists: Lists, owns: &[Own], mode: Mode) -> Lists {
     lists
 }
 
-fn node(document: Document<'_>, own: &Own, shared: &Shared, told: &Lists, count: usize) -> Result<Node, Wrong> {
+fn node(document: Document<'_>, own: &Own, shared: &Shared, told: &Lists, count: usize) -> Result<Node, UserError> {
     let name = match (&own.name, count) {
         (Some(name), _) => name.clone(),
         (None, 1) => "node".to_owned(),
@@ -143,7 +143,7 @@ fn node(document: Document<'_>, own: &Own, shared: &Shared, told: &Lists, count:
 }
 
 /// No two nodes are called, or are, the same.
-fn distinct(document: Document<'_>, nodes: &[Node]) -> Result<(), Wrong> {
+fn distinct(document: Document<'_>, nodes: &[Node]) -> Result<(), UserError> {
     for (index, node) in nodes.iter().enumerate() {
         for before in nodes.iter().take(index) {
             let same = |what: String| {

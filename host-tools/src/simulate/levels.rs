@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use sim::scenario::{Scenario, survey};
 
-use crate::Wrong;
+use crate::UserError;
 use crate::presence::{Room, room_of};
 use crate::provision::levels::{Part, encode, read_map, read_rooms};
 
@@ -17,13 +17,13 @@ const MOST_PLACES: usize = 10_000;
 ///
 /// # Errors
 /// A file is none, or not for these tags.
-pub fn load_levels(scenario: &mut Scenario, file: &Path) -> Result<(), Wrong> {
+pub fn load_levels(scenario: &mut Scenario, file: &Path) -> Result<(), UserError> {
     let files = &scenario.bluetooth.files;
     if files.map.is_none() && files.rooms.is_none() {
         return Ok(());
     }
     let folder = file.parent().unwrap_or(Path::new(""));
-    let wrong = |key: &str, name: &str, what: String| Wrong::file(file, format!("{key}: {name}: {what}"));
+    let wrong = |key: &str, name: &str, what: String| UserError::file(file, format!("{key}: {name}: {what}"));
     let map = files.map.as_ref().map(|name| read_map(&folder.join(name)).map_err(|what| wrong("map", name, what)));
     let rooms =
         files.rooms.as_ref().map(|name| read_rooms(&folder.join(name)).map_err(|what| wrong("rooms", name, what)));
@@ -34,7 +34,7 @@ pub fn load_levels(scenario: &mut Scenario, file: &Path) -> Result<(), Wrong> {
             Part::Map => "map",
             Part::Rooms => "rooms",
         };
-        Wrong::file(file, format!("{key} {what}"))
+        UserError::file(file, format!("{key} {what}"))
     })?;
     scenario.bluetooth.levels = Some(levels.into());
     Ok(())
@@ -53,11 +53,11 @@ pub fn survey_csv(scenario: &Scenario, step_m: f64, stay_s: f64, rooms: Option<&
         (low, (high - low) / steps.max(1.0), if steps < MOST_PLACES as f64 { steps as usize + 1 } else { MOST_PLACES })
     });
     if scenario.beacons.is_empty() {
-        return Err(Wrong::flag("--survey", "the scenario has no beacons").into());
+        return Err(UserError::flag("--survey", "the scenario has no beacons").into());
     }
     if x.2 * y.2 > MOST_PLACES {
         let what = format!("{} points, where {MOST_PLACES} can be simulated", x.2 * y.2);
-        return Err(Wrong::flag("--survey-step-m", what).into());
+        return Err(UserError::flag("--survey-step-m", what).into());
     }
     let height = scenario.tag.height_m.map_or(1.2, f64::from);
     let grid = (0..x.2).flat_map(|i| (0..y.2).map(move |j| (i, j)));

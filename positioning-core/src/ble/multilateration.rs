@@ -10,7 +10,7 @@ use super::path_loss::PathLoss;
 use crate::geometry::Survey;
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_scaled, dot, sub};
 use crate::linear::{PerSample, weighted_position};
-use crate::{AnchorSet, Constraints, Fix, MAX_ANCHORS, NoFix, RangeSample, Real, flatten};
+use crate::{AnchorSet, Constraints, Fix, MAX_ANCHORS, SolveError, RangeSample, Real, flatten};
 
 /// The iteration ends when a step is shorter than this, metres.
 const CONVERGED_M: f64 = 1.0e-3;
@@ -67,8 +67,8 @@ impl<T: Real, const D: usize> Heard<T, D> {
 /// Weighted linear least squares about the nearest beacon (6); a distance's error grows with the distance, as the thesis assumes.
 ///
 /// # Errors
-/// See [`NoFix`]: [`TooFewAnchors`](NoFix::TooFewAnchors) means fewer than three beacons in the plane.
-pub fn weighted_linear<T: Real, const D: usize>(heard: &[Heard<T, D>]) -> Result<Fix<T, D>, NoFix> {
+/// See [`SolveError`]: [`TooFewAnchors`](SolveError::TooFewAnchors) means fewer than three beacons in the plane.
+pub fn weighted_linear<T: Real, const D: usize>(heard: &[Heard<T, D>]) -> Result<Fix<T, D>, SolveError> {
     let (ranges, survey) = surveyed(heard, &Constraints::default())?;
     let position = linear_position(heard, &ranges, &survey)?;
     // What the closed form makes of an error: its weights on squared distances, seen as weights on distances.
@@ -86,7 +86,7 @@ pub fn weighted_linear<T: Real, const D: usize>(heard: &[Heard<T, D>]) -> Result
         add_outer(&mut outer, weight, &unit);
         add_outer(&mut inner, (weight * distance * heard.path_loss.relative_deviation()).squared(), &unit);
     }
-    let factors = Ldl::new(outer).ok_or(NoFix::Diverged)?;
+    let factors = Ldl::new(outer).ok_or(SolveError::Diverged)?;
     let inverse = factors.inverse();
     let agreement = Agreement::of(heard, &position, T::ZERO);
     let covariance = core::array::from_fn(|r| {
@@ -107,12 +107,12 @@ pub fn weighted_linear<T: Real, const D: usize>(heard: &[Heard<T, D>]) -> Result
 /// dB: 0 for the receiver that the path losses were calibrated with, some 4 for another one. It keeps inside the known area.
 ///
 /// # Errors
-/// See [`NoFix`].
+/// See [`SolveError`].
 pub fn nonlinear<T: Real, const D: usize>(
     heard: &[Heard<T, D>],
     offset_deviation: T,
     constraints: &Constraints<T, D>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     let (ranges, survey) = surveyed(heard, constraints)?;
     let loudest = ranges.get(survey.reference).map(|range| range.anchor);
     let starts = [linear_position(heard, &ranges, &survey).ok(), Some(survey.boxed), loudest];
@@ -123,8 +123,8 @@ pub fn nonlinear<T: Real, const D: usize>(
             best = Some((model.cost, position, model.hessian));
         }
     }
-    let (_, position, hessian) = best.ok_or(NoFix::Diverged)?;
-    let inverse = Ldl::new(hessian).ok_or(NoFix::Diverged)?.inverse();
+    let (_, position, hessian) = best.ok_or(SolveError::Diverged)?;
+    let inverse = Ldl::new(hessian).ok_or(SolveError::Diverged)?.inverse();
     let agreement = Agreement::of(heard, &position, offset_deviation);
     let covariance = inverse.map(|row| row.map(|element| agreement.inflation() * element));
     conclude(heard, position, covariance, &agreement)
@@ -136,12 +136,12 @@ type Ranges<T, const D: usize> = Vec<RangeSample<T, D>, MAX_ANCHORS>;
 fn surveyed<T: Real, const D: usize>(
     heard: &[Heard<T, D>],
     constraints: &Constraints<T, D>,
-) -> Result<(Ranges<T, D>, Survey<T, D>), NoFix> {
+) -> Result<(Ranges<T, D>, Survey<T, D>), SolveError> {
     if heard.len() > MAX_ANCHORS {
-        return Err(NoFix::TooManyAnchors);
+        return Err(SolveError::TooManyAnchors);
     }
     if !heard.iter().all(Heard::is_sane) {
-        return Err(NoFix::NotFinite);
+        return Err(SolveError::NotFinite);
     }
     let ranges: Ranges<T, D> = heard.iter().map(Heard::range).collect();
     let survey = Survey::of(&ranges, constraints)?;
@@ -152,7 +152,7 @@ fn linear_position<T: Real, const D: usize>(
     heard: &[Heard<T, D>],
     ranges: &Ranges<T, D>,
     survey: &Survey<T, D>,
-) -> Result<Vector<T, D>, NoFix> {
+) -> Result<Vector<T, D>, SolveError> {
     let variances: PerSample<T> = core::array::from_fn(|i| {
         heard.get(i).map_or(T::ONE, |heard| (heard.distance() * heard.path_loss.relative_deviation()).squared())
     });
@@ -264,18 +264,18 @@ fn conclude<T: Real, const D: usize>(
     position: Vector<T, D>,
     covariance: Matrix<T, D>,
     agreement: &Agreement<T>,
-) -> Result<Fix<T, D>, NoFix> {
+) -> Result<Fix<T, D>, SolveError> {
     let mut geometry: Matrix<T, D> = [[T::ZERO; D]; D];
     for heard in heard {
         let across = sub(&position, &heard.place);
         let distance = dot(&across, &across).sqrt().at_least(T::of(NEAREST_M));
         add_outer(&mut geometry, T::ONE, &across.map(|component| component / distance));
     }
-    let dilution = Ldl::new(geometry).ok_or(NoFix::Diverged)?.inverse();
+    let dilution = Ldl::new(geometry).ok_or(SolveError::Diverged)?.inverse();
     let sum = position.iter().chain(covariance.iter().flatten()).fold(T::ZERO, |sum, number| sum + number.abs());
     // Beyond a kilometre nobody hears a beacon: the linear form left the room.
     if !(sum <= T::of(1.0e6)) || !(dot(&position, &position).sqrt() <= T::of(1.0e5)) {
-        return Err(NoFix::Diverged);
+        return Err(SolveError::Diverged);
     }
     Ok(Fix {
         position,
@@ -290,7 +290,7 @@ fn conclude<T: Real, const D: usize>(
 mod tests {
     use super::{Heard, nonlinear, weighted_linear};
     use crate::ble::path_loss::PathLoss;
-    use crate::{Area, Constraints, NoFix};
+    use crate::{Area, Constraints, SolveError};
 
     const MODEL: PathLoss<f64> = PathLoss { level_1m: -50.0, exponent: 2.0, deviation: 4.0 };
 
@@ -363,16 +363,16 @@ mod tests {
         let both = |heard: &[Heard<f64, 2>]| {
             (weighted_linear(heard).err(), nonlinear(heard, 0.0, &Constraints::default()).err())
         };
-        assert_eq!(both(&good[..2]), (Some(NoFix::TooFewAnchors), Some(NoFix::TooFewAnchors)));
-        assert_eq!(both(&[good[0]; 17]), (Some(NoFix::TooManyAnchors), Some(NoFix::TooManyAnchors)));
-        assert_eq!(both(&[good[0]; 4]), (Some(NoFix::CoincidentAnchors), Some(NoFix::CoincidentAnchors)));
+        assert_eq!(both(&good[..2]), (Some(SolveError::TooFewAnchors), Some(SolveError::TooFewAnchors)));
+        assert_eq!(both(&[good[0]; 17]), (Some(SolveError::TooManyAnchors), Some(SolveError::TooManyAnchors)));
+        assert_eq!(both(&[good[0]; 4]), (Some(SolveError::CoincidentAnchors), Some(SolveError::CoincidentAnchors)));
         for wrong in [f64::NAN, f64::INFINITY] {
             let mut bad = good;
             bad[1].level = wrong;
-            assert_eq!(both(&bad), (Some(NoFix::NotFinite), Some(NoFix::NotFinite)));
+            assert_eq!(both(&bad), (Some(SolveError::NotFinite), Some(SolveError::NotFinite)));
             let mut bad = good;
             bad[2].path_loss.exponent = wrong;
-            assert_eq!(both(&bad), (Some(NoFix::NotFinite), Some(NoFix::NotFinite)));
+            assert_eq!(both(&bad), (Some(SolveError::NotFinite), Some(SolveError::NotFinite)));
         }
     }
 

@@ -9,7 +9,7 @@
 use super::multilateration::Heard;
 use super::particles::{Levels, Term};
 use super::path_loss::Wall;
-use crate::{AnchorSet, Area, Fix, MAX_ANCHORS, NoFix, Real};
+use crate::{AnchorSet, Area, Fix, MAX_ANCHORS, SolveError, Real};
 
 /// Points of a lattice along each axis.
 const POINTS: usize = 16;
@@ -54,7 +54,7 @@ pub struct Posterior<T> {
 /// are given.
 ///
 /// # Errors
-/// [`NoFix::TooFewAnchors`] without a level, [`NoFix::TooManyAnchors`] beyond [`MAX_ANCHORS`], [`NoFix::NotFinite`] where a number is none
+/// [`SolveError::TooFewAnchors`] without a level, [`SolveError::TooManyAnchors`] beyond [`MAX_ANCHORS`], [`SolveError::NotFinite`] where a number is none
 /// or the area is empty.
 #[inline(never)]
 pub fn posterior<T: Real>(
@@ -62,15 +62,15 @@ pub fn posterior<T: Real>(
     area: &Area<T, 2>,
     walls: &[Wall<T>],
     belief: &Belief<T>,
-) -> Result<Posterior<T>, NoFix> {
+) -> Result<Posterior<T>, SolveError> {
     if heard.is_empty() {
-        return Err(NoFix::TooFewAnchors);
+        return Err(SolveError::TooFewAnchors);
     }
     if heard.len() > MAX_ANCHORS {
-        return Err(NoFix::TooManyAnchors);
+        return Err(SolveError::TooManyAnchors);
     }
     if !(is_some(area) && heard.iter().all(Heard::is_sane)) {
-        return Err(NoFix::NotFinite);
+        return Err(SolveError::NotFinite);
     }
     let levels = belief.of(heard).through(walls);
     let area = &belief.narrowed(area, heard);
@@ -82,7 +82,7 @@ pub fn posterior<T: Real>(
     let fine = Moments::over(&levels, &near, None);
     let found = if fine.weight > T::ZERO { fine } else { coarse };
     if !(found.mean[0] + found.mean[1]).is_finite() {
-        return Err(NoFix::Diverged);
+        return Err(SolveError::Diverged);
     }
     let fix = Fix {
         position: found.mean,
@@ -224,7 +224,7 @@ mod tests {
     use super::{Belief, posterior, too_loud};
     use crate::ble::multilateration::Heard;
     use crate::ble::path_loss::PathLoss;
-    use crate::{Area, NoFix};
+    use crate::{Area, SolveError};
 
     const MODEL: PathLoss<f64> = PathLoss { level_1m: -50.0, exponent: 2.0, deviation: 4.0 };
     const ROOM: Area<f64, 2> = Area { min: [0.0, 0.0], max: [6.0, 8.0] };
@@ -324,7 +324,7 @@ mod tests {
     fn one_beacon_says_something_and_none_nothing() {
         let fix = posterior(&[heard([0.0, 0.0], -50.0)], &ROOM, &[], &Belief::default()).expect("a position").fix;
         assert!(fix.position[0] < 3.0 && fix.position[1] < 4.0 && fix.covariance[1][1] > 1.0, "{fix:?}");
-        assert_eq!(posterior(&[], &ROOM, &[], &Belief::default()), Err(NoFix::TooFewAnchors));
+        assert_eq!(posterior(&[], &ROOM, &[], &Belief::default()), Err(SolveError::TooFewAnchors));
     }
 
     #[test]
@@ -344,10 +344,10 @@ mod tests {
     fn what_is_no_number_is_a_reason() {
         let good = heard([0.0, 0.0], -60.0);
         let at = |heard: &[Heard<f64, 2>], area: &Area<f64, 2>| posterior(heard, area, &[], &Belief::default()).err();
-        assert_eq!(at(&[Heard { level: f64::NAN, ..good }], &ROOM), Some(NoFix::NotFinite));
-        assert_eq!(at(&[good], &Area { min: [0.0, 0.0], max: [0.0, 8.0] }), Some(NoFix::NotFinite));
-        assert_eq!(at(&[good], &Area { min: [0.0, f64::NAN], max: [6.0, 8.0] }), Some(NoFix::NotFinite));
-        assert_eq!(at(&[good; 17], &ROOM), Some(NoFix::TooManyAnchors));
+        assert_eq!(at(&[Heard { level: f64::NAN, ..good }], &ROOM), Some(SolveError::NotFinite));
+        assert_eq!(at(&[good], &Area { min: [0.0, 0.0], max: [0.0, 8.0] }), Some(SolveError::NotFinite));
+        assert_eq!(at(&[good], &Area { min: [0.0, f64::NAN], max: [6.0, 8.0] }), Some(SolveError::NotFinite));
+        assert_eq!(at(&[good; 17], &ROOM), Some(SolveError::TooManyAnchors));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! What comes out of the engine.
 
-use crate::{AnchorSet, NoFix, Real};
+use crate::{AnchorSet, SolveError, Real};
 
 /// After a measurement: what became of it, and where the tag is now.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,7 +84,7 @@ pub enum Missing {
     /// The round has not ended, and there is no track.
     RoundOpen,
     /// The round could not be solved.
-    NoFix(NoFix),
+    SolveError(SolveError),
     /// The track was given up, and no round has ended since.
     Lost(Start),
 }
@@ -94,7 +94,7 @@ impl Missing {
     pub fn as_str(self) -> &'static str {
         match self {
             Self::RoundOpen => "round-open",
-            Self::NoFix(reason) => reason.as_str(),
+            Self::SolveError(reason) => reason.as_str(),
             Self::Lost(Start::First) => "no-track",
             Self::Lost(Start::Contradicted) => "contradicted",
             Self::Lost(Start::Lost) => "track-lost",

@@ -5,7 +5,7 @@ use heapless::Vec;
 use super::measurement::{BeaconPosition, Range, Tdoa, probability};
 use super::settings::{Dimensions, Settings};
 use crate::track::{Blocked, TdoaSample, hyperbolic};
-use crate::{AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, NoFix, RangeSample, Real, Side, Solver, flatten};
+use crate::{AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, SolveError, RangeSample, Real, Side, Solver, flatten};
 
 /// The measurements of a round.
 #[derive(Clone, Debug)]
@@ -57,7 +57,7 @@ impl<T: Real> Round<T> {
 
     /// The round's position.
     #[inline(never)]
-    pub(super) fn solve(&self, settings: &Settings<T>) -> Result<Fix<T, 3>, NoFix> {
+    pub(super) fn solve(&self, settings: &Settings<T>) -> Result<Fix<T, 3>, SolveError> {
         if !self.ranges.is_empty() {
             return match settings.dimensions {
                 Dimensions::Plane { height } => self.solve_plane(settings, height),
@@ -69,7 +69,7 @@ impl<T: Real> Round<T> {
         }
         // The height is not theirs to tell.
         let by_beacons = self.by_beacons.as_ref().zip(settings.dimensions.height());
-        by_beacons.map(|(position, height)| position.at(height)).ok_or(NoFix::TooFewAnchors)
+        by_beacons.map(|(position, height)| position.at(height)).ok_or(SolveError::TooFewAnchors)
     }
 
     /// Which ranges a solver gets: all, or those in line of sight and so many of the least blocked that there are enough.
@@ -98,7 +98,7 @@ impl<T: Real> Round<T> {
     }
 
     #[inline(never)]
-    fn solve_plane(&self, settings: &Settings<T>, height: T) -> Result<Fix<T, 3>, NoFix> {
+    fn solve_plane(&self, settings: &Settings<T>, height: T) -> Result<Fix<T, 3>, SolveError> {
         let area = settings.area.map(|area| Area { min: [area.min[0], area.min[1]], max: [area.max[0], area.max[1]] });
         let fix =
             self.solve_in(settings, settings.solvers.plane, &Constraints { side: Side::Unknown, area }, |range| {
@@ -121,7 +121,7 @@ impl<T: Real> Round<T> {
     }
 
     #[inline(never)]
-    fn solve_space(&self, settings: &Settings<T>, side: Side<T, 3>) -> Result<Fix<T, 3>, NoFix> {
+    fn solve_space(&self, settings: &Settings<T>, side: Side<T, 3>) -> Result<Fix<T, 3>, SolveError> {
         self.solve_in(settings, settings.solvers.space, &Constraints { side, area: settings.area }, |range| {
             RangeSample::new(range.place, length(range, settings))
         })
@@ -133,7 +133,7 @@ impl<T: Real> Round<T> {
         solver: Solver<T, D>,
         constraints: &Constraints<T, D>,
         sample: impl Fn(&Range<T>) -> RangeSample<T, D>,
-    ) -> Result<Fix<T, D>, NoFix> {
+    ) -> Result<Fix<T, D>, SolveError> {
         let chosen = self.chosen(settings);
         let mut samples: Vec<RangeSample<T, D>, MAX_ANCHORS> = Vec::new();
         for (place, range) in self.ranges.iter().enumerate() {
@@ -148,8 +148,8 @@ impl<T: Real> Round<T> {
     }
 
     #[inline(never)]
-    fn solve_differences(&self, settings: &Settings<T>) -> Result<Fix<T, 3>, NoFix> {
-        let Some(first) = self.tdoas.first() else { return Err(NoFix::TooFewAnchors) };
+    fn solve_differences(&self, settings: &Settings<T>) -> Result<Fix<T, 3>, SolveError> {
+        let Some(first) = self.tdoas.first() else { return Err(SolveError::TooFewAnchors) };
         let mut samples: Vec<TdoaSample<T>, MAX_ANCHORS> = Vec::new();
         for tdoa in self.tdoas.iter().filter(|tdoa| tdoa.reference == first.reference) {
             let sigma = white(settings, tdoa.deviations[1], probability(tdoa.blocked[1]));

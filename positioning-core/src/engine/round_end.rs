@@ -32,7 +32,7 @@ impl<T: Real> Engine<T> {
 
     /// The round's own position.
     fn solved(&self) -> Result<TrackFix<T>, Missing> {
-        let fix = self.round.solve(&self.settings).map_err(Missing::NoFix)?;
+        let fix = self.round.solve(&self.settings).map_err(Missing::SolveError)?;
         let Fix { position, covariance, used, quality, .. } = fix;
         Ok(TrackFix { position, velocity: [T::ZERO; 3], covariance, used, quality, age_us: 0 })
     }
@@ -45,7 +45,7 @@ impl<T: Real> Engine<T> {
                 let start = self.begin_at(&fix);
                 Output { verdict: Verdict::Started(start), fix: self.fix() }
             }
-            Err(reason) => Output { verdict: Verdict::Concluded, fix: Err(Missing::NoFix(reason)) },
+            Err(reason) => Output { verdict: Verdict::Concluded, fix: Err(Missing::SolveError(reason)) },
         }
     }
 

@@ -6,7 +6,7 @@
 //! no matrix larger than the position's is inverted.
 
 use crate::linalg::{Ldl, Matrix, add_outer, add_scaled, dot, sub};
-use crate::{AnchorSet, Fix, MAX_ANCHORS, NoFix, Real};
+use crate::{AnchorSet, Fix, MAX_ANCHORS, SolveError, Real};
 
 /// One difference of arrival.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,19 +34,19 @@ const FARTHEST_M: f64 = 1.0e5;
 /// `height` only x and y are sought. `start` is where the search begins: the middle of the anchors, where nothing better is known.
 ///
 /// # Errors
-/// See [`NoFix`]: fewer differences than coordinates, or anchors that do not determine the position.
+/// See [`SolveError`]: fewer differences than coordinates, or anchors that do not determine the position.
 pub fn hyperbolic<T: Real>(
     samples: &[TdoaSample<T>],
     reference: [T; 3],
     reference_sigma: T,
     height: Option<T>,
     start: Option<[T; 3]>,
-) -> Result<Fix<T, 3>, NoFix> {
+) -> Result<Fix<T, 3>, SolveError> {
     if samples.len() > MAX_ANCHORS {
-        return Err(NoFix::TooManyAnchors);
+        return Err(SolveError::TooManyAnchors);
     }
     if samples.len() < if height.is_some() { 2 } else { 3 } {
-        return Err(NoFix::TooFewAnchors);
+        return Err(SolveError::TooFewAnchors);
     }
     let magnitude = |point: &[T; 3]| point.iter().fold(T::ZERO, |sum, c| sum + c.abs());
     let sane = samples.iter().all(|sample| {
@@ -54,7 +54,7 @@ pub fn hyperbolic<T: Real>(
     });
     let rest = magnitude(&reference) + reference_sigma + height.unwrap_or(T::ZERO).abs();
     if !sane || !(rest <= T::of(FARTHEST_M)) || !(reference_sigma > T::ZERO) {
-        return Err(NoFix::NotFinite);
+        return Err(SolveError::NotFinite);
     }
     let middle = samples.iter().fold(reference, |sum, sample| add_scaled(&sum, T::ONE, &sample.anchor));
     let share = T::ONE / T::count(samples.len() + 1);
@@ -67,7 +67,7 @@ pub fn hyperbolic<T: Real>(
     let mut here = problem.model(&position);
     let mut damping = T::of(1.0e-3);
     for _ in 0..MAX_STEPS {
-        let mut step = here.step(damping).ok_or(NoFix::Diverged)?;
+        let mut step = here.step(damping).ok_or(SolveError::Diverged)?;
         let square = dot(&step, &step);
         if square > T::of(STEP_LIMIT_M).squared() {
             let scale = T::of(STEP_LIMIT_M) / square.sqrt();
@@ -135,8 +135,8 @@ impl<T: Real> Problem<'_, T> {
         model
     }
 
-    fn conclude(&self, position: [T; 3], model: &Model<T>) -> Result<Fix<T, 3>, NoFix> {
-        let mut covariance = Ldl::new(model.hessian).ok_or(NoFix::Diverged)?.inverse();
+    fn conclude(&self, position: [T; 3], model: &Model<T>) -> Result<Fix<T, 3>, SolveError> {
+        let mut covariance = Ldl::new(model.hessian).ok_or(SolveError::Diverged)?.inverse();
         let unit = self.samples.iter().fold(T::ZERO, |least, sample| least.at_least(sample.sigma.squared()));
         if self.flat {
             covariance[2] = [T::ZERO; 3];
@@ -146,7 +146,7 @@ impl<T: Real> Problem<'_, T> {
         let trace = covariance[0][0] + covariance[1][1] + covariance[2][2];
         let sum = position.iter().fold(trace, |sum, component| sum + component.abs());
         if !(sum <= T::of(FARTHEST_M)) || trace > T::of(WORST_DILUTION * WORST_DILUTION) * unit {
-            return Err(NoFix::Diverged);
+            return Err(SolveError::Diverged);
         }
         let normalised = model.cost.at_least(T::ZERO) / T::count(self.samples.len());
         Ok(Fix {

@@ -159,7 +159,7 @@ fn silence_makes_a_track_doubtful_then_ends_it_and_a_round_begins_another() {
     let (soon, age) = sigma(&mut engine, 1_000).expect("a track");
     let (later, _) = sigma(&mut engine, 2_000_000).expect("a track");
     assert!(later > 3.0 * soon && age == 1_000, "{soon} {later} {age}");
-    assert_eq!(sigma(&mut engine, 3_600_000_000), Err(Missing::NoFix(positioning_core::NoFix::TooFewAnchors)));
+    assert_eq!(sigma(&mut engine, 3_600_000_000), Err(Missing::SolveError(positioning_core::SolveError::TooFewAnchors)));
     let height = engine.step(last + 3_600_000_000, &Measurement::Height { height: 1.0, deviation: 0.1 });
     assert!(matches!(height.fix, Err(Missing::Lost(Start::Gap | Start::Lost))), "{height:?}");
     let error = round(&mut engine, last + 3_600_100_000, [7.0, 6.0], |_| 0.0).expect("a track");
@@ -204,7 +204,7 @@ fn a_tag_without_memory_gets_what_the_solver_says() {
     }
     assert_eq!(
         engine.step(60 * ROUND_US, &Measurement::RoundEnd).fix.map(|fix| fix.used),
-        Err(Missing::NoFix(positioning_core::NoFix::TooFewAnchors))
+        Err(Missing::SolveError(positioning_core::SolveError::TooFewAnchors))
     );
 }
 

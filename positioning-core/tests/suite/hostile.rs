@@ -1,7 +1,7 @@
 //! Input from a broken node, a bad file or an enemy: an answer or a reason, never a panic, never a position that is not one.
 
 use crate::support::{rng, room, samples};
-use positioning_core::{Area, Constraints, Fix, Method, NoFix, RangeSample, Real, Side, solve};
+use positioning_core::{Area, Constraints, Fix, Method, SolveError, RangeSample, Real, Side, solve};
 use rand::Rng;
 use rand_pcg::Pcg64;
 
@@ -99,8 +99,8 @@ fn hostile_input_in_double_precision() {
     never_panics::<f64, 3>(23, 100_000);
 }
 
-fn reason(list: &[RangeSample<f32, 2>]) -> Vec<NoFix> {
-    let mut reasons: Vec<NoFix> =
+fn reason(list: &[RangeSample<f32, 2>]) -> Vec<SolveError> {
+    let mut reasons: Vec<SolveError> =
         Method::ALL.iter().filter_map(|&m| solve(m, list, &Constraints::default()).err()).collect();
     if reasons.len() == Method::ALL.len() {
         reasons.dedup();
@@ -115,17 +115,17 @@ fn ranges(list: &[([f32; 2], f32)]) -> Vec<RangeSample<f32, 2>> {
 #[test]
 fn every_method_says_why_there_is_no_fix() {
     let corner = [([0.0, 0.0], 3.0), ([6.0, 0.0], 4.2), ([6.0, 6.0], 5.0), ([0.0, 6.0], 4.0)];
-    assert_eq!(reason(&ranges(&corner[..2])), [NoFix::TooFewAnchors]);
-    assert_eq!(reason(&[]), [NoFix::TooFewAnchors]);
-    assert_eq!(reason(&vec![RangeSample::new([0.0, 1.0], 1.0); 17]), [NoFix::TooManyAnchors]);
-    assert_eq!(reason(&ranges(&[corner[0], corner[1], ([6.0, 6.0], f32::NAN)])), [NoFix::NotFinite]);
-    assert_eq!(reason(&ranges(&[corner[0], corner[1], ([6.0, f32::INFINITY], 5.0)])), [NoFix::NotFinite]);
-    assert_eq!(reason(&ranges(&[([2.0, 3.0], 1.0); 5])), [NoFix::CoincidentAnchors]);
+    assert_eq!(reason(&ranges(&corner[..2])), [SolveError::TooFewAnchors]);
+    assert_eq!(reason(&[]), [SolveError::TooFewAnchors]);
+    assert_eq!(reason(&vec![RangeSample::new([0.0, 1.0], 1.0); 17]), [SolveError::TooManyAnchors]);
+    assert_eq!(reason(&ranges(&[corner[0], corner[1], ([6.0, 6.0], f32::NAN)])), [SolveError::NotFinite]);
+    assert_eq!(reason(&ranges(&[corner[0], corner[1], ([6.0, f32::INFINITY], 5.0)])), [SolveError::NotFinite]);
+    assert_eq!(reason(&ranges(&[([2.0, 3.0], 1.0); 5])), [SolveError::CoincidentAnchors]);
     let line = [([0.0, 0.0], 3.0), ([2.0, 2.0], 2.0), ([4.0, 4.0], 4.0), ([8.0, 8.0], 8.0)];
-    assert_eq!(reason(&ranges(&line)), [NoFix::CollinearAnchors]);
+    assert_eq!(reason(&ranges(&line)), [SolveError::CollinearAnchors]);
     // Ten metres between the anchors and one metre to each.
     let apart = [([0.0, 0.0], 1.0), ([10.0, 0.0], 1.0), ([10.0, 10.0], 1.0), ([0.0, 10.0], 1.0)];
-    assert_eq!(reason(&ranges(&apart)), [NoFix::RangesDisjoint]);
+    assert_eq!(reason(&ranges(&apart)), [SolveError::RangesDisjoint]);
 }
 
 #[test]

@@ -3,7 +3,7 @@
 
 use crate::support::{distance, normal, rng, room, samples};
 use nalgebra::{DMatrix, DVector};
-use positioning_core::{Area, Constraints, Method, NoFix, RangeSample, Side, flatten, solve};
+use positioning_core::{Area, Constraints, Method, SolveError, RangeSample, Side, flatten, solve};
 
 const AREA: Area<f64, 2> = Area { min: [0.0, 0.0], max: [12.0, 9.0] };
 
@@ -71,7 +71,7 @@ fn closed_forms_agree_with_full_matrices() {
                     assert!(distance(&fix.position, &z) < 1e-6, "{method} {round}: {:?} not {z:?}", fix.position)
                 }
                 // A closed form thrown far off by blocked ranges is refused, and rightly so.
-                Err(reason) => assert_eq!(reason, NoFix::RangesDisjoint, "{method} {round} at {z:?}"),
+                Err(reason) => assert_eq!(reason, SolveError::RangesDisjoint, "{method} {round} at {z:?}"),
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix2};
 use positioning_core::engine::{Dimensions, Engine, Measurement, Settings, Tdoa};
-use positioning_core::{Blocked, Motion, NoFix, TdoaSample, hyperbolic};
+use positioning_core::{Blocked, Motion, SolveError, TdoaSample, hyperbolic};
 
 use crate::support::{distance, normal, rng};
 
@@ -70,12 +70,12 @@ fn in_space_five_anchors_are_enough_and_four_are_not_without_height() {
     let fix = hyperbolic(&samples(&measured), ANCHORS[0], 0.1, None, Some([4.0, 3.0, 1.0])).expect("four differences");
     assert!(distance(&fix.position, &tag) < 1e-3, "{fix:?}");
     let few = &samples(&measured)[..2];
-    assert_eq!(hyperbolic(few, ANCHORS[0], 0.1, None, None).map(|fix| fix.position), Err(NoFix::TooFewAnchors));
+    assert_eq!(hyperbolic(few, ANCHORS[0], 0.1, None, None).map(|fix| fix.position), Err(SolveError::TooFewAnchors));
     let mut broken = samples(&measured);
     broken[1].difference = f64::NAN;
-    assert_eq!(hyperbolic(&broken, ANCHORS[0], 0.1, None, None).map(|fix| fix.position), Err(NoFix::NotFinite));
+    assert_eq!(hyperbolic(&broken, ANCHORS[0], 0.1, None, None).map(|fix| fix.position), Err(SolveError::NotFinite));
     let same = [TdoaSample { anchor: [1.0, 1.0, 1.0], difference: 0.0, sigma: 0.1 }; 4];
-    assert_eq!(hyperbolic(&same, [1.0; 3], 0.1, None, None).map(|fix| fix.position), Err(NoFix::Diverged));
+    assert_eq!(hyperbolic(&same, [1.0; 3], 0.1, None, None).map(|fix| fix.position), Err(SolveError::Diverged));
 }
 
 #[test]

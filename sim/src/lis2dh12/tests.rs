@@ -8,7 +8,7 @@ use dw1000_sim::{AirConfig, BoardProfile, Processor, TrueTime, World};
 use embedded_hal_async::digital::Wait;
 use embedded_hal_async::i2c::I2c;
 use firmware_tag::motion::lis2dh12::{Lis2dh12, Sa0Pad};
-use firmware_tag::motion::{MotionSensor, NoSensor};
+use firmware_tag::motion::{MotionSensor, MotionSensorError};
 
 use super::{Condition, Device, NoAcknowledge, Sensor};
 
@@ -264,7 +264,7 @@ fn who_lies_still_is_quiet_and_a_push_is_told_with_the_next_sample() {
 
 #[test]
 fn a_sensor_that_is_not_there_or_is_another_is_found_out() {
-    for (condition, found) in [(Condition::Silent, NoSensor::Silent), (Condition::Foreign, NoSensor::Foreign)] {
+    for (condition, found) in [(Condition::Silent, MotionSensorError::Silent), (Condition::Foreign, MotionSensorError::Foreign)] {
         let (world, sensor, processor, _) = bench(condition);
         assert_eq!(world.block_on(driver(&world, &sensor, &processor).start()), Some(Err(found)));
     }

@@ -72,12 +72,12 @@ impl Scenario {
             let span = error.span().unwrap_or(0..0);
             at(span, error.message().to_owned())
         })?;
-        file.scenario().map_err(|Wrong { span, message }| at(span, message))
+        file.scenario().map_err(|SpanError { span, message }| at(span, message))
     }
 }
 
 /// A check that failed on a part of the text.
-struct Wrong {
+struct SpanError {
     span: Range<usize>,
     message: String,
 }
@@ -242,11 +242,11 @@ impl File {
         differs.then(|| board.unwrap_or(self.board).slowed(cpu_slowdown.unwrap_or(self.cpu_slowdown)))
     }
 
-    fn scenario(self) -> Result<Scenario, Wrong> {
+    fn scenario(self) -> Result<Scenario, SpanError> {
         let nobody = self.anchor.is_empty() && self.beacon.is_empty();
         if nobody || self.tag.is_empty() {
             let missing = if nobody { "[[anchor]] or [[beacon]]" } else { "[[tag]]" };
-            return Err(Wrong { span: 0..0, message: format!("a scenario needs at least one {missing}") });
+            return Err(SpanError { span: 0..0, message: format!("a scenario needs at least one {missing}") });
         }
         let networks = if self.network.is_empty() {
             vec![Network::default()]
@@ -290,7 +290,7 @@ impl File {
             return Err(self
                 .beacon
                 .get(place)
-                .map_or(Wrong { span: 0..0, message: message.clone() }, |t| wrong(t, message)));
+                .map_or(SpanError { span: 0..0, message: message.clone() }, |t| wrong(t, message)));
         }
         let mut faults = Vec::new();
         for table in &self.fault {
@@ -338,8 +338,8 @@ impl File {
     }
 }
 
-fn wrong<T>(table: &Spanned<T>, message: String) -> Wrong {
-    Wrong { span: table.span(), message }
+fn wrong<T>(table: &Spanned<T>, message: String) -> SpanError {
+    SpanError { span: table.span(), message }
 }
 
 /// The nodes so far.

@@ -1,7 +1,7 @@
 //! What a simulation yields: epochs beside the truth, changes of links, failures; and the sum of it.
 
 use firmware_tag::Position;
-use positioning_core::NoFix;
+use positioning_core::SolveError;
 use positioning_core::nlos::Shape;
 use ranging::exchange::{Difference, Link, Range};
 use serde::Serialize;
@@ -78,7 +78,7 @@ pub struct Epoch {
     /// Where the tag was, metres.
     pub truth_m: [f64; 3],
     /// Where it thinks it is, or why it does not know.
-    pub outcome: Result<Position, NoFix>,
+    pub outcome: Result<Position, SolveError>,
     /// Anchors that were asked.
     pub asked: u8,
     /// The ranges had.

@@ -6,7 +6,7 @@ use node_record::{BeaconModels, MODELS_BYTES, OfBeacons, encode_models};
 use positioning_core::ble::fingerprint::{Map, Receiver, locate};
 use sim::scenario::{Scenario, What};
 use system_tests::{Run, TAG};
-use telemetry::{Condition, Levels, LevelsFault, Whereabouts};
+use telemetry::{Condition, Levels, RssiModelError, Whereabouts};
 
 use super::{by_beacons, errors};
 
@@ -124,7 +124,7 @@ fn a_damaged_map_is_complained_of_once_and_path_loss_serves() {
         .iter()
         .filter_map(|record| if let What::Beacon(condition) = &record.what { Some(*condition) } else { None })
         .collect();
-    assert_eq!(complaints, [Condition::Unused(Levels::Map, LevelsFault::Corrupt)]);
+    assert_eq!(complaints, [Condition::Unused(Levels::Map, RssiModelError::Corrupt)]);
     let positions = |run: &Run| {
         let epochs = by_beacons(run, 0.0, 120.0);
         epochs.iter().map(|(t_s, epoch)| format!("{t_s} {:?}", epoch.outcome)).collect::<Vec<_>>()

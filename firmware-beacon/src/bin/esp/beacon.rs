@@ -6,7 +6,7 @@ use boards::node::{self, Reporter, Tasks};
 use embassy_executor::Spawner;
 use embassy_futures::join::join;
 use embassy_time::Delay;
-use firmware_beacon::{Advertise, Advertisement, Listener, Settings, SettingsFault};
+use firmware_beacon::{Advertise, Advertisement, Listener, Settings, SettingsError};
 use telemetry::{Condition, RecordFault};
 
 static REPORTER: Reporter = Reporter::new(esp::uptime_us);
@@ -74,8 +74,8 @@ pub fn start(spawner: Spawner) {
                 tasks = Tasks::Ranging;
                 spawner.spawn(advertise(bluetooth, settings).unwrap());
             }
-            Err(SettingsFault::OtherRole) => complain(Condition::WrongRecord),
-            Err(fault @ (SettingsFault::Interval(_) | SettingsFault::Channels(_) | SettingsFault::NoKey)) => {
+            Err(SettingsError::OtherRole) => complain(Condition::WrongRecord),
+            Err(fault @ (SettingsError::Interval(_) | SettingsError::Channels(_) | SettingsError::NoKey)) => {
                 defmt::error!("{}", fault);
                 complain(Condition::NoRecord(RecordFault::Invalid));
             }

@@ -1,6 +1,6 @@
 //! Square cells over an area.
 
-use crate::Wrong;
+use crate::UserError;
 
 /// The most cells: more are not to be seen.
 const MOST_CELLS: usize = 40_000;
@@ -23,12 +23,12 @@ impl Grid {
     ///
     /// # Errors
     /// There are too many cells; `flag` says of which size.
-    pub fn over(flag: &'static str, [least_m, greatest_m]: [[f64; 2]; 2], cell_m: f64) -> Result<Self, Wrong> {
+    pub fn over(flag: &'static str, [least_m, greatest_m]: [[f64; 2]; 2], cell_m: f64) -> Result<Self, UserError> {
         let along = |axis: usize| ((greatest_m[axis] - least_m[axis]) / cell_m).ceil().max(1.0);
         let (columns, rows) = (along(0), along(1));
         if columns * rows > MOST_CELLS as f64 {
             let what = format!("{columns} by {rows} cells of {cell_m} m are too many: {MOST_CELLS} at most");
-            return Err(Wrong::flag(flag, what));
+            return Err(UserError::flag(flag, what));
         }
         Ok(Self { least_m, cell_m, columns: columns as usize, rows: rows as usize })
     }

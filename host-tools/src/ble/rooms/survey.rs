@@ -6,7 +6,7 @@ use positioning_core::ble::rooms::{MAX_BEACONS, MAX_ROOMS};
 use positioning_core::ble::signal::level;
 
 use super::file::Names;
-use crate::Wrong;
+use crate::UserError;
 use crate::ble::files::{Sample, Stay};
 use crate::ble::fingerprint::{self, Average, scan};
 
@@ -53,12 +53,12 @@ impl Survey {
     ///
     /// # Errors
     /// A point without a room; fewer than two rooms; more rooms or beacons than a model holds.
-    pub fn of_fingerprints(file: &Path, stays: &[Stay], window_s: f64) -> Result<Self, Wrong> {
+    pub fn of_fingerprints(file: &Path, stays: &[Stay], window_s: f64) -> Result<Self, UserError> {
         let beacons = fingerprint::Survey::of(stays, AVERAGE).beacons;
         let mut survey = Self { beacons, ..Self::default() };
         survey.add(file, stays, window_s, true)?;
         let too_many = |what: &str, count: usize, most: usize| {
-            (count > most).then(|| Wrong::line(file, 1, format!("{count} {what}, where a model holds {most}")))
+            (count > most).then(|| UserError::line(file, 1, format!("{count} {what}, where a model holds {most}")))
         };
         if let Some(wrong) = too_many("rooms", survey.rooms.len(), MAX_ROOMS)
             .or_else(|| too_many("beacons", survey.beacons.len(), MAX_BEACONS))
@@ -66,8 +66,8 @@ impl Survey {
             return Err(wrong);
         }
         match (survey.rooms.len(), survey.points.len()) {
-            (_, 0) => Err(Wrong::line(file, 1, "none of its levels is one that a receiver can have measured")),
-            (0 | 1, _) => Err(Wrong::line(file, 1, "its points are all in one room: there is nothing to tell apart")),
+            (_, 0) => Err(UserError::line(file, 1, "none of its levels is one that a receiver can have measured")),
+            (0 | 1, _) => Err(UserError::line(file, 1, "its points are all in one room: there is nothing to tell apart")),
             (_, _) => Ok(survey),
         }
     }
@@ -81,16 +81,16 @@ impl Survey {
     ///
     /// # Errors
     /// A point without a room.
-    pub fn targets(&self, file: &Path, stays: &[Stay], window_s: f64) -> Result<Self, Wrong> {
+    pub fn targets(&self, file: &Path, stays: &[Stay], window_s: f64) -> Result<Self, UserError> {
         let mut targets = Self { beacons: self.beacons.clone(), rooms: self.rooms.clone(), points: Vec::new() };
         targets.add(file, stays, window_s, false)?;
         Ok(targets)
     }
 
-    fn add(&mut self, file: &Path, stays: &[Stay], window_s: f64, learnt: bool) -> Result<(), Wrong> {
+    fn add(&mut self, file: &Path, stays: &[Stay], window_s: f64, learnt: bool) -> Result<(), UserError> {
         for stay in stays {
             let Some(room) = &stay.room else {
-                return Err(Wrong::line(file, 1, format!("point {:?} has no room: column room is needed", stay.point)));
+                return Err(UserError::line(file, 1, format!("point {:?} has no room: column room is needed", stay.point)));
             };
             let known = self.rooms.iter().position(|known| known == room);
             let room = known.unwrap_or_else(|| {

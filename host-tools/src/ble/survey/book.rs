@@ -9,7 +9,7 @@ use anyhow::{Context, Result};
 
 use super::points::Place;
 use super::stay::Stay;
-use crate::{Table, Wrong, output};
+use crate::{Table, UserError, output};
 
 const COLUMNS: [&str; 7] = ["point", "room", "x_m", "y_m", "beacon", "rssi_dbm", "t_s"];
 
@@ -27,12 +27,12 @@ impl Book {
     ///
     /// # Errors
     /// It is not a file of fingerprints, or its folder does not exist.
-    pub fn open(flag: &'static str, file: &Path) -> Result<Self, Wrong> {
+    pub fn open(flag: &'static str, file: &Path) -> Result<Self, UserError> {
         output::check(flag, file)?;
         let text = match fs::read(file) {
             Ok(text) => text,
             Err(error) if error.kind() == ErrorKind::NotFound => Vec::new(),
-            Err(error) => return Err(Wrong::file(file, format!("cannot open it: {error}"))),
+            Err(error) => return Err(UserError::file(file, format!("cannot open it: {error}"))),
         };
         let mut book =
             Self { file: file.to_owned(), columns: COLUMNS.map(str::to_owned).to_vec(), text, points: HashSet::new() };

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::{Table, Wrong};
+use crate::{Table, UserError};
 
 /// A point to go to.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,7 +21,7 @@ pub struct Place {
 ///
 /// # Errors
 /// The first line that is wrong; a point that stands twice.
-pub fn read_points(file: &Path) -> Result<Vec<Place>, Wrong> {
+pub fn read_points(file: &Path) -> Result<Vec<Place>, UserError> {
     let mut table = Table::open(file)?;
     let (point, x, y) = (table.column("point")?, table.column("x_m")?, table.column("y_m")?);
     let (room, from) = (table.optional("room"), table.optional("from_s"));
@@ -35,7 +35,7 @@ pub fn read_points(file: &Path) -> Result<Vec<Place>, Wrong> {
         let position_m = [row.some_number(x)?, row.some_number(y)?];
         places.push(Place { name, room, position_m, from_s: row.number(from)? });
     }
-    if places.is_empty() { Err(Wrong::line(file, 1, "no points below the header")) } else { Ok(places) }
+    if places.is_empty() { Err(UserError::line(file, 1, "no points below the header")) } else { Ok(places) }
 }
 
 /// A point that was typed: `name x y`, and the room behind, if it has one.

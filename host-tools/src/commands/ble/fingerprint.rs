@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use host_tools::ble::files::{Capture, Stay, read_captures, read_stays};
 use host_tools::ble::fingerprint::{Average, Comparison, Making, Maps, Setup, Solver, held_out, names_of};
-use host_tools::{Solved, Wrong};
+use host_tools::{Solved, UserError};
 use positioning_core::ble::fingerprint::Map;
 
 use super::{Names, Place, epoch, read_bytes, survey_of};
@@ -134,7 +134,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             let survey = survey_of(file, &stays, average)?;
             if let Some(captures) = arguments.captures()? {
                 let maps = Maps::of(&survey, making, &comparisons, None);
-                let maps = maps.map_err(|fault| Wrong::line(file, 1, fault.to_string()))?;
+                let maps = maps.map_err(|fault| UserError::line(file, 1, fault.to_string()))?;
                 let solved = found(&Solver { maps: &maps, setup: &setup }, &comparisons, &captures)?;
                 (comparisons, captures, solved)
             } else {
@@ -144,18 +144,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
         (None, Some(file)) => {
             let bytes = read_bytes(file)?;
-            let (map, _) = Map::decode(&bytes).map_err(|fault| Wrong::file(file, fault.to_string()))?;
+            let (map, _) = Map::decode(&bytes).map_err(|fault| UserError::file(file, fault.to_string()))?;
             let captures = arguments.captures()?.unwrap_or_default();
             let names = match &arguments.beacon_names {
                 Some(names) => names.of("--beacon-names", "beacons", map.beacons())?,
                 None => names_of(&map, &captures),
             };
-            let maps = Maps::read(bytes, names).map_err(|fault| Wrong::file(file, fault.to_string()))?;
+            let maps = Maps::read(bytes, names).map_err(|fault| UserError::file(file, fault.to_string()))?;
             let comparisons = arguments.served(file, &maps, comparisons)?;
             let solved = found(&Solver { maps: &maps, setup: &setup }, &comparisons, &captures)?;
             (comparisons, captures, solved)
         }
-        (None, None) => return Err(Wrong::flag("--fingerprints", "a survey or --map is needed").into()),
+        (None, None) => return Err(UserError::flag("--fingerprints", "a survey or --map is needed").into()),
     };
     let solved: ByMethod = comparisons.iter().map(|comparison| arguments.name(*comparison)).zip(solved).collect();
     answers.give(&Told {
@@ -183,7 +183,7 @@ fn found(solver: &Solver, comparisons: &[Comparison], captures: &[Capture]) -> R
 
 impl Arguments {
     /// What is to be found, where that is not the survey itself.
-    fn captures(&self) -> Result<Option<Vec<Capture>>, Wrong> {
+    fn captures(&self) -> Result<Option<Vec<Capture>>, UserError> {
         let Asked { targets, rssi, .. } = &self.asked;
         targets.as_ref().or(rssi.as_ref()).map(|file| read_captures(file, self.truth.as_deref())).transpose()
     }
@@ -205,16 +205,16 @@ impl Arguments {
         let folds = if self.asked.hold_out.is_some() { 1 } else { stays.len() };
         let held = (0..stays.len()).filter(|stay| fold(*stay).is_some()).count();
         if stays.len() < 2 || held == 0 || (folds == 1 && held == stays.len()) {
-            return Err(Wrong::line(file, 1, format!("{} points are too few to hold some out", stays.len())).into());
+            return Err(UserError::line(file, 1, format!("{} points are too few to hold some out", stays.len())).into());
         }
         let progress = Progress::new(folds);
         let held = held_out(stays, making, setup, comparisons, fold, || progress.step())
-            .map_err(|fault| Wrong::line(file, 1, format!("without the points that are held out: {fault}")))?;
+            .map_err(|fault| UserError::line(file, 1, format!("without the points that are held out: {fault}")))?;
         Ok((held.stays.into_iter().map(|stay| Capture::from(stays[stay].clone())).collect(), held.solved))
     }
 
     /// The comparisons that a map from a file serves.
-    fn served(&self, file: &Path, maps: &Maps, comparisons: Vec<Comparison>) -> Result<Vec<Comparison>, Wrong> {
+    fn served(&self, file: &Path, maps: &Maps, comparisons: Vec<Comparison>) -> Result<Vec<Comparison>, UserError> {
         let of_points = Comparison::Nearest { k: 5, weighted: true };
         let nobody_chose = self.kernel.is_none() && comparisons == [Comparison::Walk] && maps.serve(of_points);
         let comparisons = if nobody_chose { vec![of_points] } else { comparisons };
@@ -222,7 +222,7 @@ impl Arguments {
         match others.first() {
             Some(other) if self.kernel != Some(Kernel::All) || served.is_empty() => {
                 let other = other.name();
-                Err(Wrong::file(
+                Err(UserError::file(
                     file,
                     if maps.serve(of_points) {
                         format!("a map of surveyed points, for knn, where {other} wants one of a lattice")
@@ -237,18 +237,18 @@ impl Arguments {
         }
     }
 
-    fn comparisons(&self) -> Result<Vec<Comparison>, Wrong> {
+    fn comparisons(&self) -> Result<Vec<Comparison>, UserError> {
         let of_neighbours = self.k.is_some() || self.weighted;
         let usual = if of_neighbours || self.particle_filter { Kernel::Knn } else { Kernel::GpWalk };
         let k = usize::from(self.k.unwrap_or(5));
         Ok(match self.kernel.unwrap_or(usual) {
             Kernel::Knn => vec![Comparison::Nearest { k, weighted: self.weighted }],
             Kernel::Gp | Kernel::GpWalk if of_neighbours => {
-                return Err(Wrong::flag("--kernel", "--k and --weighted are for knn"));
+                return Err(UserError::flag("--kernel", "--k and --weighted are for knn"));
             }
             Kernel::Gp => vec![Comparison::Process],
             Kernel::GpWalk if self.particle_filter => {
-                return Err(Wrong::flag("--particle-filter", "gp-walk is a filter itself"));
+                return Err(UserError::flag("--particle-filter", "gp-walk is a filter itself"));
             }
             Kernel::GpWalk => vec![Comparison::Walk],
             Kernel::All => {

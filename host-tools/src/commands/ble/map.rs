@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use host_tools::ble::files::read_stays;
 use host_tools::ble::fingerprint::{Comparison, Grid, Making, Maps, Setup, held_out, spread};
-use host_tools::{Statistics, Wrong, output};
+use host_tools::{Statistics, UserError, output};
 use positioning_core::ble::fingerprint::{Fault, MAX_NODE_POINTS, Map};
 
 use super::fingerprint::Averages;
@@ -70,7 +70,7 @@ struct Summary {
 pub fn run(arguments: &Arguments) -> Result<()> {
     output::check("--out", &arguments.out)?;
     if arguments.step_m.is_some_and(|step_m| !(0.05..=10.0).contains(&step_m)) {
-        return Err(Wrong::flag("--step-m", "must be from 0.05 to 10").into());
+        return Err(UserError::flag("--step-m", "must be from 0.05 to 10").into());
     }
     let stays = read_stays(&arguments.fingerprints)?;
     let average = arguments.average.into();
@@ -85,7 +85,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let comparison =
         if arguments.surveyed { Comparison::Nearest { k: 5, weighted: true } } else { Comparison::Process };
     let (making, setup) = (Making { grid, plan }, Setup { average, ..Setup::default() });
-    let wrong = |fault: Fault| Wrong::line(&arguments.fingerprints, 1, fault.to_string());
+    let wrong = |fault: Fault| UserError::line(&arguments.fingerprints, 1, fault.to_string());
     let maps = Maps::of(&thin, making, &[comparison], None).map_err(wrong)?;
     let bytes = maps.bytes(comparison).unwrap_or_default();
     let (map, _) = Map::decode(bytes)?;

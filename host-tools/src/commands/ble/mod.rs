@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use host_tools::ble::files::{Beacon, Capture, Stay, read_beacons, read_walls};
 use host_tools::ble::fingerprint::{Average, Plan, Survey};
-use host_tools::{Epoch, Wrong};
+use host_tools::{Epoch, UserError};
 use positioning_core::ble::fingerprint::MAX_BEACONS;
 
 /// Positions from the levels of Bluetooth beacons
@@ -47,19 +47,19 @@ impl Names {
     }
 
     /// The names, which must be so many.
-    fn of(&self, flag: &'static str, what: &str, count: usize) -> Result<Vec<String>, Wrong> {
+    fn of(&self, flag: &'static str, what: &str, count: usize) -> Result<Vec<String>, UserError> {
         let names = self.0.len();
         if names == count {
             Ok(self.0.clone())
         } else {
-            Err(Wrong::flag(flag, format!("{names} names of {count} {what}")))
+            Err(UserError::flag(flag, format!("{names} names of {count} {what}")))
         }
     }
 }
 
 /// The bytes of a map or a model.
-fn read_bytes(file: &Path) -> Result<Vec<u8>, Wrong> {
-    std::fs::read(file).map_err(|error| Wrong::file(file, format!("cannot open it: {error}")))
+fn read_bytes(file: &Path) -> Result<Vec<u8>, UserError> {
+    std::fs::read(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))
 }
 
 /// Names in a sentence.
@@ -109,24 +109,24 @@ struct Place {
 }
 
 impl Place {
-    fn read(&self) -> Result<Plan, Wrong> {
+    fn read(&self) -> Result<Plan, UserError> {
         let beacons = self.beacons.as_deref().map(read_beacons).transpose()?.unwrap_or_default();
         Ok(Plan { beacons, walls: self.walls.as_deref().map(read_walls).transpose()?.unwrap_or_default() })
     }
 }
 
 /// The survey of a file's stays; one that makes no map is refused.
-fn survey_of(file: &Path, stays: &[Stay], average: Average) -> Result<Survey, Wrong> {
+fn survey_of(file: &Path, stays: &[Stay], average: Average) -> Result<Survey, UserError> {
     let survey = Survey::of(stays, average);
     let names = survey.beacons.len();
     if names > MAX_BEACONS {
-        return Err(Wrong::line(file, 1, format!("{names} beacons; a map has at most {MAX_BEACONS}")));
+        return Err(UserError::line(file, 1, format!("{names} beacons; a map has at most {MAX_BEACONS}")));
     }
     if survey.spots.iter().flat_map(|spot| &spot.levels).all(Option::is_none) {
-        return Err(Wrong::line(file, 1, "no point hears any beacon"));
+        return Err(UserError::line(file, 1, "no point hears any beacon"));
     }
     if survey.spots.len() > usize::from(u16::MAX) {
-        return Err(Wrong::line(file, 1, format!("{} points; a map has at most {}", survey.spots.len(), u16::MAX)));
+        return Err(UserError::line(file, 1, format!("{} points; a map has at most {}", survey.spots.len(), u16::MAX)));
     }
     Ok(survey)
 }

@@ -7,7 +7,7 @@ use anyhow::Result;
 use clap::ValueEnum;
 use host_tools::ble::files::read_stays;
 use host_tools::ble::rooms::{self, Method, ModelFile, Names, Point, Score, Survey, Trained};
-use host_tools::{Wrong, output, plot};
+use host_tools::{UserError, output, plot};
 use positioning_core::ble::rooms::Model;
 
 use crate::commands::{self, PictureFile};
@@ -134,12 +134,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         output::check("--out", file)?;
     }
     if arguments.targets.is_none() && !arguments.leave_one_out && arguments.out.is_none() {
-        return Err(Wrong::flag("--targets", "say what is to be judged: --targets FILE or --leave-one-out").into());
+        return Err(UserError::flag("--targets", "say what is to be judged: --targets FILE or --leave-one-out").into());
     }
     let (scores, names) = match (&arguments.fingerprints, &arguments.model, &arguments.targets) {
         (Some(file), _, _) => arguments.learn(file)?,
         (None, Some(model), Some(targets)) => by_model(model, targets, arguments.window_s)?,
-        (None, _, _) => return Err(Wrong::flag("--fingerprints", "a survey or --model is needed").into()),
+        (None, _, _) => return Err(UserError::flag("--fingerprints", "a survey or --model is needed").into()),
     };
     let Some(chosen) = scores.first() else { return Ok(()) };
     if arguments.json {
@@ -157,8 +157,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 /// The scores of a model that was trained before, and the rooms' names.
 fn by_model(file: &Path, targets: &Path, window_s: f64) -> Result<(Vec<Score>, Vec<String>)> {
     let ModelFile { model: bytes, names } =
-        ModelFile::parse(&super::read_bytes(file)?).map_err(|what| Wrong::file(file, what))?;
-    let (model, _) = Model::decode(&bytes).map_err(|fault| Wrong::file(file, fault.to_string()))?;
+        ModelFile::parse(&super::read_bytes(file)?).map_err(|what| UserError::file(file, what))?;
+    let (model, _) = Model::decode(&bytes).map_err(|fault| UserError::file(file, fault.to_string()))?;
     let method = Method::from(&model.kind);
     let targets = Survey::of_names(&names).targets(targets, &read_stays(targets)?, window_s)?;
     let trained = Trained { bytes, rooms: (0..names.rooms.len()).collect() };

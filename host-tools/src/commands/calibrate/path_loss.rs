@@ -8,7 +8,7 @@ use host_tools::ble::calibration::{
     Calibrated, Learnt, Placed, Step, WALL_STEPS, calibrate, pieces, to_csv, wall_attenuation,
 };
 use host_tools::ble::files::{read_beacons, read_captures, read_stays, read_walls};
-use host_tools::{Wrong, output, plot, positions};
+use host_tools::{UserError, output, plot, positions};
 
 use crate::commands::recorded::finite;
 use crate::commands::{PictureFile, print, print_json, tell, write};
@@ -113,7 +113,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let calibrated = calibrate(&beacons, &stays, arguments.height_m, &walls, wall_db.unwrap_or(0.0));
     if calibrated.iter().all(|beacon| beacon.points.is_empty()) {
         let wrong = format!("none of the beacons of {} was heard", arguments.beacons.display());
-        return Err(Wrong::file(levels, wrong).into());
+        return Err(UserError::file(levels, wrong).into());
     }
     if let Some(file) = &arguments.out {
         write(file, &to_csv(&beacons, &calibrated)?)?;
@@ -137,12 +137,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// Points with levels, each with the standard deviation of its place, metres; and the file that they are from.
-fn points(arguments: &Arguments) -> Result<(Vec<Placed>, &Path), Wrong> {
+fn points(arguments: &Arguments) -> Result<(Vec<Placed>, &Path), UserError> {
     if let Some(file) = &arguments.fingerprints {
         return Ok((read_stays(file)?.into_iter().map(|stay| (stay, 0.0)).collect(), file));
     }
     let Some(file) = &arguments.rssi else {
-        return Err(Wrong::flag("--rssi", "there are no levels: give this, or --fingerprints"));
+        return Err(UserError::flag("--rssi", "there are no levels: give this, or --fingerprints"));
     };
     let captures = read_captures(file, arguments.truth.as_deref())?;
     let tracked = arguments.positions.as_deref().map(positions::read_track).transpose()?;
@@ -151,7 +151,7 @@ fn points(arguments: &Arguments) -> Result<(Vec<Placed>, &Path), Wrong> {
         None => capture.truth_m.map(|position_m| Step { position_m, sigma_m: 0.0 }),
     });
     match walked.is_empty() {
-        true => Err(Wrong::file(file, "no epoch of it has a known position".to_owned())),
+        true => Err(UserError::file(file, "no epoch of it has a known position".to_owned())),
         false => Ok((walked, file)),
     }
 }

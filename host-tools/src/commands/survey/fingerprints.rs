@@ -5,7 +5,7 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::Instant;
 
 use anyhow::Result;
-use host_tools::Wrong;
+use host_tools::UserError;
 use host_tools::ble::survey::{Book, Guide, Person, Place, Stay, Typed, Visit, each_advert, parse_point, read_points};
 use host_tools::decode::Stream;
 use indicatif::ProgressBar;
@@ -62,11 +62,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut book = Book::open("--out", &arguments.out)?;
     let input = arguments.source.input()?;
     if input.is_some() && arguments.source.seconds.is_some() {
-        return Err(Wrong::flag("--seconds", "only with a live node").into());
+        return Err(UserError::flag("--seconds", "only with a live node").into());
     }
     let visits = match (input, places) {
         (Some(input), Some(places)) => recorded(arguments, &input, &places, &mut book)?,
-        (Some(_), None) => return Err(Wrong::flag("--points", "is needed with a recording").into()),
+        (Some(_), None) => return Err(UserError::flag("--points", "is needed with a recording").into()),
         (None, places) => live(arguments, places, &mut book)?,
     };
     let taken = visits.iter().filter(|visit| visit.taken).count();
@@ -97,7 +97,7 @@ fn missing<'p>(places: &'p [Place], book: &Book) -> Vec<&'p Place> {
 fn recorded(arguments: &Arguments, input: &Input, places: &[Place], book: &mut Book) -> Result<Vec<Visit>> {
     if let (Some(place), Some(file)) = (places.iter().find(|place| place.from_s.is_none()), &arguments.points) {
         let wrong = format!("point {:?} has no from_s: when does its stay begin in the recording?", place.name);
-        return Err(Wrong::file(file, wrong).into());
+        return Err(UserError::file(file, wrong).into());
     }
     catch_ctrl_c()?;
     let mut stays: Vec<_> = missing(places, book)

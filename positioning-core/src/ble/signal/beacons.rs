@@ -1,6 +1,6 @@
 //! All beacons of a map, by their place in it: adverts in, scans out.
 
-use super::{Kalman, NoLevel, Smoothing, Step, Window, level};
+use super::{Kalman, RssiError, Smoothing, Step, Window, level};
 use crate::Real;
 
 /// What became of an advert.
@@ -12,7 +12,7 @@ pub enum Verdict {
     /// It has changed its beacon's level.
     Taken,
     /// It is no measurement.
-    Refused(NoLevel),
+    Refused(RssiError),
     /// Its beacon is not on the map.
     Unknown,
 }
@@ -72,7 +72,7 @@ impl<T: Real, const N: usize> Beacons<T, N> {
 #[cfg(test)]
 mod tests {
     use super::{Beacons, Verdict};
-    use crate::ble::signal::{NoLevel, Smoothing};
+    use crate::ble::signal::{RssiError, Smoothing};
 
     fn beacons() -> Beacons<f32, 2> {
         Beacons::new(Smoothing::default(), 500_000)
@@ -90,9 +90,9 @@ mod tests {
     fn what_is_no_measurement_changes_nothing() {
         let mut beacons = beacons();
         beacons.hear(1_000_000, 0, -60.0);
-        assert_eq!(beacons.hear(1_000_000, 0, 127.0), Verdict::Refused(NoLevel::Unavailable));
-        assert_eq!(beacons.hear(1_000_000, 0, 0.0), Verdict::Refused(NoLevel::NotNegative));
-        assert_eq!(beacons.hear(1_000_000, 0, f32::NAN), Verdict::Refused(NoLevel::NotFinite));
+        assert_eq!(beacons.hear(1_000_000, 0, 127.0), Verdict::Refused(RssiError::Unavailable));
+        assert_eq!(beacons.hear(1_000_000, 0, 0.0), Verdict::Refused(RssiError::NotNegative));
+        assert_eq!(beacons.hear(1_000_000, 0, f32::NAN), Verdict::Refused(RssiError::NotFinite));
         assert_eq!(beacons.hear(1_000_000, 2, -50.0), Verdict::Unknown);
         assert_eq!(beacons.scan(1_000_000), [Some(-60.0), None]);
     }

@@ -21,7 +21,7 @@ const LEAST_DBM: f64 = -127.0;
 /// Why a level is no measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum NoLevel {
+pub enum RssiError {
     /// 127: the controller says that it does not know.
     Unavailable,
     /// 0 dBm or more: no beacon is that loud, and drivers report 0 for what they did not measure.
@@ -35,16 +35,16 @@ pub enum NoLevel {
 /// The level, where a receiver can have measured it, dBm.
 ///
 /// # Errors
-/// See [`NoLevel`].
-pub fn level<T: Real>(rssi_dbm: T) -> Result<T, NoLevel> {
+/// See [`RssiError`].
+pub fn level<T: Real>(rssi_dbm: T) -> Result<T, RssiError> {
     if !rssi_dbm.is_finite() {
-        Err(NoLevel::NotFinite)
+        Err(RssiError::NotFinite)
     } else if rssi_dbm == T::of(UNAVAILABLE_DBM) {
-        Err(NoLevel::Unavailable)
+        Err(RssiError::Unavailable)
     } else if rssi_dbm >= T::ZERO {
-        Err(NoLevel::NotNegative)
+        Err(RssiError::NotNegative)
     } else if rssi_dbm < T::of(LEAST_DBM) {
-        Err(NoLevel::TooWeak)
+        Err(RssiError::TooWeak)
     } else {
         Ok(rssi_dbm)
     }
@@ -63,17 +63,17 @@ pub fn fall_back<T: Real>(scan: &mut [Option<T>], levels: &[T]) {
 
 #[cfg(test)]
 mod tests {
-    use super::{NoLevel, fall_back, level};
+    use super::{RssiError, fall_back, level};
 
     #[test]
     fn what_no_receiver_measures_is_refused_with_its_reason() {
-        assert_eq!(level(127.0_f32), Err(NoLevel::Unavailable));
-        assert_eq!(level(0.0_f32), Err(NoLevel::NotNegative));
-        assert_eq!(level(-0.0_f32), Err(NoLevel::NotNegative));
-        assert_eq!(level(20.0_f32), Err(NoLevel::NotNegative));
-        assert_eq!(level(-128.0_f32), Err(NoLevel::TooWeak));
-        assert_eq!(level(f32::NAN), Err(NoLevel::NotFinite));
-        assert_eq!(level(f32::NEG_INFINITY), Err(NoLevel::NotFinite));
+        assert_eq!(level(127.0_f32), Err(RssiError::Unavailable));
+        assert_eq!(level(0.0_f32), Err(RssiError::NotNegative));
+        assert_eq!(level(-0.0_f32), Err(RssiError::NotNegative));
+        assert_eq!(level(20.0_f32), Err(RssiError::NotNegative));
+        assert_eq!(level(-128.0_f32), Err(RssiError::TooWeak));
+        assert_eq!(level(f32::NAN), Err(RssiError::NotFinite));
+        assert_eq!(level(f32::NEG_INFINITY), Err(RssiError::NotFinite));
         assert_eq!((level(-1.0_f32), level(-127.0_f32)), (Ok(-1.0), Ok(-127.0)));
     }
 

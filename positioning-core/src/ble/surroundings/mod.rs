@@ -16,7 +16,7 @@ use super::offset::ReceiverOffset;
 use super::path_loss::Wall;
 use super::posterior::{Belief, Posterior, posterior, too_loud};
 use crate::engine::BeaconPosition;
-use crate::{Area, MAX_ANCHORS, NoFix, Real};
+use crate::{Area, MAX_ANCHORS, SolveError, Real};
 use standing::Record;
 
 /// Beacons are judged no sooner again, microseconds.
@@ -156,7 +156,7 @@ impl Surroundings<f32, ON_NODE> {
         levels: &[Level<f32>],
         site: &Site<'_, f32>,
         known: Option<&Known<f32>>,
-    ) -> Result<Located<f32>, NoFix> {
+    ) -> Result<Located<f32>, SolveError> {
         self.locate(now_us, levels, site, known)
     }
 }
@@ -192,7 +192,7 @@ impl<T: Real, const N: usize> Surroundings<T, N> {
     /// The position by the levels of a window, of which the first [`MAX_ANCHORS`] count. `known` is where anchors have the tag.
     ///
     /// # Errors
-    /// As [`posterior`]; [`NoFix::TooFewAnchors`] also where all that are heard are doubted.
+    /// As [`posterior`]; [`SolveError::TooFewAnchors`] also where all that are heard are doubted.
     #[inline(never)]
     pub fn locate(
         &mut self,
@@ -200,7 +200,7 @@ impl<T: Real, const N: usize> Surroundings<T, N> {
         levels: &[Level<T>],
         site: &Site<'_, T>,
         known: Option<&Known<T>>,
-    ) -> Result<Located<T>, NoFix> {
+    ) -> Result<Located<T>, SolveError> {
         let belief = Belief { offset_deviation: self.receiver.deviation(), ..Belief::default() };
         let mut heard: Vec<Heard<T, 2>, MAX_ANCHORS> = Vec::new();
         let (mut lasting, mut all, mut used) = (T::ZERO, T::ZERO, 0_u16);

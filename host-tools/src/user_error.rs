@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 /// The input or the arguments are wrong.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Wrong {
+pub enum UserError {
     /// A line of a file.
     #[error("{}:{line}: {what}", file.display())]
     Line {
@@ -33,7 +33,7 @@ pub enum Wrong {
     },
 }
 
-impl Wrong {
+impl UserError {
     /// A line of a file is wrong.
     pub fn line(file: &Path, line: u64, what: impl Into<String>) -> Self {
         Self::Line { file: file.to_owned(), line, what: what.into() }
