@@ -125,7 +125,7 @@ impl Board {
         let mut flash = Flash::new_blocking(p.FLASH);
         let record = node_record::load(&mut flash, node_record::Pages::EVK1000.offsets);
         if let Err(fault) = &record
-            && *fault != node_record::Fault::Missing
+            && *fault != node_record::LoadError::Missing
         {
             defmt::warn!("only the switches count, for the record in flash cannot be read: {}", fault);
         }

@@ -6,7 +6,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::Timer;
 use firmware_common::supervision::Lit;
 use firmware_common::{Settings, build, settings};
-use node_record::{Fault, Record};
+use node_record::{LoadError, Record};
 use telemetry::{Condition, Crash, CrashReason, Hello, Reset, ResetCause, Role};
 
 /// Guards what tasks of two priorities share.
@@ -26,7 +26,7 @@ const QUIET_LOOK_MS: u64 = 100;
 /// What a node is told at its start.
 pub struct Start {
     /// From flash.
-    pub record: Result<Record, Fault>,
+    pub record: Result<Record, LoadError>,
     /// The chip's own EUI-64.
     pub eui: u64,
     /// Why the node started.
@@ -45,7 +45,7 @@ pub fn introduce(
     let Start { record, eui, reset, crash } = start;
     let t_us = reporter.now_us();
     reporter.journal.reset(Reset { t_us, cause: reset, crash });
-    let followed = record.and_then(|record| Ok((Settings::of(&record, eui).map_err(Fault::Invalid)?, record)));
+    let followed = record.and_then(|record| Ok((Settings::of(&record, eui).map_err(LoadError::Invalid)?, record)));
     let (eui, address) = followed.as_ref().map_or((eui, 0xFFFF), |(settings, _)| (settings.eui, settings.address));
     let hello = Hello { t_us, eui, address, role, board, build: *build::BUILD };
     reporter.journal.greet(hello);
@@ -53,7 +53,7 @@ pub fn introduce(
         Ok((settings, record)) => (hello, Some((record, settings))),
         Err(fault) => {
             // Telemetry has the kind, the log what is wrong.
-            if let Fault::Invalid(what) = &fault {
+            if let LoadError::Invalid(what) = &fault {
                 defmt::error!("{}", what);
             }
             reporter.journal.state(t_us, Condition::NoRecord(settings::told(&fault)));

@@ -7,7 +7,7 @@ mod probe;
 
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use firmware_common::Journal;
-use node_record::{Fault, Record};
+use node_record::{LoadError, Record};
 use small_air::uptime_us;
 
 use crate::rtt::{self, TelemetryChannel};
@@ -23,7 +23,7 @@ const PAGES: [u32; 2] = [0, flash::PAGE_BYTES as u32];
 /// The board, once a program.
 pub struct Board {
     /// What its flash holds.
-    pub record: Result<Record, Fault>,
+    pub record: Result<Record, LoadError>,
     probe: Probe,
     telemetry: TelemetryChannel,
 }

@@ -7,7 +7,7 @@ use core::fmt;
 
 use telemetry::{
     Condition, Counters, Crash, CrashReason, Fix, Hello, RssiModelError, Likely, MotionSensor, Outcome, Reason,
-    RecordFault, Reset, ResetCause, Solver, Whereabouts,
+    RecordError, Reset, ResetCause, Solver, Whereabouts,
 };
 
 /// Gives a type its text, once for both: a match whose arms are a format and its arguments.
@@ -178,12 +178,12 @@ text!(HelloLine, |this| (this.0.role, this.0.build);
 pub struct StateLine(pub Condition);
 
 text!(StateLine, |this| this.0;
-    Condition::NoRecord(RecordFault::Missing) =>
+    Condition::NoRecord(RecordError::Missing) =>
         ("no record in flash: nothing is sent; `baliza provision` writes one"),
-    Condition::NoRecord(RecordFault::Version(version)) =>
+    Condition::NoRecord(RecordError::Version(version)) =>
         ("the record in flash is of version {}, which this image does not read: nothing is sent", version),
-    Condition::NoRecord(RecordFault::Corrupt) => ("the record in flash is corrupt: nothing is sent"),
-    Condition::NoRecord(RecordFault::Invalid) => ("the record in flash cannot be followed: nothing is sent"),
+    Condition::NoRecord(RecordError::Corrupt) => ("the record in flash is corrupt: nothing is sent"),
+    Condition::NoRecord(RecordError::Invalid) => ("the record in flash cannot be followed: nothing is sent"),
     Condition::WrongRecord => ("the record in flash is for another role or board: nothing is sent"),
     Condition::Searching => ("searching"),
     Condition::Paired(peer) => ("paired with {:04x}", peer),
@@ -323,7 +323,7 @@ mod tests {
 
     #[test]
     fn states_and_counters() {
-        let line = StateLine(Condition::NoRecord(RecordFault::Version(2))).to_string();
+        let line = StateLine(Condition::NoRecord(RecordError::Version(2))).to_string();
         assert_eq!(line, "the record in flash is of version 2, which this image does not read: nothing is sent");
         assert_eq!(StateLine(Condition::Synchronised(0xA1)).to_string(), "synchronised with the network of 00a1");
         let counters = Counters { sent: 1, received: 2, timeouts: 3, telemetry_dropped: 4, ..Counters::default() };

@@ -1,12 +1,12 @@
 //! From the record in flash to what the node's parts are configured with, once, at the start.
 
-use node_record::{Fault, Invalid, Mode, Record, Region, Role, Tag, Value};
+use node_record::{LoadError, Invalid, Mode, Record, Region, Role, Tag, Value};
 use ranging::RadioDuration;
 use ranging::dw1000::{self, FrameFilter, TxPower};
 use ranging::frame::decaranging::Variant;
 use ranging::native::Network;
 use ranging::phy::DataRate;
-use telemetry::RecordFault;
+use telemetry::RecordError;
 
 use crate::machines;
 
@@ -125,12 +125,12 @@ fn is_limited(region: Option<Region>) -> bool {
 }
 
 /// What telemetry tells of a page that holds no record.
-pub fn told(fault: &Fault) -> RecordFault {
+pub fn told(fault: &LoadError) -> RecordError {
     match fault {
-        Fault::Missing => RecordFault::Missing,
-        Fault::Version(version) => RecordFault::Version(*version),
-        Fault::Corrupt => RecordFault::Corrupt,
-        Fault::Invalid(_) => RecordFault::Invalid,
+        LoadError::Missing => RecordError::Missing,
+        LoadError::Version(version) => RecordError::Version(*version),
+        LoadError::Corrupt => RecordError::Corrupt,
+        LoadError::Invalid(_) => RecordError::Invalid,
     }
 }
 

@@ -129,7 +129,7 @@ impl Lights {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use telemetry::RecordFault;
+    use telemetry::RecordError;
 
     #[test]
     fn who_said_that_it_rests_is_silent_until_then() {
@@ -172,7 +172,7 @@ mod tests {
             let looks = || (0..20).map(|look| lights.at(50_000 * look));
             (looks().filter(|lit| lit.state).count(), looks().filter(|lit| lit.fault).count())
         };
-        assert_eq!(lit(Condition::NoRecord(RecordFault::Missing)), (0, 10));
+        assert_eq!(lit(Condition::NoRecord(RecordError::Missing)), (0, 10));
         assert_eq!(lit(Condition::RadioFailed(3)), (0, 10));
         assert_eq!(lit(Condition::Searching), (1, 0));
         assert_eq!(lit(Condition::Synchronised(1)), (2, 0));

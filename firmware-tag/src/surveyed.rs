@@ -3,7 +3,7 @@
 //! list of beacons. In flow the smoothed levels of a window, out flow a position with its covariance, and rooms.
 
 use heapless::Vec;
-use node_record::{Beacon, BeaconModels, Fault, OfBeacons};
+use node_record::{Beacon, BeaconModels, LoadError, OfBeacons};
 use positioning_core::ble::fingerprint::{self, MAX_NODE_POINTS, Map, Receiver, locate_on_node};
 use positioning_core::ble::rooms::{self, Classifier, Presence, Whereabouts};
 use positioning_core::engine::BeaconPosition;
@@ -68,15 +68,15 @@ pub struct RoomTold {
 
 impl<'a> Surveyed<'a> {
     /// Of what flash has, for a tag that is told of these beacons. What cannot be used is left out, and `complain` hears of it once.
-    pub fn of(models: Result<BeaconModels<'a>, Fault>, list: &[Beacon], mut complain: impl FnMut(Condition)) -> Self {
+    pub fn of(models: Result<BeaconModels<'a>, LoadError>, list: &[Beacon], mut complain: impl FnMut(Condition)) -> Self {
         let models = match models {
             Ok(models) => models,
             Err(fault) => {
                 let told = match fault {
-                    Fault::Missing => None,
-                    Fault::Version(version) => Some(RssiModelError::Version(version)),
-                    Fault::Corrupt => Some(RssiModelError::Corrupt),
-                    Fault::Invalid(_) => Some(RssiModelError::Invalid),
+                    LoadError::Missing => None,
+                    LoadError::Version(version) => Some(RssiModelError::Version(version)),
+                    LoadError::Corrupt => Some(RssiModelError::Corrupt),
+                    LoadError::Invalid(_) => Some(RssiModelError::Invalid),
                 };
                 told.into_iter().for_each(|fault| complain(Condition::Unused(telemetry::Levels::All, fault)));
                 return Self::default();
@@ -160,9 +160,9 @@ impl<'a> OnTheSpot<'a> {
 impl<'a> Fingerprints<'a> {
     fn of(of: &OfBeacons<'a>, list: &[Beacon]) -> Result<Self, RssiModelError> {
         let (map, _) = Map::decode(of.model).map_err(|fault| match fault {
-            fingerprint::Fault::Version(version) => RssiModelError::Version(version),
-            fingerprint::Fault::Missing | fingerprint::Fault::Corrupt => RssiModelError::Corrupt,
-            fingerprint::Fault::Invalid | fingerprint::Fault::TooLong => RssiModelError::Invalid,
+            fingerprint::MapError::Version(version) => RssiModelError::Version(version),
+            fingerprint::MapError::Missing | fingerprint::MapError::Corrupt => RssiModelError::Corrupt,
+            fingerprint::MapError::Invalid | fingerprint::MapError::TooLong => RssiModelError::Invalid,
         })?;
         if !map.has_deviations() || map.points() > MAX_NODE_POINTS {
             return Err(RssiModelError::Invalid);
@@ -175,9 +175,9 @@ impl<'a> Fingerprints<'a> {
 impl<'a> Rooms<'a> {
     fn of(of: &OfBeacons<'a>, list: &[Beacon]) -> Result<Self, RssiModelError> {
         let (model, _) = rooms::NodeModel::decode(of.model).map_err(|fault| match fault {
-            rooms::Fault::Version { found, read: _ } => RssiModelError::Version(found),
-            rooms::Fault::Missing | rooms::Fault::Corrupt => RssiModelError::Corrupt,
-            rooms::Fault::Invalid | rooms::Fault::TooLong => RssiModelError::Invalid,
+            rooms::StoredError::Version { found, read: _ } => RssiModelError::Version(found),
+            rooms::StoredError::Missing | rooms::StoredError::Corrupt => RssiModelError::Corrupt,
+            rooms::StoredError::Invalid | rooms::StoredError::TooLong => RssiModelError::Invalid,
         })?;
         let places = places(of, list, model.beacons())?;
         Ok(Self { model, places })

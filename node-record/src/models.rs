@@ -19,7 +19,7 @@ use embedded_storage::nor_flash::ReadNorFlash;
 use serde::{Deserialize, Serialize};
 
 use crate::page::{Framed, HEADER_BYTES, Letters, parse, seal};
-use crate::{Fault, MAX_BEACONS};
+use crate::{LoadError, MAX_BEACONS};
 
 /// The version of [`BeaconModels`]; a reader takes no other.
 pub const MODELS_VERSION: u8 = 1;
@@ -74,27 +74,27 @@ pub fn encode_models<'b>(models: &BeaconModels<'_>, region: &'b mut [u8; MODELS_
 /// The models of a region.
 ///
 /// # Errors
-/// [`Fault::Missing`]: it is erased; [`Fault::Version`]: they are of another version; else [`Fault::Corrupt`].
-pub fn decode_models(region: &[u8]) -> Result<BeaconModels<'_>, Fault> {
+/// [`LoadError::Missing`]: it is erased; [`LoadError::Version`]: they are of another version; else [`LoadError::Corrupt`].
+pub fn decode_models(region: &[u8]) -> Result<BeaconModels<'_>, LoadError> {
     let (header, body) = parse(LETTERS, region)?;
     if header.version != MODELS_VERSION {
-        return Err(Fault::Version(header.version));
+        return Err(LoadError::Version(header.version));
     }
     match postcard::take_from_bytes::<BeaconModels<'_>>(body) {
         Ok((models, [])) if [models.map, models.rooms].iter().flatten().all(OfBeacons::is_sane) => Ok(models),
-        Ok(_) | Err(_) => Err(Fault::Corrupt),
+        Ok(_) | Err(_) => Err(LoadError::Corrupt),
     }
 }
 
 /// The same from a flash that is not in memory: `region` is filled and kept by the models. `at` counts from the flash's beginning.
 ///
 /// # Errors
-/// As [`decode_models`]; a flash that cannot be read is [`Fault::Corrupt`].
+/// As [`decode_models`]; a flash that cannot be read is [`LoadError::Corrupt`].
 pub fn load_models<'b>(
     flash: &mut impl ReadNorFlash,
     at: u32,
     region: &'b mut [u8; MODELS_BYTES],
-) -> Result<BeaconModels<'b>, Fault> {
-    flash.read(at, region).map_err(|_| Fault::Corrupt)?;
+) -> Result<BeaconModels<'b>, LoadError> {
+    flash.read(at, region).map_err(|_| LoadError::Corrupt)?;
     decode_models(region)
 }

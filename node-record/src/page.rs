@@ -67,7 +67,7 @@ const CRC: Crc<u32, Table<0>> = Crc::<u32, Table<0>>::new(&CRC_32_ISO_HDLC);
 /// Why there is no record.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Fault {
+pub enum LoadError {
     /// There is none: the flash is erased.
     Missing,
     /// It is whole, but of this version, which is neither 1 nor [`VERSION`].
@@ -78,7 +78,7 @@ pub enum Fault {
     Invalid(Invalid),
 }
 
-impl core::fmt::Display for Fault {
+impl core::fmt::Display for LoadError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Missing => f.write_str("there is no record: the flash is erased"),
@@ -91,7 +91,7 @@ impl core::fmt::Display for Fault {
     }
 }
 
-impl core::error::Error for Fault {}
+impl core::error::Error for LoadError {}
 
 /// What the header of a whole page says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -146,24 +146,24 @@ pub(crate) fn seal(framed: Framed, length: usize, page: &mut [u8]) -> &[u8] {
 ///
 /// # Errors
 /// There is none that is whole, of this version and valid.
-pub fn decode(page: &[u8]) -> Result<(Record, u32), Fault> {
+pub fn decode(page: &[u8]) -> Result<(Record, u32), LoadError> {
     let (header, body) = parse(LETTERS, page)?;
     if !matches!(header.version, 1 | VERSION) {
-        return Err(Fault::Version(header.version));
+        return Err(LoadError::Version(header.version));
     }
-    let (mut record, mut rest) = postcard::take_from_bytes::<Record>(body).map_err(|_| Fault::Corrupt)?;
+    let (mut record, mut rest) = postcard::take_from_bytes::<Record>(body).map_err(|_| LoadError::Corrupt)?;
     if header.version == 1 {
         // It could not say that none is pinned: then it had the default's.
         record.network.turnaround = record.network.turnaround.filter(|pinned| *pinned != Turnaround::DWM1001);
     } else {
-        let (appended, end) = postcard::take_from_bytes::<Appended>(rest).map_err(|_| Fault::Corrupt)?;
+        let (appended, end) = postcard::take_from_bytes::<Appended>(rest).map_err(|_| LoadError::Corrupt)?;
         appended.put_into(&mut record);
         rest = end;
     }
     if !rest.is_empty() {
-        return Err(Fault::Corrupt);
+        return Err(LoadError::Corrupt);
     }
-    record.validate().map_err(Fault::Invalid)?;
+    record.validate().map_err(LoadError::Invalid)?;
     Ok((record, header.sequence))
 }
 
@@ -171,28 +171,28 @@ pub fn decode(page: &[u8]) -> Result<(Record, u32), Fault> {
 ///
 /// # Errors
 /// There is none that is whole.
-pub fn version(page: &[u8]) -> Result<u8, Fault> {
+pub fn version(page: &[u8]) -> Result<u8, LoadError> {
     header_of(page).map(|header| header.version)
 }
 
 /// The header of a record's page.
-pub(crate) fn header_of(page: &[u8]) -> Result<Header, Fault> {
+pub(crate) fn header_of(page: &[u8]) -> Result<Header, LoadError> {
     parse(LETTERS, page).map(|(header, _)| header)
 }
 
 /// The header and the body's bytes, where letters and checksum agree.
-pub(crate) fn parse(letters: Letters, page: &[u8]) -> Result<(Header, &[u8]), Fault> {
+pub(crate) fn parse(letters: Letters, page: &[u8]) -> Result<(Header, &[u8]), LoadError> {
     if page.iter().take(HEADER_BYTES).all(|byte| *byte == 0xFF) {
-        return Err(Fault::Missing);
+        return Err(LoadError::Missing);
     }
-    let (header, rest) = page.split_first_chunk::<HEADER_BYTES>().ok_or(Fault::Corrupt)?;
+    let (header, rest) = page.split_first_chunk::<HEADER_BYTES>().ok_or(LoadError::Corrupt)?;
     let [m0, m1, m2, m3, version, reserved, l0, l1, s0, s1, s2, s3, c0, c1, c2, c3] = *header;
     if [m0, m1, m2, m3] != letters || reserved != 0 {
-        return Err(Fault::Corrupt);
+        return Err(LoadError::Corrupt);
     }
-    let body = rest.get(..usize::from(u16::from_le_bytes([l0, l1]))).ok_or(Fault::Corrupt)?;
+    let body = rest.get(..usize::from(u16::from_le_bytes([l0, l1]))).ok_or(LoadError::Corrupt)?;
     if checksum_of(&header[..HEADER_BYTES - 4], body) != u32::from_le_bytes([c0, c1, c2, c3]) {
-        return Err(Fault::Corrupt);
+        return Err(LoadError::Corrupt);
     }
     Ok((Header { version, sequence: u32::from_le_bytes([s0, s1, s2, s3]) }, body))
 }

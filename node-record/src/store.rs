@@ -6,7 +6,7 @@
 use embedded_storage::nor_flash::{NorFlash, ReadNorFlash};
 
 use crate::page::{HEADER_BYTES, Header, MAX_BYTES, MODEL_AT, MODEL_BYTES, decode, encode, header_of};
-use crate::{Fault, Invalid, Record};
+use crate::{LoadError, Invalid, Record};
 
 /// Bytes that are compared at once after writing.
 const CHUNK: usize = 64;
@@ -36,12 +36,12 @@ pub struct Next {
 ///
 /// # Errors
 /// Neither page is whole, or the later one is of another version or invalid. A flash that cannot be read is
-/// [`Fault::Corrupt`].
-pub fn load(flash: &mut impl ReadNorFlash, pages: [u32; 2]) -> Result<Record, Fault> {
+/// [`LoadError::Corrupt`].
+pub fn load(flash: &mut impl ReadNorFlash, pages: [u32; 2]) -> Result<Record, LoadError> {
     let mut buffer = [0; MAX_BYTES];
     let found = survey(flash, pages, &mut buffer);
     let which = later(found)?;
-    flash.read(pages[which], &mut buffer).map_err(|_| Fault::Corrupt)?;
+    flash.read(pages[which], &mut buffer).map_err(|_| LoadError::Corrupt)?;
     decode(&buffer).map(|(record, _)| record)
 }
 
@@ -54,10 +54,10 @@ pub fn load_model<'b>(
     flash: &mut impl ReadNorFlash,
     pages: [u32; 2],
     model: &'b mut [u8; MODEL_BYTES],
-) -> Result<Option<&'b [u8]>, Fault> {
+) -> Result<Option<&'b [u8]>, LoadError> {
     let mut buffer = [0; MAX_BYTES];
     let which = later(survey(flash, pages, &mut buffer))?;
-    flash.read(pages[which] + MODEL_AT as u32, model).map_err(|_| Fault::Corrupt)?;
+    flash.read(pages[which] + MODEL_AT as u32, model).map_err(|_| LoadError::Corrupt)?;
     Ok(model.iter().any(|byte| *byte != 0xFF).then_some(model))
 }
 
@@ -103,7 +103,7 @@ pub fn store<F: NorFlash>(flash: &mut F, pages: [u32; 2], record: &Record) -> Re
 ///
 /// # Errors
 /// As [`load`].
-pub fn newest(pages: [&[u8]; 2]) -> Result<(usize, Record, u32), Fault> {
+pub fn newest(pages: [&[u8]; 2]) -> Result<(usize, Record, u32), LoadError> {
     let which = later(pages.map(header_of))?;
     decode(pages[which]).map(|(record, sequence)| (which, record, sequence))
 }
@@ -113,23 +113,23 @@ pub fn next(pages: [&[u8]; 2]) -> Next {
     next_of(pages.map(header_of))
 }
 
-fn survey(flash: &mut impl ReadNorFlash, pages: [u32; 2], buffer: &mut [u8; MAX_BYTES]) -> [Result<Header, Fault>; 2] {
+fn survey(flash: &mut impl ReadNorFlash, pages: [u32; 2], buffer: &mut [u8; MAX_BYTES]) -> [Result<Header, LoadError>; 2] {
     pages.map(|page| match flash.read(page, buffer) {
         Ok(()) => header_of(buffer),
-        Err(_) => Err(Fault::Corrupt),
+        Err(_) => Err(LoadError::Corrupt),
     })
 }
 
-fn later(found: [Result<Header, Fault>; 2]) -> Result<usize, Fault> {
+fn later(found: [Result<Header, LoadError>; 2]) -> Result<usize, LoadError> {
     match found {
         [Ok(first), Ok(second)] => Ok(usize::from(second.is_later_than(first))),
         [Ok(_), Err(_)] => Ok(0),
         [Err(_), Ok(_)] => Ok(1),
-        [Err(Fault::Missing), Err(fault)] | [Err(fault), Err(_)] => Err(fault),
+        [Err(LoadError::Missing), Err(fault)] | [Err(fault), Err(_)] => Err(fault),
     }
 }
 
-fn next_of(found: [Result<Header, Fault>; 2]) -> Next {
+fn next_of(found: [Result<Header, LoadError>; 2]) -> Next {
     match later(found) {
         Ok(which) => {
             let sequence = found[which].map_or(0, |header| header.sequence);

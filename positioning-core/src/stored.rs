@@ -31,7 +31,7 @@ pub(crate) trait Stored: Serialize {
 /// Why bytes are no model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Fault {
+pub enum StoredError {
     /// They do not begin like one, or there are none.
     Missing,
     /// Of a version that is not read.
@@ -49,7 +49,7 @@ pub enum Fault {
     TooLong,
 }
 
-impl fmt::Display for Fault {
+impl fmt::Display for StoredError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Missing => write!(f, "not a model"),
@@ -61,47 +61,47 @@ impl fmt::Display for Fault {
     }
 }
 
-impl core::error::Error for Fault {}
+impl core::error::Error for StoredError {}
 
 /// Writes a value to the beginning of `buffer` and returns those bytes.
-pub(crate) fn encode<'b, T: Stored>(value: &T, buffer: &'b mut [u8]) -> Result<&'b [u8], Fault> {
+pub(crate) fn encode<'b, T: Stored>(value: &T, buffer: &'b mut [u8]) -> Result<&'b [u8], StoredError> {
     if !value.is_sane() {
-        return Err(Fault::Invalid);
+        return Err(StoredError::Invalid);
     }
-    let room = buffer.get_mut(HEADER..).ok_or(Fault::TooLong)?;
-    let length = postcard::to_slice(value, room).map_err(|_| Fault::TooLong)?.len();
+    let room = buffer.get_mut(HEADER..).ok_or(StoredError::TooLong)?;
+    let length = postcard::to_slice(value, room).map_err(|_| StoredError::TooLong)?.len();
     let [l0, l1, l2, 0] = u32::try_from(length).unwrap_or(u32::MAX).to_le_bytes() else {
-        return Err(Fault::TooLong);
+        return Err(StoredError::TooLong);
     };
     let Content { magic: [m0, m1], version } = T::CONTENT;
-    buffer.get_mut(..HEADER).ok_or(Fault::TooLong)?.copy_from_slice(&[m0, m1, version, l0, l1, l2]);
+    buffer.get_mut(..HEADER).ok_or(StoredError::TooLong)?.copy_from_slice(&[m0, m1, version, l0, l1, l2]);
     let end = HEADER + length;
-    let checksum = CHECKSUM.checksum(buffer.get(..end).ok_or(Fault::TooLong)?);
-    buffer.get_mut(end..end + 2).ok_or(Fault::TooLong)?.copy_from_slice(&checksum.to_le_bytes());
-    buffer.get(..end + 2).ok_or(Fault::TooLong)
+    let checksum = CHECKSUM.checksum(buffer.get(..end).ok_or(StoredError::TooLong)?);
+    buffer.get_mut(end..end + 2).ok_or(StoredError::TooLong)?.copy_from_slice(&checksum.to_le_bytes());
+    buffer.get(..end + 2).ok_or(StoredError::TooLong)
 }
 
 /// Reads a value from the beginning of `bytes`; returns it and what follows.
-pub(crate) fn decode<'a, T: Stored + Deserialize<'a>>(bytes: &'a [u8]) -> Result<(T, &'a [u8]), Fault> {
+pub(crate) fn decode<'a, T: Stored + Deserialize<'a>>(bytes: &'a [u8]) -> Result<(T, &'a [u8]), StoredError> {
     let content = T::CONTENT;
     let Some((&[m0, m1, version, l0, l1, l2], _)) = bytes.split_first_chunk::<HEADER>() else {
-        return Err(Fault::Missing);
+        return Err(StoredError::Missing);
     };
     if [m0, m1] != content.magic {
-        return Err(Fault::Missing);
+        return Err(StoredError::Missing);
     }
     if version != content.version {
-        return Err(Fault::Version { found: version, read: content.version });
+        return Err(StoredError::Version { found: version, read: content.version });
     }
     let end = HEADER + u32::from_le_bytes([l0, l1, l2, 0]) as usize;
-    let (covered, rest) = bytes.split_at_checked(end).ok_or(Fault::Corrupt)?;
-    let (checksum, rest) = rest.split_first_chunk::<2>().ok_or(Fault::Corrupt)?;
+    let (covered, rest) = bytes.split_at_checked(end).ok_or(StoredError::Corrupt)?;
+    let (checksum, rest) = rest.split_first_chunk::<2>().ok_or(StoredError::Corrupt)?;
     if CHECKSUM.checksum(covered) != u16::from_le_bytes(*checksum) {
-        return Err(Fault::Corrupt);
+        return Err(StoredError::Corrupt);
     }
-    let payload = covered.get(HEADER..).ok_or(Fault::Corrupt)?;
+    let payload = covered.get(HEADER..).ok_or(StoredError::Corrupt)?;
     match postcard::take_from_bytes::<T>(payload) {
         Ok((value, [])) if value.is_sane() => Ok((value, rest)),
-        Ok(_) | Err(_) => Err(Fault::Invalid),
+        Ok(_) | Err(_) => Err(StoredError::Invalid),
     }
 }

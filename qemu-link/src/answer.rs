@@ -1,6 +1,6 @@
 //! What the world answers.
 
-use crate::{Fault, Message, begin, put, seal, take};
+use crate::{LinkError, Message, begin, put, seal, take};
 
 /// An answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,8 +33,8 @@ impl<'a> Answer<'a> {
     /// As a message.
     ///
     /// # Errors
-    /// [`Fault::TooLong`].
-    pub fn encode(&self) -> Result<Message, Fault> {
+    /// [`LinkError::TooLong`].
+    pub fn encode(&self) -> Result<Message, LinkError> {
         let mut message = begin();
         put(&mut message, &self.now_ns.to_le_bytes())?;
         put(&mut message, &[self.flags])?;
@@ -45,8 +45,8 @@ impl<'a> Answer<'a> {
     /// A message without its length.
     ///
     /// # Errors
-    /// [`Fault::Malformed`].
-    pub fn decode(mut bytes: &'a [u8]) -> Result<Self, Fault> {
+    /// [`LinkError::Malformed`].
+    pub fn decode(mut bytes: &'a [u8]) -> Result<Self, LinkError> {
         let now_ns = u64::from_le_bytes(take(&mut bytes)?);
         let [flags] = take(&mut bytes)?;
         Ok(Self { now_ns, flags, body: bytes })
@@ -57,8 +57,8 @@ impl<'a> Start<'a> {
     /// As a body: `into` is overwritten.
     ///
     /// # Errors
-    /// [`Fault::TooLong`].
-    pub fn encode(&self, into: &mut Message) -> Result<(), Fault> {
+    /// [`LinkError::TooLong`].
+    pub fn encode(&self, into: &mut Message) -> Result<(), LinkError> {
         into.clear();
         put(into, &self.instruction_ps.to_le_bytes())?;
         put(into, self.record)
@@ -67,8 +67,8 @@ impl<'a> Start<'a> {
     /// Of an answer's body.
     ///
     /// # Errors
-    /// [`Fault::Malformed`].
-    pub fn decode(mut body: &'a [u8]) -> Result<Self, Fault> {
+    /// [`LinkError::Malformed`].
+    pub fn decode(mut body: &'a [u8]) -> Result<Self, LinkError> {
         Ok(Self { instruction_ps: u32::from_le_bytes(take(&mut body)?), record: body })
     }
 }
@@ -83,7 +83,7 @@ mod tests {
         let message = answer.encode().unwrap();
         assert_eq!(message, [11, 0, 0x0B, 0x0A, 0, 0, 0, 0, 0, 0, 5, 7, 8]);
         assert_eq!(Answer::decode(&message[2..]), Ok(answer));
-        assert_eq!(Answer::decode(&message[2..10]), Err(Fault::Malformed));
+        assert_eq!(Answer::decode(&message[2..10]), Err(LinkError::Malformed));
     }
 
     #[test]
@@ -92,6 +92,6 @@ mod tests {
         let mut body = Message::new();
         start.encode(&mut body).unwrap();
         assert_eq!(Start::decode(&body), Ok(start));
-        assert_eq!(Start::decode(&[0; 3]), Err(Fault::Malformed));
+        assert_eq!(Start::decode(&[0; 3]), Err(LinkError::Malformed));
     }
 }

@@ -33,14 +33,14 @@ pub type Message = heapless::Vec<u8, MAX_MESSAGE>;
 
 /// Why a message cannot be written or read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
+pub enum LinkError {
     /// It is longer than [`MAX_MESSAGE`], or has more than [`MAX_OPERATIONS`].
     TooLong,
     /// It ends too early, or says what nobody says.
     Malformed,
 }
 
-impl core::fmt::Display for Fault {
+impl core::fmt::Display for LinkError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
             Self::TooLong => "the message is too long",
@@ -49,7 +49,7 @@ impl core::fmt::Display for Fault {
     }
 }
 
-impl core::error::Error for Fault {}
+impl core::error::Error for LinkError {}
 
 /// Writes a message: room for the length, which [`seal`] fills in.
 fn begin() -> Message {
@@ -59,8 +59,8 @@ fn begin() -> Message {
     message
 }
 
-fn put(message: &mut Message, bytes: &[u8]) -> Result<(), Fault> {
-    message.extend_from_slice(bytes).map_err(|_| Fault::TooLong)
+fn put(message: &mut Message, bytes: &[u8]) -> Result<(), LinkError> {
+    message.extend_from_slice(bytes).map_err(|_| LinkError::TooLong)
 }
 
 fn seal(mut message: Message) -> Message {
@@ -70,8 +70,8 @@ fn seal(mut message: Message) -> Message {
 }
 
 /// Takes the first bytes off.
-fn take<const N: usize>(bytes: &mut &[u8]) -> Result<[u8; N], Fault> {
-    let (first, rest) = bytes.split_first_chunk().ok_or(Fault::Malformed)?;
+fn take<const N: usize>(bytes: &mut &[u8]) -> Result<[u8; N], LinkError> {
+    let (first, rest) = bytes.split_first_chunk().ok_or(LinkError::Malformed)?;
     *bytes = rest;
     Ok(*first)
 }

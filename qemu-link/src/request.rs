@@ -1,6 +1,6 @@
 //! What an image asks the world for.
 
-use crate::{Fault, Message, begin, put, seal, take};
+use crate::{LinkError, Message, begin, put, seal, take};
 
 /// The most operations of a transaction.
 pub const MAX_OPERATIONS: usize = 4;
@@ -37,13 +37,13 @@ impl Operation {
         }
     }
 
-    const fn decoded(kind: u8, value: u32) -> Result<Self, Fault> {
+    const fn decoded(kind: u8, value: u32) -> Result<Self, LinkError> {
         match kind {
             0 => Ok(Self::Write(value)),
             1 => Ok(Self::Read(value)),
             2 => Ok(Self::Transfer(value)),
             3 => Ok(Self::DelayNs(value)),
-            4.. => Err(Fault::Malformed),
+            4.. => Err(LinkError::Malformed),
         }
     }
 
@@ -112,8 +112,8 @@ impl Request<'_> {
     /// As a message.
     ///
     /// # Errors
-    /// [`Fault::TooLong`].
-    pub fn encode(&self, spent: Spent) -> Result<Message, Fault> {
+    /// [`LinkError::TooLong`].
+    pub fn encode(&self, spent: Spent) -> Result<Message, LinkError> {
         let mut message = begin();
         let kind = match self {
             Self::Start => 0,
@@ -130,7 +130,7 @@ impl Request<'_> {
             Self::Start => {}
             Self::Transaction { operations, sent } => {
                 if operations.len() > MAX_OPERATIONS {
-                    return Err(Fault::TooLong);
+                    return Err(LinkError::TooLong);
                 }
                 put(&mut message, &[operations.len() as u8])?;
                 for (kind, value) in operations.iter().map(|operation| operation.coded()) {
@@ -154,8 +154,8 @@ impl<'a> Asked<'a> {
     /// A message without its length.
     ///
     /// # Errors
-    /// [`Fault::Malformed`], or [`Fault::TooLong`] for too many operations.
-    pub fn decode(mut bytes: &'a [u8]) -> Result<Self, Fault> {
+    /// [`LinkError::Malformed`], or [`LinkError::TooLong`] for too many operations.
+    pub fn decode(mut bytes: &'a [u8]) -> Result<Self, LinkError> {
         let [kind] = take(&mut bytes)?;
         let ranging = u32::from_le_bytes(take(&mut bytes)?);
         let background = u32::from_le_bytes(take(&mut bytes)?);
@@ -168,10 +168,10 @@ impl<'a> Asked<'a> {
                 for _ in 0..count {
                     let [kind] = take(&mut bytes)?;
                     let operation = Operation::decoded(kind, u32::from_le_bytes(take(&mut bytes)?))?;
-                    operations.push(operation).map_err(|_| Fault::TooLong)?;
+                    operations.push(operation).map_err(|_| LinkError::TooLong)?;
                 }
                 if operations.iter().map(|operation| operation.sent()).sum::<usize>() != bytes.len() {
-                    return Err(Fault::Malformed);
+                    return Err(LinkError::Malformed);
                 }
                 Request::Transaction { operations: &[], sent: bytes }
             }
@@ -183,7 +183,7 @@ impl<'a> Asked<'a> {
                 Request::Wait { until_ns, interrupt: flags & 1 != 0, background: flags & 2 != 0 }
             }
             5 => Request::Telemetry(bytes),
-            6.. => return Err(Fault::Malformed),
+            6.. => return Err(LinkError::Malformed),
         };
         Ok(Self { spent: Spent { ranging, background }, operations, request })
     }
@@ -237,11 +237,11 @@ mod tests {
     fn what_is_no_request_is_refused() {
         let message = Request::Transaction { operations: &[Operation::Write(2)], sent: &[1, 2] }.encode(SPENT).unwrap();
         for end in 2..message.len() {
-            assert_eq!(Asked::decode(&message[2..end]), Err(Fault::Malformed), "{end}");
+            assert_eq!(Asked::decode(&message[2..end]), Err(LinkError::Malformed), "{end}");
         }
-        assert_eq!(Asked::decode(&[6, 0, 0, 0, 0, 0, 0, 0, 0]), Err(Fault::Malformed));
+        assert_eq!(Asked::decode(&[6, 0, 0, 0, 0, 0, 0, 0, 0]), Err(LinkError::Malformed));
         let many = Request::Transaction { operations: &[Operation::DelayNs(1); MAX_OPERATIONS + 1], sent: &[] };
-        assert_eq!(many.encode(SPENT), Err(Fault::TooLong));
-        assert_eq!(Request::Telemetry(&[0; crate::MAX_MESSAGE]).encode(SPENT), Err(Fault::TooLong));
+        assert_eq!(many.encode(SPENT), Err(LinkError::TooLong));
+        assert_eq!(Request::Telemetry(&[0; crate::MAX_MESSAGE]).encode(SPENT), Err(LinkError::TooLong));
     }
 }

@@ -303,7 +303,7 @@ pub struct State {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Condition {
     /// There is no valid record in flash: the node is quiet.
-    NoRecord(RecordFault),
+    NoRecord(RecordError),
     /// The record is for another role or board than this image: the node is quiet.
     WrongRecord,
     /// Looking for peers.
@@ -393,7 +393,7 @@ pub struct BeaconWord {
 /// What is wrong with the record in flash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum RecordFault {
+pub enum RecordError {
     /// Both pages are erased.
     Missing,
     /// It is of this version, which the image does not read.

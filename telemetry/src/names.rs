@@ -5,7 +5,7 @@ use core::fmt::{self, Display, Formatter};
 use positioning_core::SolveError;
 
 use crate::{
-    Board, Condition, CrashReason, Levels, RssiModelError, DecodeError, Message, MotionSensor, Reason, RecordFault,
+    Board, Condition, CrashReason, Levels, RssiModelError, DecodeError, Message, MotionSensor, Reason, RecordError,
     ResetCause, Role, Solver, Whereabouts,
 };
 
@@ -136,7 +136,7 @@ impl Whereabouts {
     }
 }
 
-impl RecordFault {
+impl RecordError {
     /// Its name, without what it carries.
     pub fn as_str(self) -> &'static str {
         match self {

@@ -92,7 +92,7 @@ fn golden() -> Vec<(&'static str, Message, &'static str)> {
         build: [0x01, 0x23, 0x45, 0x67, 0x89, 0xAB, 0xCD, 0xEF],
     };
     let beacon = BeaconId { network: 0xB940_7F30, major: 7, minor: 513 };
-    let no_record = Condition::NoRecord(RecordFault::Version(3));
+    let no_record = Condition::NoRecord(RecordError::Version(3));
     vec![
         (
             "hello",

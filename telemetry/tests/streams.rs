@@ -154,10 +154,10 @@ fn outcome() -> impl Strategy<Value = Outcome> {
 fn condition() -> impl Strategy<Value = Condition> {
     any::<(u32, u16, u8)>().prop_flat_map(|(times, peer, small)| {
         proptest::sample::select(vec![
-            Condition::NoRecord(RecordFault::Missing),
-            Condition::NoRecord(RecordFault::Version(small)),
-            Condition::NoRecord(RecordFault::Corrupt),
-            Condition::NoRecord(RecordFault::Invalid),
+            Condition::NoRecord(RecordError::Missing),
+            Condition::NoRecord(RecordError::Version(small)),
+            Condition::NoRecord(RecordError::Corrupt),
+            Condition::NoRecord(RecordError::Invalid),
             Condition::WrongRecord,
             Condition::Searching,
             Condition::Paired(peer),

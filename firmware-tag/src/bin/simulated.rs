@@ -11,7 +11,7 @@ use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use firmware_common::{Reporter, Settings, settings};
 use firmware_tag::{Digest, Handover, Locator, places, run_as_told};
-use node_record::{Fault, Record, Role, Solver};
+use node_record::{LoadError, Record, Role, Solver};
 use semihosting::experimental::env::args;
 use small_air::{room, uptime_us};
 use telemetry::{Condition, Reset, ResetCause};
@@ -41,7 +41,7 @@ fn main() -> ! {
 /// The tag's life by its record; an error where that says something else.
 fn live(board: &mut Board, record: &Record) -> Result<(), Condition> {
     let settings = Settings::of(record, room::TAG_EUI);
-    let settings = settings.map_err(|invalid| Condition::NoRecord(settings::told(&Fault::Invalid(invalid))))?;
+    let settings = settings.map_err(|invalid| Condition::NoRecord(settings::told(&LoadError::Invalid(invalid))))?;
     let Role::Tag(tag) = settings.role else { return Err(Condition::WrongRecord) };
     let anchors = places(record);
     let world = room::world(&settings.network);

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use telemetry::{
-    Condition, Counters, Diagnostics, Difference, Fix, Hello, RssiModelError, Message, Range, RecordFault, Reset,
+    Condition, Counters, Diagnostics, Difference, Fix, Hello, RssiModelError, Message, Range, RecordError, Reset,
     ResetCause, Room, Sighting, State,
 };
 
@@ -264,8 +264,8 @@ impl Object {
             Condition::NoRecord(fault) => {
                 record_fault = Some(fault.as_str());
                 record_version = match fault {
-                    RecordFault::Version(version) => Some(version),
-                    RecordFault::Missing | RecordFault::Corrupt | RecordFault::Invalid => None,
+                    RecordError::Version(version) => Some(version),
+                    RecordError::Missing | RecordError::Corrupt | RecordError::Invalid => None,
                 };
             }
             Condition::Paired(of) | Condition::Synchronised(of) | Condition::Following(of) => peer = Some(of),

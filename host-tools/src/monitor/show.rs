@@ -195,7 +195,7 @@ mod tests {
     use defmt_parser::Level;
     use telemetry::{
         BeaconId, Condition, Counters, Crash, CrashReason, Diagnostics, Difference, Fix, Message, Outcome, Range,
-        Reason, RecordFault, Reset, ResetCause, Sighting, Solver, State,
+        Reason, RecordError, Reset, ResetCause, Sighting, Solver, State,
     };
 
     use super::super::image::Place;
@@ -282,7 +282,7 @@ mod tests {
         let state = |is| shown(Message::State(State { t_us: 0, is }));
         assert_eq!(state(Condition::Synchronised(0xA1)), "     0.000000 state synchronised with the network of 00a1\n");
         assert_eq!(
-            state(Condition::NoRecord(RecordFault::Missing)),
+            state(Condition::NoRecord(RecordError::Missing)),
             "     0.000000 state no record in flash: nothing is sent; `baliza provision` writes one\n"
         );
         let counters = Counters { sent: 1, received: 2, timeouts: 3, telemetry_dropped: 4, ..Counters::default() };

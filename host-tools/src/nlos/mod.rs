@@ -23,7 +23,7 @@ pub use recipe::{Method, RECIPES, Recipe};
 pub use samples::{DEFAULT_PLACEMENT, Sample, Samples};
 pub use score::Score;
 
-use positioning_core::nlos::{Classifier, Fault, Feature, Model, Platt};
+use positioning_core::nlos::{Classifier, StoredError, Feature, Model, Platt};
 
 /// Parts into which placements are dealt for calibration.
 const CALIBRATION_FOLDS: usize = 4;
@@ -114,7 +114,7 @@ fn pairs(scored: &[(f32, &Sample)]) -> Vec<(f32, bool)> {
 ///
 /// # Errors
 /// There is none, or one of them cannot be trusted.
-pub fn models(mut bytes: &[u8]) -> Result<Vec<Model<'_>>, Fault> {
+pub fn models(mut bytes: &[u8]) -> Result<Vec<Model<'_>>, StoredError> {
     let mut models = Vec::new();
     loop {
         let (model, rest) = Model::decode(bytes)?;

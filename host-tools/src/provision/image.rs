@@ -6,7 +6,7 @@
 
 use ihex::Record as Hex;
 use node_record::{
-    Board, Fault, HEADER_BYTES, MAX_BYTES, MODEL_AT, MODELS_BYTES, Record, decode, encode, model_of, newest, version,
+    Board, LoadError, HEADER_BYTES, MAX_BYTES, MODEL_AT, MODELS_BYTES, Record, decode, encode, model_of, newest, version,
 };
 use positioning_core::nlos::{Classifier, Model, NodeModel};
 
@@ -139,7 +139,7 @@ impl Held {
 ///
 /// # Errors
 /// There is no record.
-pub fn held(pages: [&[u8]; 2], levels: &[u8]) -> Result<Held, Fault> {
+pub fn held(pages: [&[u8]; 2], levels: &[u8]) -> Result<Held, LoadError> {
     let model = |which: usize| pages.get(which).and_then(|page| model_of(page)).map(<[u8]>::to_vec);
     let levels = levels.iter().any(|byte| *byte != 0xFF).then(|| levels.to_vec());
     let (which, record, sequence) = newest(pages)?;
@@ -174,7 +174,7 @@ impl Image {
     ///
     /// # Errors
     /// There is none.
-    pub fn read(&self) -> Result<Held, Fault> {
+    pub fn read(&self) -> Result<Held, LoadError> {
         let (pages, levels) = self.parts();
         held(pages, levels)
     }
@@ -185,10 +185,10 @@ impl Image {
     /// In words: there is no record, or a page is damaged or of another version, or the file is cut short.
     pub fn check(&self) -> Result<Held, String> {
         let held = self.read().map_err(|fault| match fault {
-            Fault::Corrupt if !self.parts().0[0].starts_with(b"BLZR") => {
+            LoadError::Corrupt if !self.parts().0[0].starts_with(b"BLZR") => {
                 "this is no node record: it does not begin as one".to_owned()
             }
-            Fault::Corrupt if self.bytes.len() < HEADER_BYTES => "the record is cut short".to_owned(),
+            LoadError::Corrupt if self.bytes.len() < HEADER_BYTES => "the record is cut short".to_owned(),
             fault => fault.to_string(),
         })?;
         if !self.bytes.len().is_multiple_of(2048) {
@@ -196,7 +196,7 @@ impl Image {
         }
         for (number, page) in (1..).zip(self.parts().0) {
             match decode(page) {
-                Ok(_) | Err(Fault::Missing) => (),
+                Ok(_) | Err(LoadError::Missing) => (),
                 Err(fault) => return Err(format!("page {number} of 2: {fault}; the other page is whole")),
             }
             if let Some(Err(fault)) = model_of(page).map(NodeModel::decode) {

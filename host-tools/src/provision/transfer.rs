@@ -8,7 +8,7 @@
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
-use node_record::{Board, Fault, MODELS_BYTES, Next, Role, next};
+use node_record::{Board, LoadError, MODELS_BYTES, Next, Role, next};
 use probe_rs::flashing::DownloadOptions;
 use probe_rs::{MemoryInterface, Session};
 
@@ -140,7 +140,7 @@ fn write_levels(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -
 ///
 /// # Errors
 /// The probe's.
-pub fn read(flash: &mut impl Flash, board: Board) -> Result<Result<Held, Fault>> {
+pub fn read(flash: &mut impl Flash, board: Board) -> Result<Result<Held, LoadError>> {
     let (pages, levels) = (read_pages(flash, board)?, read_levels(flash, board)?);
     Ok(image::held([&pages[0], &pages[1]], &levels))
 }
@@ -227,7 +227,7 @@ mod tests {
     }
 
     /// The byte of the models that a node would take from its flash.
-    fn taken(memory: &mut Memory, board: Board) -> Result<u8, Fault> {
+    fn taken(memory: &mut Memory, board: Board) -> Result<u8, LoadError> {
         let mut region = vec![0; MODELS_BYTES];
         memory.read(board.pages().models_address().expect("it has Bluetooth"), &mut region).unwrap();
         decode_models(&region).map(|models| models.map.map_or(0, |map| map.model[0]))
@@ -251,7 +251,7 @@ mod tests {
                 assert_eq!(memory.writes, [0x7F000]);
             }
             write(&mut memory, board, &of(tag)).unwrap();
-            assert_eq!(taken(&mut memory, board), Err(Fault::Missing));
+            assert_eq!(taken(&mut memory, board), Err(LoadError::Missing));
             // An anchor has no Bluetooth, and nobody looks there.
             memory.writes.clear();
             write(&mut memory, board, &of(anchor)).unwrap();
@@ -275,7 +275,7 @@ mod tests {
                         break;
                     }
                     let found = taken(&mut cut, board);
-                    let fine = matches!(found, Ok(1 | 2) | Err(Fault::Missing | Fault::Corrupt));
+                    let fine = matches!(found, Ok(1 | 2) | Err(LoadError::Missing | LoadError::Corrupt));
                     assert!(fine, "{board:?}, after {pages} pages: {found:?}");
                     pages += 1;
                 }
@@ -288,7 +288,7 @@ mod tests {
     fn pages_take_turns() {
         let (mut memory, records) = (Memory::default(), records());
         let missing = read(&mut memory, Board::Dwm1001).unwrap();
-        assert_eq!(missing, Err(Fault::Missing));
+        assert_eq!(missing, Err(LoadError::Missing));
         for (sequence, record) in (1..).zip(&records[..3]) {
             let written = write(&mut memory, Board::Dwm1001, &of(record)).unwrap();
             assert_eq!(written, (vec![[0x7F000, 0x7E000][sequence as usize % 2]], sequence));

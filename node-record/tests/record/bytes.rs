@@ -1,7 +1,7 @@
 //! The page's bytes.
 
 use node_record::{
-    Advertiser, Anchor, Beacon, Calibration, Fault, HEADER_BYTES, Identity, MAX_BYTES, Mode, Network, Phy, Pins,
+    Advertiser, Anchor, Beacon, Calibration, LoadError, HEADER_BYTES, Identity, MAX_BYTES, Mode, Network, Phy, Pins,
     Record, Region, Role, Scan, Scheme, Solver, Tag, Turnaround, VERSION, decode, encode, version,
 };
 use proptest::collection::vec;
@@ -131,16 +131,16 @@ fn the_page_s_rest_does_not_matter() {
 
 #[test]
 fn an_erased_page_has_no_record() {
-    assert_eq!(decode(&[0xFF; 4096]), Err(Fault::Missing));
-    assert_eq!(decode(&[]), Err(Fault::Missing));
-    assert_eq!(decode(&[0; 4096]), Err(Fault::Corrupt));
+    assert_eq!(decode(&[0xFF; 4096]), Err(LoadError::Missing));
+    assert_eq!(decode(&[]), Err(LoadError::Missing));
+    assert_eq!(decode(&[0; 4096]), Err(LoadError::Corrupt));
 }
 
 #[test]
 fn a_page_cut_short_is_corrupt() {
     let bytes = page(&beacon(), 1);
     for length in 1..bytes.len() {
-        assert_eq!(decode(&bytes[..length]), Err(Fault::Corrupt), "{length} bytes");
+        assert_eq!(decode(&bytes[..length]), Err(LoadError::Corrupt), "{length} bytes");
     }
 }
 
@@ -150,7 +150,7 @@ fn any_flipped_bit_is_noticed() {
     for bit in 0..bytes.len() * 8 {
         let mut flipped = bytes.clone();
         flipped[bit / 8] ^= 1 << (bit % 8);
-        assert_eq!(decode(&flipped), Err(Fault::Corrupt), "bit {bit}");
+        assert_eq!(decode(&flipped), Err(LoadError::Corrupt), "bit {bit}");
     }
 }
 
@@ -171,9 +171,9 @@ fn another_version_is_told_by_its_number() {
     for version in [0, VERSION + 1, 255] {
         let mut bytes = page(&anchor(), 1);
         bytes[4] = version;
-        assert_eq!(decode(&bytes), Err(Fault::Corrupt), "its checksum is wrong");
+        assert_eq!(decode(&bytes), Err(LoadError::Corrupt), "its checksum is wrong");
         seal(&mut bytes);
-        assert_eq!(decode(&bytes), Err(Fault::Version(version)));
+        assert_eq!(decode(&bytes), Err(LoadError::Version(version)));
     }
 }
 
@@ -184,19 +184,19 @@ fn a_whole_page_that_is_no_record_is_corrupt() {
     longer.push(0);
     longer[6] += 1;
     seal(&mut longer);
-    assert_eq!(decode(&longer), Err(Fault::Corrupt));
+    assert_eq!(decode(&longer), Err(LoadError::Corrupt));
     let mut unknown = page(&anchor(), 1);
     assert_eq!(unknown[16 + 13], 1);
     unknown[16 + 13] = 9;
     seal(&mut unknown);
-    assert_eq!(decode(&unknown), Err(Fault::Corrupt));
+    assert_eq!(decode(&unknown), Err(LoadError::Corrupt));
 }
 
 #[test]
 fn a_whole_record_that_cannot_be_done_is_invalid() {
     let mut record = anchor();
     record.identity.address = Some(0xFFFF);
-    assert!(matches!(decode(&page(&record, 1)), Err(Fault::Invalid(invalid)) if invalid.field == "identity.address"));
+    assert!(matches!(decode(&page(&record, 1)), Err(LoadError::Invalid(invalid)) if invalid.field == "identity.address"));
 }
 
 fn place() -> impl Strategy<Value = [f32; 3]> {
@@ -298,7 +298,7 @@ proptest! {
 
     #[test]
     fn noise_is_no_record(bytes in vec(any::<u8>(), 1..2000)) {
-        prop_assert!(matches!(decode(&bytes), Err(Fault::Corrupt | Fault::Missing)));
+        prop_assert!(matches!(decode(&bytes), Err(LoadError::Corrupt | LoadError::Missing)));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Models of beacons' levels: their bytes, and what is left of them where the power fails.
 
 use embedded_storage::nor_flash::NorFlash;
-use node_record::{BeaconModels, Fault, MODELS_BYTES, OfBeacons, decode_models, encode_models, load_models};
+use node_record::{BeaconModels, LoadError, MODELS_BYTES, OfBeacons, decode_models, encode_models, load_models};
 
 use crate::flash::Flash;
 
@@ -48,8 +48,8 @@ fn the_bytes_are_these() {
 
 #[test]
 fn none_too_long_other_and_damaged_ones_are_told_apart() {
-    assert_eq!(decode_models(&[0xFF; MODELS_BYTES]), Err(Fault::Missing));
-    assert_eq!(decode_models(&[]), Err(Fault::Missing));
+    assert_eq!(decode_models(&[0xFF; MODELS_BYTES]), Err(LoadError::Missing));
+    assert_eq!(decode_models(&[]), Err(LoadError::Missing));
     let whole = encoded(&models(b"FM"));
     for bit in 0..8 * whole.len() {
         let mut flipped = whole.clone();
@@ -57,7 +57,7 @@ fn none_too_long_other_and_damaged_ones_are_told_apart() {
         assert!(decode_models(&flipped).is_err(), "bit {bit}");
     }
     for length in 1..whole.len() {
-        assert_eq!(decode_models(&whole[..length]), Err(Fault::Corrupt), "{length} bytes");
+        assert_eq!(decode_models(&whole[..length]), Err(LoadError::Corrupt), "{length} bytes");
     }
     let resealed = |at: usize, value: u8| {
         let mut bytes = whole.clone();
@@ -66,12 +66,12 @@ fn none_too_long_other_and_damaged_ones_are_told_apart() {
         bytes[12..16].copy_from_slice(&crc(&covered).to_le_bytes());
         decode_models(&bytes).map(drop)
     };
-    assert_eq!(resealed(4, 9), Err(Fault::Version(9)));
-    assert_eq!(resealed(17, 7), Err(Fault::Corrupt), "half a beacon");
-    assert_eq!(resealed(0, b'X'), Err(Fault::Corrupt), "another's letters");
+    assert_eq!(resealed(4, 9), Err(LoadError::Version(9)));
+    assert_eq!(resealed(17, 7), Err(LoadError::Corrupt), "half a beacon");
+    assert_eq!(resealed(0, b'X'), Err(LoadError::Corrupt), "another's letters");
     let (many, long) = ([0; 4 * 25], [0; MODELS_BYTES]);
     let of = |beacons, model| BeaconModels { map: Some(OfBeacons { beacons, model }), ..BeaconModels::default() };
-    assert_eq!(decode_models(&encoded(&of(&many, &[]))), Err(Fault::Corrupt), "more beacons than a tag knows");
+    assert_eq!(decode_models(&encoded(&of(&many, &[]))), Err(LoadError::Corrupt), "more beacons than a tag knows");
     assert_eq!(encode_models(&of(&[], &long), &mut [0; MODELS_BYTES]), None);
 }
 
@@ -82,8 +82,8 @@ fn a_flash_is_read_into_memory() {
     flash.bytes[8192..][..bytes.len()].copy_from_slice(&bytes);
     let mut region = [0; MODELS_BYTES];
     assert_eq!(load_models(&mut flash, 8192, &mut region), Ok(models(b"FM")));
-    assert_eq!(load_models(&mut flash, 0, &mut region), Err(Fault::Missing));
-    assert_eq!(load_models(&mut flash, 12_288, &mut region), Err(Fault::Corrupt), "beyond its end");
+    assert_eq!(load_models(&mut flash, 0, &mut region), Err(LoadError::Missing));
+    assert_eq!(load_models(&mut flash, 12_288, &mut region), Err(LoadError::Corrupt), "beyond its end");
 }
 
 /// Writes a region as a flasher does: page by page, each erased and then written.
@@ -120,7 +120,7 @@ fn a_power_cut_leaves_the_models_of_before_or_the_new_ones_or_none() {
                     kept += 1;
                 }
                 Err(fault) => {
-                    assert!(matches!(fault, Fault::Missing | Fault::Corrupt), "{fault:?}");
+                    assert!(matches!(fault, LoadError::Missing | LoadError::Corrupt), "{fault:?}");
                     none += 1;
                 }
             }

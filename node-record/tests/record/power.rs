@@ -1,12 +1,12 @@
 //! The power fails at any moment of writing.
 
-use node_record::{Fault, Record, load, store};
+use node_record::{LoadError, Record, load, store};
 
 use crate::examples::{anchor, beacon, tag};
 use crate::flash::Flash;
 
 /// Cuts the power within each operation of a store; the old record or the new one is whole, and the next store works.
-fn every_cut<const WORD: usize, const PAGE: usize>(flash: &Flash<WORD, PAGE>, old: Result<Record, Fault>) {
+fn every_cut<const WORD: usize, const PAGE: usize>(flash: &Flash<WORD, PAGE>, old: Result<Record, LoadError>) {
     let pages = Flash::<WORD, PAGE>::PAGES;
     let new = beacon();
     let mut uncut = flash.clone();
@@ -26,7 +26,7 @@ fn every_cut<const WORD: usize, const PAGE: usize>(flash: &Flash<WORD, PAGE>, ol
             let done = operation == uncut.operations - 1 && kept.as_ref() == Ok(&new);
             match &old {
                 Ok(_) => assert!(kept == old || done, "{name}: {kept:?}"),
-                Err(_) => assert!(matches!(kept, Err(Fault::Missing | Fault::Corrupt)) || done, "{name}: {kept:?}"),
+                Err(_) => assert!(matches!(kept, Err(LoadError::Missing | LoadError::Corrupt)) || done, "{name}: {kept:?}"),
             }
             store(&mut cut, pages, &tag()).unwrap();
             assert_eq!(load(&mut cut, pages), Ok(tag()), "{name}");
@@ -36,7 +36,7 @@ fn every_cut<const WORD: usize, const PAGE: usize>(flash: &Flash<WORD, PAGE>, ol
 
 fn every_cut_of_every_state<const WORD: usize, const PAGE: usize>() {
     let mut flash = Flash::<WORD, PAGE>::erased();
-    every_cut(&flash, Err(Fault::Missing));
+    every_cut(&flash, Err(LoadError::Missing));
     store(&mut flash, Flash::<WORD, PAGE>::PAGES, &anchor()).unwrap();
     every_cut(&flash, Ok(anchor()));
     store(&mut flash, Flash::<WORD, PAGE>::PAGES, &tag()).unwrap();

@@ -1,7 +1,7 @@
 //! Which page counts, and which is written.
 
 use node_record::{
-    Fault, MAX_BYTES, MODEL_AT, MODEL_BYTES, Next, Record, StoreError, VERSION, encode, load, load_model, model_of,
+    LoadError, MAX_BYTES, MODEL_AT, MODEL_BYTES, Next, Record, StoreError, VERSION, encode, load, load_model, model_of,
     newest, next, store,
 };
 
@@ -25,7 +25,7 @@ fn with(first: Option<(&Record, u32)>, second: Option<(&Record, u32)>) -> Nrf {
 #[test]
 fn pages_take_turns() {
     let mut flash = Nrf::erased();
-    assert_eq!(load(&mut flash, Nrf::PAGES), Err(Fault::Missing));
+    assert_eq!(load(&mut flash, Nrf::PAGES), Err(LoadError::Missing));
     for (turn, record) in [anchor(), tag(), beacon(), longest(), anchor()].iter().enumerate() {
         let other = flash.page(1 - turn % 2).to_vec();
         store(&mut flash, Nrf::PAGES, record).unwrap();
@@ -41,7 +41,7 @@ fn pages_take_turns() {
 #[test]
 fn a_classifier_goes_with_its_record() {
     let mut model = [0; MODEL_BYTES];
-    assert_eq!(load_model(&mut Nrf::erased(), Nrf::PAGES, &mut model), Err(Fault::Missing));
+    assert_eq!(load_model(&mut Nrf::erased(), Nrf::PAGES, &mut model), Err(LoadError::Missing));
     // A record as it always was has none.
     let mut flash = with(Some((&tag(), 3)), Some((&tag(), 4)));
     assert_eq!(load_model(&mut flash, Nrf::PAGES, &mut model), Ok(None));
@@ -89,11 +89,11 @@ fn a_damaged_page_leaves_the_other() {
     assert_eq!(newest([flash.page(0), flash.page(1)]), Ok((1, beacon(), 9)));
     flash.bytes[Nrf::PAGES[0] as usize] ^= 4;
     flash.bytes[Nrf::PAGES[1] as usize] ^= 4;
-    assert_eq!(load(&mut flash, Nrf::PAGES), Err(Fault::Corrupt));
+    assert_eq!(load(&mut flash, Nrf::PAGES), Err(LoadError::Corrupt));
     let mut lone = with(None, Some((&tag(), 9)));
     assert_eq!(load(&mut lone, Nrf::PAGES), Ok(tag()));
     lone.bytes[Nrf::PAGES[1] as usize + 20] ^= 4;
-    assert_eq!(load(&mut lone, Nrf::PAGES), Err(Fault::Corrupt), "there was one");
+    assert_eq!(load(&mut lone, Nrf::PAGES), Err(LoadError::Corrupt), "there was one");
 }
 
 #[test]
@@ -112,7 +112,7 @@ fn a_later_record_of_another_version_is_not_passed_over() {
     let checksum = !seal(&covered);
     flash.bytes[page + 12..page + 16].copy_from_slice(&checksum.to_le_bytes());
     // What was told last does not count, what counted before is outdated: the node is to say so.
-    assert_eq!(load(&mut flash, Nrf::PAGES), Err(Fault::Version(VERSION + 1)));
+    assert_eq!(load(&mut flash, Nrf::PAGES), Err(LoadError::Version(VERSION + 1)));
     // The next record takes the other page, and counts.
     store(&mut flash, Nrf::PAGES, &beacon()).unwrap();
     assert_eq!(newest([flash.page(0), flash.page(1)]), Ok((0, beacon(), 3)));
@@ -166,6 +166,6 @@ fn flash_that_does_not_hold_is_noticed() {
 #[test]
 fn pages_beyond_the_flash_are_an_error() {
     let mut flash = Nrf::erased();
-    assert_eq!(load(&mut flash, [0x10_0000, 0x10_1000]), Err(Fault::Corrupt));
+    assert_eq!(load(&mut flash, [0x10_0000, 0x10_1000]), Err(LoadError::Corrupt));
     assert!(matches!(store(&mut flash, [0x10_0000, 0x10_1000], &tag()), Err(StoreError::Flash(_))));
 }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     Classifier, Feature, Features, Logistic, Nearest, Perceptron, Platt, PowerDifference, Quantised, Skewness,
 };
-pub use crate::stored::Fault;
+pub use crate::stored::StoredError;
 use crate::stored::{self, Content, Stored};
 
 /// The version of the layout; a reader takes no other.
@@ -91,7 +91,7 @@ where
     ///
     /// # Errors
     /// The model is invalid, or the buffer too small.
-    pub fn encode<'b>(&self, buffer: &'b mut [u8]) -> Result<&'b [u8], Fault> {
+    pub fn encode<'b>(&self, buffer: &'b mut [u8]) -> Result<&'b [u8], StoredError> {
         stored::encode(self, buffer)
     }
 
@@ -99,7 +99,7 @@ where
     ///
     /// # Errors
     /// The bytes are no model, or not one that can be trusted.
-    pub fn decode(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), Fault> {
+    pub fn decode(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), StoredError> {
         stored::decode(bytes)
     }
 }
@@ -203,13 +203,13 @@ mod tests {
                 (Kind::PowerDifference(kind), Ok(Kind::PowerDifference(read))) => kind == read,
                 (Kind::Logistic(kind), Ok(Kind::Logistic(read))) => kind == read,
                 (Kind::Quantised(kind), Ok(Kind::Quantised(read))) => kind == read,
-                (Kind::Nearest(_) | Kind::Perceptron(_), Err(Fault::Invalid)) => true,
+                (Kind::Nearest(_) | Kind::Perceptron(_), Err(StoredError::Invalid)) => true,
                 _ => false,
             };
             assert!(same, "a node takes its own kinds, and refuses the others: {}", model.name());
             rest = Model::decode(rest).expect("a model").1;
         }
-        assert_eq!(Model::decode(rest), Err(Fault::Missing));
+        assert_eq!(Model::decode(rest), Err(StoredError::Missing));
     }
 
     #[test]
@@ -241,8 +241,8 @@ mod tests {
         let mut buffer = [0; 64];
         let mut bytes = skewness().encode(&mut buffer).expect("it fits").to_vec();
         bytes[2] = 0;
-        assert_eq!(Model::decode(&bytes), Err(Fault::Version { found: 0, read: 1 }));
-        assert_eq!(std::format!("{}", Fault::Version { found: 0, read: 1 }), "a model of version 0, where 1 is read");
+        assert_eq!(Model::decode(&bytes), Err(StoredError::Version { found: 0, read: 1 }));
+        assert_eq!(std::format!("{}", StoredError::Version { found: 0, read: 1 }), "a model of version 0, where 1 is read");
     }
 
     #[test]
@@ -256,16 +256,16 @@ mod tests {
                 nlos_mean: 0.0,
                 deviation: 1.0
             })),
-            Err(Fault::Invalid)
+            Err(StoredError::Invalid)
         );
         let nearest = |neighbours, los| Kind::Nearest(Nearest { inputs: inputs(), neighbours, los, nlos: &[] });
-        assert_eq!(encode(nearest(1, &[0; 3])), Err(Fault::Invalid), "not whole");
-        assert_eq!(encode(nearest(2, &[0; 4])), Err(Fault::Invalid), "fewer than neighbours");
+        assert_eq!(encode(nearest(1, &[0; 3])), Err(StoredError::Invalid), "not whole");
+        assert_eq!(encode(nearest(2, &[0; 4])), Err(StoredError::Invalid), "fewer than neighbours");
         assert_eq!(encode(nearest(1, &[0; 4])), Ok(()));
         let one_short =
             Perceptron { inputs: inputs(), hidden: [1].into_iter().collect(), outputs: 2, weights: &[0; 24] };
-        assert_eq!(encode(Kind::Perceptron(one_short)), Err(Fault::Invalid));
-        assert_eq!(skewness().encode(&mut [0; 20]), Err(Fault::TooLong));
+        assert_eq!(encode(Kind::Perceptron(one_short)), Err(StoredError::Invalid));
+        assert_eq!(skewness().encode(&mut [0; 20]), Err(StoredError::TooLong));
     }
 
     #[test]

@@ -426,7 +426,7 @@ async fn tag_tasks<R: Restart + 'static>(
         air.scanner(address, path, move |data, rssi_dbm| scan::hear(&handover, &*sink, data, rssi_dbm))
     };
     let scanner = Interfering { scanner, world, processor, address };
-    let models = levels.as_deref().map_or(Err(node_record::Fault::Missing), node_record::decode_models);
+    let models = levels.as_deref().map_or(Err(node_record::LoadError::Missing), node_record::decode_models);
     let surveyed = Surveyed::of(models, &known, |condition| sink.unused(condition));
     let locator = locator.with_beacons(KnownBeacons::new(&known, None)).with_surveyed(&surveyed);
     let ranging = firmware_tag::ranging(radio, delay, machine, handover, &**sink);

@@ -9,7 +9,7 @@ use firmware_common::AnchorMachine;
 use node_record::Role;
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
-use telemetry::{Condition, RecordFault};
+use telemetry::{Condition, RecordError};
 
 type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
 
@@ -41,7 +41,7 @@ pub fn start(spawner: Spawner) {
             (Role::Tag(_) | Role::Advertiser(_), Ok(_)) => complain(Condition::WrongRecord),
             (_, Err(what)) => {
                 defmt::error!("{}", what);
-                complain(Condition::NoRecord(RecordFault::Invalid));
+                complain(Condition::NoRecord(RecordError::Invalid));
             }
         }
     }

@@ -7,7 +7,7 @@ use embassy_executor::Spawner;
 use embassy_futures::join::join;
 use embassy_time::Delay;
 use firmware_beacon::{Advertise, Advertisement, Listener, Settings, SettingsError};
-use telemetry::{Condition, RecordFault};
+use telemetry::{Condition, RecordError};
 
 static REPORTER: Reporter = Reporter::new(esp::uptime_us);
 
@@ -77,7 +77,7 @@ pub fn start(spawner: Spawner) {
             Err(SettingsError::OtherRole) => complain(Condition::WrongRecord),
             Err(fault @ (SettingsError::Interval(_) | SettingsError::Channels(_) | SettingsError::NoKey)) => {
                 defmt::error!("{}", fault);
-                complain(Condition::NoRecord(RecordFault::Invalid));
+                complain(Condition::NoRecord(RecordError::Invalid));
             }
         }
     }

@@ -15,7 +15,7 @@ use ranging::dw1000::Dw1000;
 #[cfg(feature = "ble")]
 use static_cell::ConstStaticCell;
 use static_cell::StaticCell;
-use telemetry::{Condition, RecordFault};
+use telemetry::{Condition, RecordError};
 
 type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
 type Handover = firmware_tag::Handover<Guard>;
@@ -124,7 +124,7 @@ pub fn start(spawner: Spawner) {
                 let surveyed = {
                     let models = match Pages::ESP.models {
                         Some(at) => node_record::load_models(&mut board.flash, at, MODELS.take()),
-                        None => Err(node_record::Fault::Missing),
+                        None => Err(node_record::LoadError::Missing),
                     };
                     SURVEYED.init_with(|| Surveyed::of(models, &record.beacons, complain))
                 };
@@ -146,7 +146,7 @@ pub fn start(spawner: Spawner) {
             (Role::Anchor { .. } | Role::Advertiser(_), Ok(_)) => complain(Condition::WrongRecord),
             (_, Err(what)) => {
                 defmt::error!("{}", what);
-                complain(Condition::NoRecord(RecordFault::Invalid));
+                complain(Condition::NoRecord(RecordError::Invalid));
             }
         }
     }

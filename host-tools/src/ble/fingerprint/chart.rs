@@ -1,6 +1,6 @@
 //! A process as a map for the node: the levels to be expected on a lattice, with their deviations.
 
-use positioning_core::ble::fingerprint::{Fault, MAX_NODE_POINTS, Point};
+use positioning_core::ble::fingerprint::{MapError, MAX_NODE_POINTS, Point};
 
 use super::process::{Process, apart};
 use super::survey::{Survey, to_bytes};
@@ -27,7 +27,7 @@ pub struct Grid {
 ///
 /// # Errors
 /// No points, too many beacons, or a lattice of more points than allowed.
-pub fn chart(survey: &Survey, process: &Process, grid: Grid) -> Result<Vec<u8>, Fault> {
+pub fn chart(survey: &Survey, process: &Process, grid: Grid) -> Result<Vec<u8>, MapError> {
     let most = grid.most.unwrap_or(MAX_NODE_POINTS);
     let places_m: Vec<[f64; 2]> = survey.spots.iter().map(|spot| spot.position_m).collect();
     let (step_m, points_m) = match grid.step_m {
@@ -36,11 +36,11 @@ pub fn chart(survey: &Survey, process: &Process, grid: Grid) -> Result<Vec<u8>, 
             // Whole millimetres, as the map has them.
             let steps = (0..).map(|power| (LEAST_STEP_M * 1.05_f64.powi(power) * 1000.0).round() / 1000.0);
             let mut tried = steps.map(|step_m| (step_m, lattice(&places_m, step_m)));
-            tried.find(|(_, points_m)| points_m.len() <= most).ok_or(Fault::Invalid)?
+            tried.find(|(_, points_m)| points_m.len() <= most).ok_or(MapError::Invalid)?
         }
     };
     if points_m.len() > most {
-        return Err(Fault::TooLong);
+        return Err(MapError::TooLong);
     }
     let predicted: Vec<(Vec<Option<f64>>, Vec<f64>)> = points_m
         .iter()

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use positioning_core::ble::fingerprint::Fault;
+use positioning_core::ble::fingerprint::MapError;
 
 use super::comparison::Comparison;
 use super::maps::{Making, Maps, kernel};
@@ -23,7 +23,7 @@ pub fn held_out(
     comparisons: &[Comparison],
     fold_of: impl Fn(usize) -> Option<usize>,
     done: impl Fn(),
-) -> Result<HeldOut, Fault> {
+) -> Result<HeldOut, MapError> {
     let survey = Survey::of(stays, setup.average);
     let folds: BTreeSet<usize> = (0..stays.len()).filter_map(&fold_of).collect();
     // The kernels of many folds are alike.

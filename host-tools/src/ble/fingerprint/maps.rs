@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use positioning_core::ble::fingerprint::{Fault, Map};
+use positioning_core::ble::fingerprint::{MapError, Map};
 
 use super::chart::{Grid, chart};
 use super::comparison::Comparison;
@@ -42,7 +42,7 @@ impl Maps {
         making: Making,
         comparisons: &[Comparison],
         guess: Option<Kernel>,
-    ) -> Result<Self, Fault> {
+    ) -> Result<Self, MapError> {
         let wants_lattice = |comparison: &Comparison| comparison.wants_lattice();
         let points = (!comparisons.iter().all(wants_lattice)).then(|| survey.map()).transpose()?;
         let lattice = || chart(survey, &fitted(survey, making, guess)?, making.grid);
@@ -54,10 +54,10 @@ impl Maps {
     ///
     /// # Errors
     /// The bytes are no map, or not one alone.
-    pub fn read(bytes: Vec<u8>, beacons: Vec<String>) -> Result<Self, Fault> {
+    pub fn read(bytes: Vec<u8>, beacons: Vec<String>) -> Result<Self, MapError> {
         let (map, rest) = Map::decode(&bytes)?;
         if !rest.is_empty() {
-            return Err(Fault::Corrupt);
+            return Err(MapError::Corrupt);
         }
         Ok(if map.has_deviations() {
             Self { beacons, points: None, lattice: Some(bytes) }
@@ -80,8 +80,8 @@ impl Maps {
     ///
     /// # Errors
     /// It was not made, or not read.
-    pub(super) fn map(&self, comparison: Comparison) -> Result<Map<'_>, Fault> {
-        Map::decode(self.bytes(comparison).ok_or(Fault::Missing)?).map(|(map, _)| map)
+    pub(super) fn map(&self, comparison: Comparison) -> Result<Map<'_>, MapError> {
+        Map::decode(self.bytes(comparison).ok_or(MapError::Missing)?).map(|(map, _)| map)
     }
 
     /// The bytes of the map that a comparison reads, where it is there.
@@ -105,13 +105,13 @@ pub fn names_of(map: &Map, captures: &[Capture]) -> Vec<String> {
 ///
 /// # Errors
 /// Nothing is heard anywhere.
-pub(super) fn kernel(survey: &Survey, making: Making, comparisons: &[Comparison]) -> Result<Option<Kernel>, Fault> {
+pub(super) fn kernel(survey: &Survey, making: Making, comparisons: &[Comparison]) -> Result<Option<Kernel>, MapError> {
     let wanted = comparisons.iter().any(|comparison| comparison.wants_lattice());
     wanted.then(|| fitted(survey, making, None).map(|process| process.kernel())).transpose()
 }
 
 /// The process of a survey, about what its plan lets expect.
-fn fitted(survey: &Survey, making: Making, guess: Option<Kernel>) -> Result<Process, Fault> {
+fn fitted(survey: &Survey, making: Making, guess: Option<Kernel>) -> Result<Process, MapError> {
     let trends = making.plan.map_or_else(|| Trend::levels(survey), |plan| Trend::rays(survey, plan));
-    Process::fit(survey, trends, guess).ok_or(Fault::Invalid)
+    Process::fit(survey, trends, guess).ok_or(MapError::Invalid)
 }

@@ -1,7 +1,7 @@
 //! Positions of captures by maps: what `baliza ble fingerprint` does, with the node's own code in the node's own `f32`.
 
 use positioning_core::ble::fingerprint::{
-    self, Fault, Map, Motion, Nearest, Posterior, Receiver, Vicinity, Walk, locate,
+    self, MapError, Map, Motion, Nearest, Posterior, Receiver, Vicinity, Walk, locate,
 };
 use positioning_core::ble::particles::{ON_HOST, ParticleFilter, Settings, Towards};
 use positioning_core::ble::path_loss::Wall;
@@ -56,7 +56,7 @@ impl Solver<'_> {
     ///
     /// # Errors
     /// The maps do not serve the comparison.
-    pub fn solve(&self, comparison: Comparison, captures: &[Capture]) -> Result<Vec<Solved>, Fault> {
+    pub fn solve(&self, comparison: Comparison, captures: &[Capture]) -> Result<Vec<Solved>, MapError> {
         let (origin_m, map) = self.maps.map(comparison)?.about_its_origin();
         let mut way = Way::new(self, comparison, map, origin_m);
         let mut solved = vec![None; captures.len()];

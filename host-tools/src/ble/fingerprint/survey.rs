@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use positioning_core::ble::fingerprint::{Fault, MAX_BEACONS, Point, encode};
+use positioning_core::ble::fingerprint::{MapError, MAX_BEACONS, Point, encode};
 use positioning_core::ble::signal::level;
 
 use super::process::apart;
@@ -136,7 +136,7 @@ impl Survey {
     ///
     /// # Errors
     /// There are none, or too many beacons (more than [`MAX_BEACONS`]).
-    pub fn map(&self) -> Result<Vec<u8>, Fault> {
+    pub fn map(&self) -> Result<Vec<u8>, MapError> {
         let points: Vec<Point> = self
             .spots
             .iter()
@@ -178,7 +178,7 @@ pub fn to_bytes(
     identities: &[u16],
     fallbacks: &[f64],
     unit_m: Option<f64>,
-) -> Result<Vec<u8>, Fault> {
+) -> Result<Vec<u8>, MapError> {
     let mut buffer = vec![0; 64 + 4 * MAX_BEACONS + points.len() * (2 + 2 * MAX_BEACONS)];
     encode(points, identities, fallbacks, unit_m, &mut buffer).map(<[u8]>::to_vec)
 }
@@ -237,9 +237,9 @@ mod tests {
     #[test]
     fn surveys_that_make_no_map_are_refused() {
         let nothing = Survey { beacons: vec!["1".to_owned()], spots: Vec::new() };
-        assert_eq!(nothing.map(), Err(Fault::Invalid));
+        assert_eq!(nothing.map(), Err(MapError::Invalid));
         let crowd: Vec<(String, f64)> = (0..25).map(|name| (name.to_string(), -60.0)).collect();
         let crowd: Vec<(&str, f64)> = crowd.iter().map(|(name, level)| (name.as_str(), *level)).collect();
-        assert_eq!(Survey::of(&[stay("a", &crowd)], Average::Power).map(), Err(Fault::Invalid));
+        assert_eq!(Survey::of(&[stay("a", &crowd)], Average::Power).map(), Err(MapError::Invalid));
     }
 }

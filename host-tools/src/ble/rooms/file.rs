@@ -2,7 +2,7 @@
 //!
 //! The names are one line of JSON, `{"beacons":["1","2"],"rooms":["hall","attic"]}`, in the model's order.
 
-use positioning_core::ble::rooms::{Classifier, Fault, Model};
+use positioning_core::ble::rooms::{Classifier, StoredError, Model};
 use serde::{Deserialize, Serialize};
 
 /// What a model's numbers stand for.
@@ -29,7 +29,7 @@ impl ModelFile {
     /// # Errors
     /// In words: they are no model, or its names are missing or too few or too many.
     pub fn parse(bytes: &[u8]) -> Result<Self, String> {
-        let (model, rest) = Model::decode(bytes).map_err(|fault: Fault| fault.to_string())?;
+        let (model, rest) = Model::decode(bytes).map_err(|fault: StoredError| fault.to_string())?;
         let names: Names = serde_json::from_slice(rest)
             .map_err(|_| "a model without names of beacons and rooms: make it again by `baliza ble rooms --out`")?;
         if (names.beacons.len(), names.rooms.len()) != (model.beacons(), model.rooms()) {

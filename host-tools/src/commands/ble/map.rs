@@ -7,7 +7,7 @@ use anyhow::Result;
 use host_tools::ble::files::read_stays;
 use host_tools::ble::fingerprint::{Comparison, Grid, Making, Maps, Setup, held_out, spread};
 use host_tools::{Statistics, UserError, output};
-use positioning_core::ble::fingerprint::{Fault, MAX_NODE_POINTS, Map};
+use positioning_core::ble::fingerprint::{MapError, MAX_NODE_POINTS, Map};
 
 use super::fingerprint::Averages;
 use super::{Place, survey_of};
@@ -85,7 +85,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let comparison =
         if arguments.surveyed { Comparison::Nearest { k: 5, weighted: true } } else { Comparison::Process };
     let (making, setup) = (Making { grid, plan }, Setup { average, ..Setup::default() });
-    let wrong = |fault: Fault| UserError::line(&arguments.fingerprints, 1, fault.to_string());
+    let wrong = |fault: MapError| UserError::line(&arguments.fingerprints, 1, fault.to_string());
     let maps = Maps::of(&thin, making, &[comparison], None).map_err(wrong)?;
     let bytes = maps.bytes(comparison).unwrap_or_default();
     let (map, _) = Map::decode(bytes)?;

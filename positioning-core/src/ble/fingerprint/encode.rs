@@ -1,6 +1,6 @@
 //! Points and levels in, a map's bytes out.
 
-use super::map::{CHECKSUM, DEVIATIONS_DB, Fault, HEADER, MAGIC, MAX_BEACONS, VERSION, WITH_DEVIATIONS, stride};
+use super::map::{CHECKSUM, DEVIATIONS_DB, MapError, HEADER, MAGIC, MAX_BEACONS, VERSION, WITH_DEVIATIONS, stride};
 
 /// A point for a map.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,12 +26,12 @@ pub fn encode<'b>(
     fallbacks: &[f64],
     unit_m: Option<f64>,
     buffer: &'b mut [u8],
-) -> Result<&'b [u8], Fault> {
+) -> Result<&'b [u8], MapError> {
     let beacons = fallbacks.len();
     let deviations = points.first().is_some_and(|point| !point.deviations.is_empty());
-    let count = u16::try_from(points.len()).map_err(|_| Fault::Invalid)?;
+    let count = u16::try_from(points.len()).map_err(|_| MapError::Invalid)?;
     if count == 0 || !(1..=MAX_BEACONS).contains(&beacons) || identities.len() != beacons {
-        return Err(Fault::Invalid);
+        return Err(MapError::Invalid);
     }
     let axis = |axis: usize| points.iter().filter_map(move |point| point.position_m.get(axis).copied());
     // Centimetres are finer than a map is good for.
@@ -46,11 +46,11 @@ pub fn encode<'b>(
 
     let mut out = Writer { buffer, at: 0 };
     let [m0, m1] = MAGIC;
-    let unit = u16::try_from(unit_mm).map_err(|_| Fault::Invalid)?.to_le_bytes();
+    let unit = u16::try_from(unit_mm).map_err(|_| MapError::Invalid)?.to_le_bytes();
     let flags = if deviations { WITH_DEVIATIONS } else { 0 };
     out.write(&[m0, m1, VERSION, flags])?;
     out.write(&count.to_le_bytes())?;
-    out.write(&[u8::try_from(beacons).map_err(|_| Fault::Invalid)?, 0])?;
+    out.write(&[u8::try_from(beacons).map_err(|_| MapError::Invalid)?, 0])?;
     for cm in origin_cm {
         out.write(&cm.to_le_bytes())?;
     }
@@ -64,11 +64,11 @@ pub fn encode<'b>(
     for point in points {
         let wanted = if deviations { beacons } else { 0 };
         if point.levels.len() != beacons || point.deviations.len() != wanted {
-            return Err(Fault::Invalid);
+            return Err(MapError::Invalid);
         }
         for (coordinate, cm) in point.position_m.iter().zip(origin_cm) {
             let units = rounded((coordinate - f64::from(cm) / 100.0) / unit_m, 0, 255)?;
-            out.write(&[u8::try_from(units).map_err(|_| Fault::Invalid)?])?;
+            out.write(&[u8::try_from(units).map_err(|_| MapError::Invalid)?])?;
         }
         for level in point.levels {
             out.write(&[level.map_or(Ok(0), code)?])?;
@@ -79,30 +79,30 @@ pub fn encode<'b>(
         }
     }
     debug_assert_eq!(out.at, HEADER + 3 * beacons + points.len() * stride(beacons, deviations));
-    let checksum = CHECKSUM.checksum(out.buffer.get(..out.at).ok_or(Fault::TooLong)?);
+    let checksum = CHECKSUM.checksum(out.buffer.get(..out.at).ok_or(MapError::TooLong)?);
     out.write(&checksum.to_le_bytes())?;
     let end = out.at;
-    buffer.get(..end).ok_or(Fault::TooLong)
+    buffer.get(..end).ok_or(MapError::TooLong)
 }
 
 /// Half decibels below 0 dBm.
-fn code(level_dbm: f64) -> Result<u8, Fault> {
-    u8::try_from(rounded(-2.0 * level_dbm, 1, 255)?).map_err(|_| Fault::Invalid)
+fn code(level_dbm: f64) -> Result<u8, MapError> {
+    u8::try_from(rounded(-2.0 * level_dbm, 1, 255)?).map_err(|_| MapError::Invalid)
 }
 
 /// A deviation's half byte; what is too small or too large for one is the least or the largest.
-fn half(deviation_db: f64) -> Result<u8, Fault> {
+fn half(deviation_db: f64) -> Result<u8, MapError> {
     let steps = deviation_db / DEVIATIONS_DB - 1.0;
     if !steps.is_finite() {
-        return Err(Fault::Invalid);
+        return Err(MapError::Invalid);
     }
-    u8::try_from(rounded(steps.clamp(0.0, 15.0), 0, 15)?).map_err(|_| Fault::Invalid)
+    u8::try_from(rounded(steps.clamp(0.0, 15.0), 0, 15)?).map_err(|_| MapError::Invalid)
 }
 
 /// To the nearest whole number, where that is in the range.
-fn rounded(value: f64, least: i32, most: i32) -> Result<i32, Fault> {
+fn rounded(value: f64, least: i32, most: i32) -> Result<i32, MapError> {
     let nearest = libm::round(value);
-    if nearest >= f64::from(least) && nearest <= f64::from(most) { Ok(nearest as i32) } else { Err(Fault::Invalid) }
+    if nearest >= f64::from(least) && nearest <= f64::from(most) { Ok(nearest as i32) } else { Err(MapError::Invalid) }
 }
 
 /// Up to a whole number, at least 1.
@@ -116,9 +116,9 @@ struct Writer<'b> {
 }
 
 impl Writer<'_> {
-    fn write(&mut self, bytes: &[u8]) -> Result<(), Fault> {
+    fn write(&mut self, bytes: &[u8]) -> Result<(), MapError> {
         let end = self.at + bytes.len();
-        self.buffer.get_mut(self.at..end).ok_or(Fault::TooLong)?.copy_from_slice(bytes);
+        self.buffer.get_mut(self.at..end).ok_or(MapError::TooLong)?.copy_from_slice(bytes);
         self.at = end;
         Ok(())
     }
@@ -129,33 +129,33 @@ mod tests {
     use super::super::{Map, Point};
     use super::*;
 
-    fn tried(levels: &[Option<f64>], deviations: &[f64], position_m: [f64; 2]) -> Result<usize, Fault> {
+    fn tried(levels: &[Option<f64>], deviations: &[f64], position_m: [f64; 2]) -> Result<usize, MapError> {
         encode(&[Point { position_m, levels, deviations }], &[1], &[-90.0], None, &mut [0; 64]).map(<[u8]>::len)
     }
 
     #[test]
     fn numbers_that_are_none_or_out_of_range_are_refused() {
         assert_eq!(tried(&[Some(-60.0)], &[], [0.0, 0.0]), Ok(18 + 3 + 3 + 2));
-        assert_eq!(tried(&[Some(f64::NAN)], &[], [0.0, 0.0]), Err(Fault::Invalid));
-        assert_eq!(tried(&[Some(0.0)], &[], [0.0, 0.0]), Err(Fault::Invalid));
-        assert_eq!(tried(&[Some(-128.0)], &[], [0.0, 0.0]), Err(Fault::Invalid));
-        assert_eq!(tried(&[Some(-60.0)], &[f64::NAN], [0.0, 0.0]), Err(Fault::Invalid));
-        assert_eq!(tried(&[Some(-60.0)], &[], [f64::NAN, 0.0]), Err(Fault::Invalid));
-        assert_eq!(tried(&[Some(-60.0)], &[], [3.0e7, 0.0]), Err(Fault::Invalid), "beyond the world");
-        assert_eq!(tried(&[], &[], [0.0, 0.0]), Err(Fault::Invalid), "a level is missing");
-        assert_eq!(tried(&[Some(-60.0)], &[1.0, 1.0], [0.0, 0.0]), Err(Fault::Invalid), "a deviation too many");
+        assert_eq!(tried(&[Some(f64::NAN)], &[], [0.0, 0.0]), Err(MapError::Invalid));
+        assert_eq!(tried(&[Some(0.0)], &[], [0.0, 0.0]), Err(MapError::Invalid));
+        assert_eq!(tried(&[Some(-128.0)], &[], [0.0, 0.0]), Err(MapError::Invalid));
+        assert_eq!(tried(&[Some(-60.0)], &[f64::NAN], [0.0, 0.0]), Err(MapError::Invalid));
+        assert_eq!(tried(&[Some(-60.0)], &[], [f64::NAN, 0.0]), Err(MapError::Invalid));
+        assert_eq!(tried(&[Some(-60.0)], &[], [3.0e7, 0.0]), Err(MapError::Invalid), "beyond the world");
+        assert_eq!(tried(&[], &[], [0.0, 0.0]), Err(MapError::Invalid), "a level is missing");
+        assert_eq!(tried(&[Some(-60.0)], &[1.0, 1.0], [0.0, 0.0]), Err(MapError::Invalid), "a deviation too many");
     }
 
     #[test]
     fn empty_maps_and_small_buffers_are_refused() {
         let point = Point { position_m: [0.0, 0.0], levels: &[Some(-60.0)], deviations: &[] };
-        assert_eq!(encode(&[], &[1], &[-90.0], None, &mut [0; 64]), Err(Fault::Invalid));
-        assert_eq!(encode(&[point], &[], &[], None, &mut [0; 64]), Err(Fault::Invalid));
-        assert_eq!(encode(&[point], &[1, 2], &[-90.0], None, &mut [0; 64]), Err(Fault::Invalid));
-        assert_eq!(encode(&[point], &[1; 25], &[-90.0; 25], None, &mut [0; 64]), Err(Fault::Invalid));
-        assert_eq!(encode(&[point], &[1], &[-90.0], Some(0.0), &mut [0; 64]), Err(Fault::Invalid));
+        assert_eq!(encode(&[], &[1], &[-90.0], None, &mut [0; 64]), Err(MapError::Invalid));
+        assert_eq!(encode(&[point], &[], &[], None, &mut [0; 64]), Err(MapError::Invalid));
+        assert_eq!(encode(&[point], &[1, 2], &[-90.0], None, &mut [0; 64]), Err(MapError::Invalid));
+        assert_eq!(encode(&[point], &[1; 25], &[-90.0; 25], None, &mut [0; 64]), Err(MapError::Invalid));
+        assert_eq!(encode(&[point], &[1], &[-90.0], Some(0.0), &mut [0; 64]), Err(MapError::Invalid));
         for room in 0..26 {
-            assert_eq!(encode(&[point], &[1], &[-90.0], None, &mut [0; 64][..room]), Err(Fault::TooLong), "{room}");
+            assert_eq!(encode(&[point], &[1], &[-90.0], None, &mut [0; 64][..room]), Err(MapError::TooLong), "{room}");
         }
     }
 

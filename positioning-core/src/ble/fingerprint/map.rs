@@ -28,7 +28,7 @@ pub(super) const CHECKSUM: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM
 /// Why bytes are no map, or numbers make none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Fault {
+pub enum MapError {
     /// They do not begin like one, or there are none.
     Missing,
     /// Of a version that is not read.
@@ -41,7 +41,7 @@ pub enum Fault {
     TooLong,
 }
 
-impl fmt::Display for Fault {
+impl fmt::Display for MapError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Missing => write!(f, "not a map of levels"),
@@ -53,7 +53,7 @@ impl fmt::Display for Fault {
     }
 }
 
-impl core::error::Error for Fault {}
+impl core::error::Error for MapError {}
 
 /// A map that has been checked; it borrows the bytes it was read from.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,35 +83,35 @@ impl<'a> Map<'a> {
     ///
     /// # Errors
     /// The bytes are no map, or not one that can be trusted.
-    pub fn decode(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), Fault> {
+    pub fn decode(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), MapError> {
         let Some((&[m0, m1, version, flags, p0, p1, beacons, reserved, x0, x1, x2, x3, y0, y1, y2, y3, u0, u1], body)) =
             bytes.split_first_chunk::<HEADER>()
         else {
-            return Err(if bytes.starts_with(&MAGIC) { Fault::Corrupt } else { Fault::Missing });
+            return Err(if bytes.starts_with(&MAGIC) { MapError::Corrupt } else { MapError::Missing });
         };
         if [m0, m1] != MAGIC {
-            return Err(Fault::Missing);
+            return Err(MapError::Missing);
         }
         if version != VERSION {
-            return Err(Fault::Version(version));
+            return Err(MapError::Version(version));
         }
         let (deviations, beacons) = (flags & WITH_DEVIATIONS != 0, usize::from(beacons));
         let length = usize::from(u16::from_le_bytes([p0, p1])) * stride(beacons, deviations);
-        let (identities, body) = body.split_at_checked(2 * beacons).ok_or(Fault::Corrupt)?;
-        let (fallbacks, body) = body.split_at_checked(beacons).ok_or(Fault::Corrupt)?;
-        let (points, body) = body.split_at_checked(length).ok_or(Fault::Corrupt)?;
-        let (checksum, rest) = body.split_first_chunk::<2>().ok_or(Fault::Corrupt)?;
-        let covered = bytes.get(..bytes.len() - body.len()).ok_or(Fault::Corrupt)?;
+        let (identities, body) = body.split_at_checked(2 * beacons).ok_or(MapError::Corrupt)?;
+        let (fallbacks, body) = body.split_at_checked(beacons).ok_or(MapError::Corrupt)?;
+        let (points, body) = body.split_at_checked(length).ok_or(MapError::Corrupt)?;
+        let (checksum, rest) = body.split_first_chunk::<2>().ok_or(MapError::Corrupt)?;
+        let covered = bytes.get(..bytes.len() - body.len()).ok_or(MapError::Corrupt)?;
         if CHECKSUM.checksum(covered) != u16::from_le_bytes(*checksum) {
-            return Err(Fault::Corrupt);
+            return Err(MapError::Corrupt);
         }
         let (unit_mm, unknown) = (u16::from_le_bytes([u0, u1]), flags & !WITH_DEVIATIONS | reserved);
         let silent = fallbacks.contains(&0);
         if points.is_empty() || !(1..=MAX_BEACONS).contains(&beacons) || unit_mm == 0 || unknown != 0 || silent {
-            return Err(Fault::Invalid);
+            return Err(MapError::Invalid);
         }
         let origin_cm = [i32::from_le_bytes([x0, x1, x2, x3]), i32::from_le_bytes([y0, y1, y2, y3])];
-        let bytes = bytes.get(..bytes.len() - rest.len()).ok_or(Fault::Corrupt)?;
+        let bytes = bytes.get(..bytes.len() - rest.len()).ok_or(MapError::Corrupt)?;
         Ok((Self { bytes, identities, fallbacks, points, origin_cm, unit_mm, deviations }, rest))
     }
 
@@ -243,8 +243,8 @@ pub(super) mod tests {
         for length in 0..bytes.len() {
             assert!(Map::decode(&bytes[..length]).is_err(), "{length} bytes");
         }
-        assert_eq!(Map::decode(&[]), Err(Fault::Missing));
-        assert_eq!(Map::decode(&bytes[..10]), Err(Fault::Corrupt));
+        assert_eq!(Map::decode(&[]), Err(MapError::Missing));
+        assert_eq!(Map::decode(&bytes[..10]), Err(MapError::Corrupt));
     }
 
     #[test]
@@ -258,19 +258,19 @@ pub(super) mod tests {
             bytes[end..].copy_from_slice(&checksum);
             Map::decode(&bytes).map(drop)
         };
-        assert_eq!(resealed(2, 7), Err(Fault::Version(7)));
-        assert_eq!(resealed(3, 2), Err(Fault::Invalid), "an unknown flag");
-        assert_eq!(resealed(4, 200), Err(Fault::Corrupt), "more points than bytes");
-        assert_eq!(resealed(7, 1), Err(Fault::Invalid), "what is reserved");
-        assert_eq!(resealed(16, 0), Err(Fault::Invalid), "no unit");
-        assert_eq!(resealed(20, 0), Err(Fault::Invalid), "a fall-back that is not heard");
+        assert_eq!(resealed(2, 7), Err(MapError::Version(7)));
+        assert_eq!(resealed(3, 2), Err(MapError::Invalid), "an unknown flag");
+        assert_eq!(resealed(4, 200), Err(MapError::Corrupt), "more points than bytes");
+        assert_eq!(resealed(7, 1), Err(MapError::Invalid), "what is reserved");
+        assert_eq!(resealed(16, 0), Err(MapError::Invalid), "no unit");
+        assert_eq!(resealed(20, 0), Err(MapError::Invalid), "a fall-back that is not heard");
         // A header alone: no points, no beacons.
         let mut empty = [0; HEADER + 2];
         empty[..3].copy_from_slice(b"FM\x01");
         empty[16] = 1;
         let checksum = CHECKSUM.checksum(&empty[..HEADER]).to_le_bytes();
         empty[HEADER..].copy_from_slice(&checksum);
-        assert_eq!(Map::decode(&empty), Err(Fault::Invalid));
+        assert_eq!(Map::decode(&empty), Err(MapError::Invalid));
     }
 
     #[test]

@@ -6,7 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Classifier, Nearest, Probabilities, Svm};
-pub use crate::stored::Fault;
+pub use crate::stored::StoredError;
 use crate::stored::{self, Content, Stored};
 
 /// The version of the layout; a reader takes no other.
@@ -35,7 +35,7 @@ impl<'a> Model<'a> {
     ///
     /// # Errors
     /// The model is invalid, or the buffer too small.
-    pub fn encode<'b>(&self, buffer: &'b mut [u8]) -> Result<&'b [u8], Fault> {
+    pub fn encode<'b>(&self, buffer: &'b mut [u8]) -> Result<&'b [u8], StoredError> {
         stored::encode(self, buffer)
     }
 
@@ -43,7 +43,7 @@ impl<'a> Model<'a> {
     ///
     /// # Errors
     /// The bytes are no model, or not one that can be trusted.
-    pub fn decode(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), Fault> {
+    pub fn decode(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), StoredError> {
         stored::decode(bytes)
     }
 }
@@ -71,8 +71,8 @@ impl<'a> NodeModel<'a> {
     /// Reads a model from the beginning of `bytes`; returns it and what follows.
     ///
     /// # Errors
-    /// The bytes are no model, or not one that can be trusted; one of another kind is [`Fault::Invalid`].
-    pub fn decode(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), Fault> {
+    /// The bytes are no model, or not one that can be trusted; one of another kind is [`StoredError::Invalid`].
+    pub fn decode(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), StoredError> {
         stored::decode(bytes)
     }
 
@@ -178,7 +178,7 @@ mod tests {
         assert_eq!(node.probabilities(&scan), svm(&numbers).probabilities(&scan));
         let nearest = Nearest { rooms: 2, neighbours: 1, fallback: &[76], fingerprints: &[1, 99] };
         let bytes = Model { kind: Kind::Nearest(nearest) }.encode(&mut buffer).expect("it fits").to_vec();
-        assert_eq!(NodeModel::decode(&bytes), Err(Fault::Invalid));
+        assert_eq!(NodeModel::decode(&bytes), Err(StoredError::Invalid));
     }
 
     #[test]
@@ -186,15 +186,15 @@ mod tests {
         let (mut buffer, numbers) = ([0; 64], numbers());
         let mut encode = |kind| Model { kind }.encode(&mut buffer).map(|_| ());
         let Kind::Svm(good) = svm(&numbers).kind else { panic!("it is one") };
-        assert_eq!(encode(Kind::Svm(Svm { rooms: 3, ..good })), Err(Fault::Invalid), "planes are missing");
-        assert_eq!(encode(Kind::Svm(Svm { slope: f32::NAN, ..good })), Err(Fault::Invalid));
+        assert_eq!(encode(Kind::Svm(Svm { rooms: 3, ..good })), Err(StoredError::Invalid), "planes are missing");
+        assert_eq!(encode(Kind::Svm(Svm { slope: f32::NAN, ..good })), Err(StoredError::Invalid));
         let nearest =
             |neighbours, fingerprints| Kind::Nearest(Nearest { rooms: 2, neighbours, fallback: &[76], fingerprints });
         assert_eq!(encode(nearest(1, &[1, 99])), Ok(()));
-        assert_eq!(encode(nearest(1, &[2, 99])), Err(Fault::Invalid), "a room that is not there");
-        assert_eq!(encode(nearest(2, &[1, 99])), Err(Fault::Invalid), "fewer than neighbours");
-        assert_eq!(encode(nearest(1, &[1, 99, 0])), Err(Fault::Invalid), "not whole");
-        assert_eq!(svm(&numbers).encode(&mut [0; 20]), Err(Fault::TooLong));
+        assert_eq!(encode(nearest(1, &[2, 99])), Err(StoredError::Invalid), "a room that is not there");
+        assert_eq!(encode(nearest(2, &[1, 99])), Err(StoredError::Invalid), "fewer than neighbours");
+        assert_eq!(encode(nearest(1, &[1, 99, 0])), Err(StoredError::Invalid), "not whole");
+        assert_eq!(svm(&numbers).encode(&mut [0; 20]), Err(StoredError::TooLong));
     }
 
     #[test]
