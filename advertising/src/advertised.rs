@@ -3,7 +3,7 @@
 
 use core::fmt;
 
-use crate::{EddystoneUid, IBeacon, EddystoneError, IBeaconError};
+use crate::{EddystoneError, EddystoneUid, IBeacon, IBeaconError};
 
 /// A beacon's advertisement of either format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

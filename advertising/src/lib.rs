@@ -17,6 +17,6 @@ mod structure;
 
 pub use advertised::{Advertised, Identity, NoBeacon};
 pub use disguise::{Disguise, Fresh, Revealed};
-pub use eddystone::{EDDYSTONE_LENGTH, EddystoneUid, EddystoneError, UidPayload};
-pub use ibeacon::{IBeacon, LENGTH, Payload, IBeaconError};
+pub use eddystone::{EDDYSTONE_LENGTH, EddystoneError, EddystoneUid, UidPayload};
+pub use ibeacon::{IBeacon, IBeaconError, LENGTH, Payload};
 pub use structure::{Structure, Structures, Truncated};

@@ -44,11 +44,11 @@ pub fn introduce(
 ) -> (Hello, Option<(Record, Settings)>) {
     let Start { record, eui, reset, crash } = start;
     let t_us = reporter.now_us();
-    reporter.journal.reset(Reset { t_us, cause: reset, crash });
+    reporter.event_log.reset(Reset { t_us, cause: reset, crash });
     let followed = record.and_then(|record| Ok((Settings::of(&record, eui).map_err(LoadError::Invalid)?, record)));
     let (eui, address) = followed.as_ref().map_or((eui, 0xFFFF), |(settings, _)| (settings.eui, settings.address));
     let hello = Hello { t_us, eui, address, role, board, build: *build::BUILD };
-    reporter.journal.greet(hello);
+    reporter.event_log.greet(hello);
     match followed {
         Ok((settings, record)) => (hello, Some((record, settings))),
         Err(fault) => {
@@ -56,7 +56,7 @@ pub fn introduce(
             if let LoadError::Invalid(what) = &fault {
                 defmt::error!("{}", what);
             }
-            reporter.journal.state(t_us, Condition::NoRecord(settings::told(&fault)));
+            reporter.event_log.state(t_us, Condition::NoRecord(settings::told(&fault)));
             (hello, None)
         }
     }
@@ -102,11 +102,11 @@ pub async fn supervise(
 ) -> Infallible {
     loop {
         let mut is_quiet = true;
-        reporter.journal.drain(|frame| {
+        reporter.event_log.drain(|frame| {
             is_quiet = false;
             write(frame)
         });
-        show(reporter.journal.lit(reporter.now_us()));
+        show(reporter.event_log.lit(reporter.now_us()));
         match alive(reporter) {
             Ok(()) => feed(),
             Err(task) => {

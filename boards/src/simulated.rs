@@ -6,7 +6,7 @@ mod flash;
 mod probe;
 
 use embassy_sync::blocking_mutex::raw::RawMutex;
-use firmware_common::Journal;
+use firmware_common::EventLog;
 use node_record::{LoadError, Record};
 use small_air::uptime_us;
 
@@ -40,12 +40,12 @@ impl Board {
     }
 
     /// Puts telemetry into its channel, and what both channels hold into the host's files; false where the host does not take it.
-    pub fn take_out<M: RawMutex, const BYTES: usize>(&mut self, journal: &Journal<M, BYTES>) -> bool {
+    pub fn take_out<M: RawMutex, const BYTES: usize>(&mut self, event_log: &EventLog<M, BYTES>) -> bool {
         let mut taken = true;
         let mut full = true;
         while taken && full {
             full = false;
-            journal.drain(|frame| {
+            event_log.drain(|frame| {
                 full = !self.telemetry.write(frame);
                 !full
             });

@@ -100,15 +100,15 @@ impl Care {
     /// Runs what was spawned until the world ends, and then the program and QEMU with it.
     pub fn run(mut self, reporter: &Reporter) -> ! {
         self.executors.run(|| {
-            reporter.journal.drain(|frame| {
+            reporter.event_log.drain(|frame| {
                 // Nobody reads the channel: it is full soon, as on a board without a probe.
                 self.telemetry.write(frame);
                 PIPE.ask(Request::Telemetry(frame), |_| ());
                 true
             });
         });
-        reporter.journal.counters(reporter.counts.told(reporter.now_us(), reporter.journal.dropped()));
-        reporter.journal.drain(|frame| {
+        reporter.event_log.counters(reporter.counts.told(reporter.now_us(), reporter.event_log.dropped()));
+        reporter.event_log.drain(|frame| {
             PIPE.ask(Request::Telemetry(frame), |_| ());
             true
         });

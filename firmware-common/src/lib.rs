@@ -1,4 +1,4 @@
-//! What every node has in common above its board: settings from the record, the journal (telemetry and log), crash reports,
+//! What every node has in common above its board: settings from the record, the event log (telemetry and log), crash reports,
 //! supervision, what is counted.
 //!
 //! Nothing here knows the time or a chip: instants are microseconds since the node started, handed in by whoever has a clock.
@@ -11,7 +11,7 @@ extern crate std;
 pub mod build;
 pub mod counts;
 pub mod crash;
-pub mod journal;
+pub mod event_log;
 pub mod lines;
 pub mod machines;
 pub mod reporter;
@@ -19,7 +19,7 @@ pub mod settings;
 pub mod supervision;
 
 pub use counts::Counts;
-pub use journal::Journal;
+pub use event_log::EventLog;
 pub use machines::{AnchorMachine, TagMachine};
 pub use reporter::Reporter;
 pub use settings::Settings;

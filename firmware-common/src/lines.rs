@@ -1,4 +1,4 @@
-//! What a person reads of the journal: the text of a log line, the same through `defmt` on a node and `core::fmt` on a desktop,
+//! What a person reads of the event log: the text of a log line, the same through `defmt` on a node and `core::fmt` on a desktop,
 //! where the monitor shows messages of telemetry in the same words.
 //!
 //! Numbers are whole: a log that prints floats prints all their digits.
@@ -6,8 +6,8 @@
 use core::fmt;
 
 use telemetry::{
-    Condition, Counters, Crash, CrashReason, Fix, Hello, RssiModelError, Likely, MotionSensor, Outcome, Reason,
-    RecordError, Reset, ResetCause, Solver, Whereabouts,
+    Condition, Counters, Crash, CrashReason, Fix, Hello, Likely, MotionSensor, Outcome, Reason, RecordError, Reset,
+    ResetCause, RssiModelError, Solver, Whereabouts,
 };
 
 /// Gives a type its text, once for both: a match whose arms are a format and its arguments.

@@ -1,4 +1,4 @@
-//! All that a node's tasks tell the outside, in one place: the journal, the counts, their signs of life, by one clock.
+//! All that a node's tasks tell the outside, in one place: the event log, the counts, their signs of life, by one clock.
 
 use core::convert::Infallible;
 
@@ -8,7 +8,7 @@ use ranging::exchange::{Event, Report};
 use telemetry::{Hello, Range};
 
 use crate::supervision::{Heartbeat, all_alive};
-use crate::{Counts, Journal};
+use crate::{Counts, EventLog};
 
 /// The longest that a task may be silent that did not say that it rests: a receiver's window lasts 8 s at most.
 const PATIENCE_MS: u32 = 10_000;
@@ -16,7 +16,7 @@ const PATIENCE_MS: u32 = 10_000;
 /// For a `static`: what the tasks of one node tell. `BYTES` of telemetry wait for the channel at most.
 pub struct Reporter<M: RawMutex, const BYTES: usize> {
     /// What is told.
-    pub journal: Journal<M, BYTES>,
+    pub event_log: EventLog<M, BYTES>,
     /// What is counted.
     pub counts: Counts,
     /// The sign of life of the task that has the radio.
@@ -30,7 +30,7 @@ impl<M: RawMutex, const BYTES: usize> Reporter<M, BYTES> {
     /// Of a node whose `clock` tells the microseconds since its start.
     pub const fn new(clock: fn() -> u64) -> Self {
         Self {
-            journal: Journal::new(),
+            event_log: EventLog::new(),
             counts: Counts::new(),
             ranging: Heartbeat::new(PATIENCE_MS),
             engine: Heartbeat::new(PATIENCE_MS),
@@ -55,7 +55,7 @@ impl<M: RawMutex, const BYTES: usize> Reporter<M, BYTES> {
         self.ranging.beat(self.now_us());
         // What it failed with is for a debugger.
         let _ = error;
-        self.journal.state(self.now_us(), telemetry::Condition::RadioFailed(failures));
+        self.event_log.state(self.now_us(), telemetry::Condition::RadioFailed(failures));
     }
 
     /// What a machine reports, where no positions are made of it: ranges and links as they are.
@@ -64,12 +64,12 @@ impl<M: RawMutex, const BYTES: usize> Reporter<M, BYTES> {
         match report {
             Report::Round(round) => {
                 for range in round.ranges {
-                    self.journal.range(Range::new(now, round.number, range));
+                    self.event_log.range(Range::new(now, round.number, range));
                 }
             }
             // Nobody but a tag listens to rounds of others, and it makes positions of them.
             Report::Differences(_) => {}
-            Report::Link(link) => self.journal.link(now, link),
+            Report::Link(link) => self.event_log.link(now, link),
         }
     }
 
@@ -80,9 +80,9 @@ impl<M: RawMutex, const BYTES: usize> Reporter<M, BYTES> {
         all_alive(self.now_us(), if makes_positions { &both } else { &both[..1] })
     }
 
-    /// [`Journal::keep_telling`] with this node's counts and clock.
+    /// [`EventLog::keep_telling`] with this node's counts and clock.
     pub async fn keep_telling(&self, hello: Hello, delay: impl DelayNs) -> Infallible {
-        self.journal.keep_telling(hello, &self.counts, self.clock, delay).await
+        self.event_log.keep_telling(hello, &self.counts, self.clock, delay).await
     }
 }
 

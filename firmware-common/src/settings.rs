@@ -1,6 +1,6 @@
 //! From the record in flash to what the node's parts are configured with, once, at the start.
 
-use node_record::{LoadError, Invalid, Mode, Record, Region, Role, Tag, Value};
+use node_record::{Invalid, LoadError, Mode, Record, Region, Role, Tag, Value};
 use ranging::RadioDuration;
 use ranging::dw1000::{self, FrameFilter, TxPower};
 use ranging::frame::decaranging::Variant;

@@ -8,7 +8,7 @@ use std::pin::pin;
 use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_common::{Reporter, Settings};
-use firmware_tag::{Digest, Handover, Locator, places, run_as_told};
+use firmware_tag::{Digest, Locator, TaskChannels, places, run_as_told};
 use node_record::{Record, Role, Solver};
 use small_air::{AirRadio, World, room, uptime_us};
 use telemetry::{Board, Reset, ResetCause};
@@ -44,11 +44,11 @@ pub fn live(record: &Record, life_us: u64, tag_in: TagIn) -> Result<Life, Box<dy
     let settings = Settings::of(record, room::TAG_EUI).map_err(|invalid| invalid.to_string())?;
     let Role::Tag(tag) = settings.role else { return Err("the room's record is not a tag's".into()) };
     let anchors = places(record);
-    let (handover, reporter) = (Handover::new(), Reporter::<NoopRawMutex, 4096>::new(uptime_us));
+    let (channels, reporter) = (TaskChannels::new(), Reporter::<NoopRawMutex, 4096>::new(uptime_us));
     let world = room::world(&settings.network);
     let radio = tag_in(&world).ok_or("the world is full")?;
-    reporter.journal.reset(Reset { t_us: uptime_us(), cause: ResetCause::PowerOn, crash: None });
-    let told = (&handover, &reporter);
+    reporter.event_log.reset(Reset { t_us: uptime_us(), cause: ResetCause::PowerOn, crash: None });
+    let told = (&channels, &reporter);
     let mut digest = Digest::new();
     let app = run_as_told(
         radio,
@@ -64,7 +64,7 @@ pub fn live(record: &Record, life_us: u64, tag_in: TagIn) -> Result<Life, Box<dy
     {
         let everything = pin!(join(app, room::anchors(&world, settings.network)));
         world.run(life_us, everything, || {
-            reporter.journal.drain(|frame| {
+            reporter.event_log.drain(|frame| {
                 telemetry.extend_from_slice(frame);
                 true
             });

@@ -13,7 +13,7 @@ use positioning_core::ble::signal::{Kalman, Smoothing, Step, level};
 use positioning_core::ble::surroundings::ON_NODE;
 
 use crate::HEARS_BEACONS;
-use crate::handover::Level;
+use crate::channels::Level;
 
 /// From one position by beacons to the next, microseconds: the thesis' time of integration for a floor (A. Linde 2024, section 5.3).
 pub(crate) const WINDOW_US: u64 = 500_000;

@@ -1,27 +1,27 @@
 //! The tag, whole, in two tasks: [`ranging()`] owns the radio and the machine of the exchange, [`engine()`] makes positions. A board
 //! spawns them at two priorities; [`run`] and [`run_as_told`] join them where there is one.
 //!
-//! Radio → machine → a round of ranges, or of differences → [`Handover`] → [`Tracker`] → an [`Epoch`]: a position with its
+//! Radio → machine → a round of ranges, or of differences → [`TaskChannels`] → [`Tracker`] → an [`Epoch`]: a position with its
 //! covariance, or the reason why there is none. Ranging never waits for the engine: where that is late, the oldest round goes, and is counted.
-//! Back flow the position, by which a tag chooses its anchors, and its [`Pace`]. A motion sensor ([`motion`]) runs beside, so that a tag that
+//! Back flow the position, by which a tag chooses its anchors, and its [`RateControl`]. A motion sensor ([`motion`]) runs beside, so that a tag that
 //! is picked up ranges at once. A Bluetooth scan ([`scan`]) runs beside, and what it
 //! hears of listed beacons goes into the same track, so that a tag goes from anchors to beacons and back.
 #![no_std]
 #![forbid(unsafe_code)]
 
+mod channels;
 mod digest;
-mod handover;
 mod levels;
 mod locator;
 pub mod motion;
-mod pace;
-pub mod scan;
 #[cfg(feature = "_board")]
-mod shelf;
+mod nlos_model;
+mod rate_control;
+pub mod scan;
 mod sightings;
 mod sounding;
 mod surveyed;
-mod told;
+mod telemetry_sink;
 mod tracker;
 mod windows;
 mod workload;
@@ -41,19 +41,19 @@ use ranging::node::{self, Listener, Restart};
 use ranging::{Radio, RadioDuration, RadioInstant};
 use telemetry::{Board, Condition, Hello, MotionSensor, Role, Sighting};
 
-use handover::Quiet;
+use channels::Quiet;
 use sounding::Sounder;
 
+pub use channels::{Heard, Level, Levels, Measured, TaskChannels};
 pub use digest::Digest;
-pub use handover::{Handover, Heard, Level, Levels, Measured};
 pub use locator::{AnchorPlace, Epoch, Locator, Position, method, places};
-pub use pace::Pace;
 #[cfg(feature = "_board")]
-pub use shelf::Shelf;
+pub use nlos_model::NlosModelStore;
+pub use rate_control::RateControl;
 pub use sightings::KnownBeacons;
 pub use sounding::Sounding;
 pub use surveyed::{RoomTold, Surveyed};
-pub use told::Told;
+pub use telemetry_sink::TelemetrySink;
 pub use tracker::Tracker;
 
 /// Whether a tag heeds beacons: what it needs for them, 13 kB of code, is only in images with Bluetooth.
@@ -139,12 +139,12 @@ pub async fn run<R: Restart, D: DelayNs + Clone>(
     delay: D,
     machine: impl Machine,
     locator: Locator<'_>,
-    pace: Pace,
+    pace: RateControl,
     sink: impl Sink,
 ) -> Infallible {
-    let handover = Handover::<NoopRawMutex>::new();
-    let ranging = ranging(radio, delay.clone(), machine, &handover, &sink);
-    join(ranging, engine(&handover, delay, locator, pace, &sink)).await.0
+    let channels = TaskChannels::<NoopRawMutex>::new();
+    let ranging = ranging(radio, delay.clone(), machine, &channels, &sink);
+    join(ranging, engine(&channels, delay, locator, pace, &sink)).await.0
 }
 
 /// Runs a tag as its record says, in one task, and tells the outside by its reporter: first who it is, and then for ever. `watch` sees
@@ -154,17 +154,17 @@ pub async fn run_as_told<R: Restart, D: DelayNs + Clone, M: RawMutex, const BYTE
     delay: D,
     (settings, tag): (&Settings, &node_record::Tag),
     locator: Locator<'_>,
-    (handover, reporter): (&Handover<M>, &Reporter<M, BYTES>),
+    (channels, reporter): (&TaskChannels<M>, &Reporter<M, BYTES>),
     board: Board,
     watch: impl FnMut(&Epoch<'_>),
 ) -> Infallible {
     let (eui, address, build) = (settings.eui, settings.address, *build::BUILD);
     let hello = Hello { t_us: reporter.now_us(), eui, address, role: Role::Tag, board, build };
-    reporter.journal.greet(hello);
-    let sink = Told::new(reporter, tag.report_ranges);
+    reporter.event_log.greet(hello);
+    let sink = TelemetrySink::new(reporter, tag.report_ranges);
     let machine = TagMachine::new(settings, tag);
-    let ranging = ranging(radio, delay.clone(), machine, handover, &sink);
-    let engine = watched_engine(handover, delay.clone(), locator, Pace::of(tag), &sink, watch);
+    let ranging = ranging(radio, delay.clone(), machine, channels, &sink);
+    let engine = watched_engine(channels, delay.clone(), locator, RateControl::of(tag), &sink, watch);
     join3(ranging, engine, reporter.keep_telling(hello, delay)).await.0
 }
 
@@ -173,29 +173,29 @@ pub async fn ranging<R: Restart, M: RawMutex>(
     mut radio: R,
     mut delay: impl DelayNs,
     mut machine: impl Machine,
-    handover: &Handover<M>,
+    channels: &TaskChannels<M>,
     sink: &impl Sink,
 ) -> Infallible {
-    node::run(&mut radio, &mut delay, &mut machine, &mut Ranging { handover, sink, sounder: Sounder::default() }).await
+    node::run(&mut radio, &mut delay, &mut machine, &mut Ranging { channels, sink, sounder: Sounder::default() }).await
 }
 
 /// The task that makes positions, sole owner of whatever that needs.
 pub async fn engine<M: RawMutex>(
-    handover: &Handover<M>,
+    channels: &TaskChannels<M>,
     delay: impl DelayNs,
     locator: Locator<'_>,
-    pace: Pace,
+    pace: RateControl,
     sink: &impl Sink,
 ) -> Infallible {
-    watched_engine(handover, delay, locator, pace, sink, |_| ()).await
+    watched_engine(channels, delay, locator, pace, sink, |_| ()).await
 }
 
 /// The same, that shows each epoch before it is published.
 async fn watched_engine<M: RawMutex>(
-    handover: &Handover<M>,
+    channels: &TaskChannels<M>,
     mut delay: impl DelayNs,
     locator: Locator<'_>,
-    mut pace: Pace,
+    mut pace: RateControl,
     sink: &impl Sink,
     mut watch: impl FnMut(&Epoch<'_>),
 ) -> Infallible {
@@ -207,25 +207,25 @@ async fn watched_engine<M: RawMutex>(
             Some(end_us) => (end_us.saturating_sub(sink.now_us()).div_ceil(1000)).min(IDLE_MS.into()) as u32,
             None => IDLE_MS,
         };
-        let (round, sighting, movement) = (handover.next_round(), handover.next_sighting(), handover.next_movement());
+        let (round, sighting, movement) = (channels.next_round(), channels.next_sighting(), channels.next_movement());
         match select4(round, sighting, movement, delay.delay_ms(idle_ms)).await {
             Either4::First(round) => {
-                handover.begin(sink.now_us());
+                channels.begin(sink.now_us());
                 let epoch = tracker.follow(round.measured(), round.sounding.as_ref(), round.poll_us);
                 let position = epoch.outcome.as_ref().ok();
                 let was_shaken = pace.is_shaken();
                 let rate = pace.after(sink.now_us(), position);
                 let position_m = position.map(|position| position.position_m);
-                handover.guide(Guidance { position_m, rate, turns, ..Guidance::NONE });
+                channels.guide(Guidance { position_m, rate, turns, ..Guidance::NONE });
                 if let Some(rate) = rate.filter(|_| !pace.is_still()) {
-                    handover.rouse(rate);
+                    channels.rouse(rate);
                 }
                 if pace.is_shaken() && !was_shaken {
                     sink.motion_sensor(MotionSensor::Endless);
                 }
                 watch(&epoch);
                 sink.publish(epoch).await;
-                handover.end(sink.now_us());
+                channels.end(sink.now_us());
             }
             Either4::Second(heard) => {
                 if HEARS_BEACONS && let Some(sighting) = tracker.hear(&heard) {
@@ -235,7 +235,7 @@ async fn watched_engine<M: RawMutex>(
             Either4::Third(()) => {
                 let was_shaken = pace.is_shaken();
                 if let Some(rate) = pace.moved(sink.now_us()) {
-                    handover.rouse(rate);
+                    channels.rouse(rate);
                 }
                 if was_shaken && !pace.is_shaken() {
                     sink.motion_sensor(MotionSensor::Ready);
@@ -246,7 +246,7 @@ async fn watched_engine<M: RawMutex>(
         if HEARS_BEACONS {
             if let Some(epoch) = tracker.window(sink.now_us()) {
                 if let Ok(position) = &epoch.outcome {
-                    handover.guide(Guidance { position_m: Some(position.position_m), turns, ..Guidance::NONE });
+                    channels.guide(Guidance { position_m: Some(position.position_m), turns, ..Guidance::NONE });
                 }
                 watch(&epoch);
                 sink.publish(epoch).await;
@@ -263,7 +263,7 @@ async fn watched_engine<M: RawMutex>(
 
 /// What the loop of ranging reports to.
 struct Ranging<'a, M: RawMutex, S> {
-    handover: &'a Handover<M>,
+    channels: &'a TaskChannels<M>,
     sink: &'a S,
     sounder: Sounder,
 }
@@ -274,7 +274,7 @@ impl<M: RawMutex, S: Sink> Ranging<'_, M, S> {
         let micros = u64::try_from(duration.as_micros()).unwrap_or(0);
         let until_us = self.sink.now_us().saturating_add(micros);
         self.sink.rests(until_us);
-        self.handover.tell_quiet(Quiet { until_us });
+        self.channels.tell_quiet(Quiet { until_us });
     }
 }
 
@@ -285,9 +285,9 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
         let poll_us =
             |poll: RadioInstant| now_us.saturating_sub(u64::try_from(present.since(poll).as_micros()).unwrap_or(0));
         let dropped = match report {
-            Report::Round(round) => self.handover.put_ranges(&round, poll_us(round.poll), self.sounder.take()),
+            Report::Round(round) => self.channels.put_ranges(&round, poll_us(round.poll), self.sounder.take()),
             Report::Differences(round) => {
-                self.handover.put_differences(&round, poll_us(round.poll), self.sounder.take())
+                self.channels.put_differences(&round, poll_us(round.poll), self.sounder.take())
             }
             Report::Link(link) => {
                 self.sink.link(link);
@@ -295,7 +295,7 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
             }
         };
         (0..dropped).for_each(|_| self.sink.round_dropped());
-        let guidance = self.handover.take_guidance(now_us);
+        let guidance = self.channels.take_guidance(now_us);
         self.sounder.wanted = guidance.turns;
         guidance
     }
@@ -315,7 +315,7 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
     }
 
     async fn roused(&mut self) -> Guidance {
-        let guidance = self.handover.roused(|| self.sink.now_us()).await;
+        let guidance = self.channels.roused(|| self.sink.now_us()).await;
         self.sounder.wanted = guidance.turns;
         guidance
     }

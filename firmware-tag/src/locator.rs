@@ -5,7 +5,7 @@ use node_record::Solver;
 use positioning_core::ble::surroundings::Known;
 use positioning_core::engine::{Dimensions, NodeMethod, Settings, Solvers};
 use positioning_core::nlos::Classifier;
-use positioning_core::{SolveError, Noise, Real, Side};
+use positioning_core::{Noise, Real, Side, SolveError};
 
 use crate::{HEARS_BEACONS, KnownBeacons, Measured, Sounding, Surveyed};
 

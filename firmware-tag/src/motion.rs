@@ -8,7 +8,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use telemetry::MotionSensor as State;
 
-use crate::{Handover, Sink};
+use crate::{Sink, TaskChannels};
 
 #[cfg(feature = "lis2dh12")]
 pub mod lis2dh12;
@@ -43,7 +43,7 @@ pub enum MotionSensorError {
 
 /// Sets the sensor up, and hands its reports to the engine for ever. Ends where there is no sensor.
 pub async fn run<M: RawMutex>(
-    handover: &Handover<M>,
+    channels: &TaskChannels<M>,
     mut sensor: impl MotionSensor,
     mut delay: impl DelayNs,
     sink: &impl Sink,
@@ -58,10 +58,10 @@ pub async fn run<M: RawMutex>(
         return;
     }
     // The engine learns that there is one.
-    handover.tell_movement();
+    channels.tell_movement();
     loop {
         sensor.moved().await;
-        handover.tell_movement();
+        channels.tell_movement();
         delay.delay_ms(PAUSE_MS).await;
     }
 }

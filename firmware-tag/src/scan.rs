@@ -13,7 +13,7 @@ use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 
-use crate::handover::{Handover, Heard};
+use crate::channels::{Heard, TaskChannels};
 use crate::{Quiet, Sink};
 
 /// Scanned for so long without an advertisement, a scanner that has heard some is taken to hang, microseconds …
@@ -134,28 +134,28 @@ impl Supervisor {
 }
 
 /// Takes the data of an advertisement that a scanner has heard just now.
-pub fn hear<M: RawMutex>(handover: &Handover<M>, sink: &impl Sink, data: &[u8], rssi_dbm: i8) {
-    handover.heard.add();
+pub fn hear<M: RawMutex>(channels: &TaskChannels<M>, sink: &impl Sink, data: &[u8], rssi_dbm: i8) {
+    channels.heard.add();
     // Most advertisements are no beacons'.
     if let Ok(beacon) = Advertised::parse(data) {
-        let dropped = handover.put_sighting(Heard { t_us: sink.now_us(), beacon, rssi_dbm });
+        let dropped = channels.put_sighting(Heard { t_us: sink.now_us(), beacon, rssi_dbm });
         sink.heard(dropped);
     }
 }
 
 /// Runs a scanner for ever.
 pub async fn run<M: RawMutex>(
-    handover: &Handover<M>,
+    channels: &TaskChannels<M>,
     plan: Plan,
     mut scanner: impl Scanner,
     mut delay: impl DelayNs,
     sink: &impl Sink,
 ) -> Infallible {
     let mut supervisor = Supervisor::new(plan);
-    let (mut heard, mut restarts) = (handover.heard.get(), 0_u32);
+    let (mut heard, mut restarts) = (channels.heard.get(), 0_u32);
     loop {
         let now = sink.now_us();
-        let count = handover.heard.get();
+        let count = channels.heard.get();
         if core::mem::replace(&mut heard, count) != count {
             supervisor.heard(now);
         }
@@ -173,7 +173,7 @@ pub async fn run<M: RawMutex>(
         }
         let wait_us = u32::try_from(next_us.saturating_sub(sink.now_us())).unwrap_or(u32::MAX);
         let quiet = async {
-            let Quiet { until_us } = handover.next_quiet().await;
+            let Quiet { until_us } = channels.next_quiet().await;
             supervisor.quiet(until_us);
         };
         select(delay.delay_us(wait_us), quiet).await;

@@ -7,7 +7,7 @@ use node_record::{Beacon, BeaconModels, LoadError, OfBeacons};
 use positioning_core::ble::fingerprint::{self, MAX_NODE_POINTS, Map, Receiver, locate_on_node};
 use positioning_core::ble::rooms::{self, Classifier, Presence, Whereabouts};
 use positioning_core::engine::BeaconPosition;
-use telemetry::{Condition, RssiModelError, Likely, Room};
+use telemetry::{Condition, Likely, Room, RssiModelError};
 
 use crate::levels::{Scan, WINDOW_US};
 
@@ -68,7 +68,11 @@ pub struct RoomTold {
 
 impl<'a> Surveyed<'a> {
     /// Of what flash has, for a tag that is told of these beacons. What cannot be used is left out, and `complain` hears of it once.
-    pub fn of(models: Result<BeaconModels<'a>, LoadError>, list: &[Beacon], mut complain: impl FnMut(Condition)) -> Self {
+    pub fn of(
+        models: Result<BeaconModels<'a>, LoadError>,
+        list: &[Beacon],
+        mut complain: impl FnMut(Condition),
+    ) -> Self {
         let models = match models {
             Ok(models) => models,
             Err(fault) => {

@@ -9,12 +9,12 @@ use node_record::Solver;
 use positioning_core::ble::surroundings::{ON_NODE, Surroundings};
 use positioning_core::engine::{Engine, Measurement, Missing, Output, Tdoa, Verdict};
 use positioning_core::nlos::{Feature, Features, Judge, Reception, first_path_to_noise_db};
-use positioning_core::{SolveError, Real, engine};
+use positioning_core::{Real, SolveError, engine};
 use ranging::Diagnostics;
 use ranging::exchange::{Difference, Differences, Range, Round};
 use ranging::native::MAX_ROUND;
 
-use crate::handover::Level;
+use crate::channels::Level;
 use crate::levels::{MOST, Signals};
 use crate::surveyed::OnTheSpot;
 use crate::windows::Window;

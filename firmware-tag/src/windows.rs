@@ -6,7 +6,7 @@ use positioning_core::ble::surroundings::{self, Known, Site, Standing};
 use positioning_core::engine::{Dimensions, Measurement, Mode, Settings};
 use telemetry::{BeaconWord, Condition, Sighting};
 
-use crate::handover::{Heard, Level, Levels};
+use crate::channels::{Heard, Level, Levels};
 use crate::levels::{MOST, WINDOW_US};
 use crate::surveyed::OnTheSpot;
 use crate::tracker::{Taken, outcome};

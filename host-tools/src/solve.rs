@@ -5,7 +5,7 @@
 
 use positioning_core::ble::fingerprint;
 use positioning_core::engine::Missing;
-use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, Method, SolveError, RangeSample, Side, flatten};
+use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, Method, RangeSample, Side, SolveError, flatten};
 
 use crate::recording::{Anchor, Epoch, Measured, Place};
 

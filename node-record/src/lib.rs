@@ -19,7 +19,7 @@ mod validate;
 
 pub use board::{Board, Pages};
 pub use models::{BeaconModels, MODELS_BYTES, MODELS_VERSION, OfBeacons, decode_models, encode_models, load_models};
-pub use page::{LoadError, HEADER_BYTES, MAX_BYTES, MODEL_AT, MODEL_BYTES, decode, encode, version};
+pub use page::{HEADER_BYTES, LoadError, MAX_BYTES, MODEL_AT, MODEL_BYTES, decode, encode, version};
 pub use record::*;
 pub use store::{Next, StoreError, load, load_model, model_of, newest, next, store};
 pub use validate::{Invalid, Value};

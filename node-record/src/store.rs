@@ -6,7 +6,7 @@
 use embedded_storage::nor_flash::{NorFlash, ReadNorFlash};
 
 use crate::page::{HEADER_BYTES, Header, MAX_BYTES, MODEL_AT, MODEL_BYTES, decode, encode, header_of};
-use crate::{LoadError, Invalid, Record};
+use crate::{Invalid, LoadError, Record};
 
 /// Bytes that are compared at once after writing.
 const CHUNK: usize = 64;
@@ -113,7 +113,11 @@ pub fn next(pages: [&[u8]; 2]) -> Next {
     next_of(pages.map(header_of))
 }
 
-fn survey(flash: &mut impl ReadNorFlash, pages: [u32; 2], buffer: &mut [u8; MAX_BYTES]) -> [Result<Header, LoadError>; 2] {
+fn survey(
+    flash: &mut impl ReadNorFlash,
+    pages: [u32; 2],
+    buffer: &mut [u8; MAX_BYTES],
+) -> [Result<Header, LoadError>; 2] {
     pages.map(|page| match flash.read(page, buffer) {
         Ok(()) => header_of(buffer),
         Err(_) => Err(LoadError::Corrupt),

@@ -5,7 +5,7 @@
 
 use crate::fix::conclude_equal;
 use crate::geometry::Survey;
-use crate::{Constraints, Fix, SolveError, RangeSample, Real};
+use crate::{Constraints, Fix, RangeSample, Real, SolveError};
 
 /// The centre of [max(aᵢ − dᵢ), min(aᵢ + dᵢ)], axis by axis (6-3, 6-4): additions and comparisons only.
 ///

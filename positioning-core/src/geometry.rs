@@ -2,7 +2,7 @@
 //! bounding box that every better method starts from, and the reference anchor of the closed forms. One pass gives it all.
 
 use crate::linalg::{Matrix, Vector, add_outer, add_scaled, dot, sub, symmetric_eigen};
-use crate::{Constraints, MAX_ANCHORS, SolveError, RangeSample, Real, Side};
+use crate::{Constraints, MAX_ANCHORS, RangeSample, Real, Side, SolveError};
 
 /// Anchors closer together than this are one place, metres.
 const COINCIDENT_M: f64 = 0.01;
@@ -56,7 +56,10 @@ impl<T: Real, const D: usize> Survey<T, D> {
 
     /// The same for the one method that is worth the copy of the code.
     #[inline(always)]
-    pub(crate) fn of_inlined(samples: &[RangeSample<T, D>], constraints: &Constraints<T, D>) -> Result<Self, SolveError> {
+    pub(crate) fn of_inlined(
+        samples: &[RangeSample<T, D>],
+        constraints: &Constraints<T, D>,
+    ) -> Result<Self, SolveError> {
         if samples.len() > MAX_ANCHORS {
             return Err(SolveError::TooManyAnchors);
         }

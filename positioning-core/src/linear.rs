@@ -7,7 +7,7 @@
 use crate::fix::{blame, conclude, conclude_equal, conclude_weighted};
 use crate::geometry::{Survey, centroid};
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_scaled, dot, sub};
-use crate::{Constraints, Fix, MAX_ANCHORS, SolveError, RangeSample, Real};
+use crate::{Constraints, Fix, MAX_ANCHORS, RangeSample, Real, SolveError};
 
 /// Joins every uncertainty as an independent part, metres: σ = 0 would divide by zero (6-13), and a single range that happens
 /// to agree with the weighing position to the millimetre must not outweigh all others.

@@ -1,6 +1,6 @@
 //! The methods by name, and the one way to call any of them.
 
-use crate::{Constraints, Fix, SolveError, RangeSample, Real};
+use crate::{Constraints, Fix, RangeSample, Real, SolveError};
 
 /// How ranges become a position. The names are those of the command line and of the thesis they come from
 /// (P. M. de Rojas Malpartida, *Evaluación de un sistema UWB frente a medidas sin línea de visión directa*, 2021).

@@ -7,7 +7,7 @@ use crate::fix::{blame, conclude_equal, conclude_weighted};
 use crate::geometry::Survey;
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_scaled, dot, sub};
 use crate::linear::{DIRECT_M, PerSample, b_wls_position, least, lls_position, variances};
-use crate::{Area, Constraints, Fix, MAX_ANCHORS, SolveError, RangeSample, Real};
+use crate::{Area, Constraints, Fix, MAX_ANCHORS, RangeSample, Real, SolveError};
 
 /// The iteration ends when a step is shorter than this, metres.
 const CONVERGED_M: f64 = 1.0e-4;

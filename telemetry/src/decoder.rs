@@ -6,7 +6,7 @@
 //! The stream may carry other things (a serial line that has `defmt` frames `FF 00 … 00` and a boot loader's text in it): they
 //! are foreign, not malformed.
 
-use crate::{LONGEST_FRAME, DecodeError, Message, SCHEMA, decode};
+use crate::{DecodeError, LONGEST_FRAME, Message, SCHEMA, decode};
 
 /// Without its zero.
 const KEPT: usize = LONGEST_FRAME - 1;

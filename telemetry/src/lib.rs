@@ -19,7 +19,7 @@ mod wire;
 pub use decoder::{Counts, Decoder};
 pub use message::*;
 pub use queue::Queue;
-pub use wire::{LONGEST_FRAME, MAX_FRAME, DecodeError, decode, encode};
+pub use wire::{DecodeError, LONGEST_FRAME, MAX_FRAME, decode, encode};
 
 /// The schema's number, the first byte of each frame before COBS.
 pub const SCHEMA: u8 = 1;

@@ -5,8 +5,8 @@ use core::fmt::{self, Display, Formatter};
 use positioning_core::SolveError;
 
 use crate::{
-    Board, Condition, CrashReason, Levels, RssiModelError, DecodeError, Message, MotionSensor, Reason, RecordError,
-    ResetCause, Role, Solver, Whereabouts,
+    Board, Condition, CrashReason, DecodeError, Levels, Message, MotionSensor, Reason, RecordError, ResetCause, Role,
+    RssiModelError, Solver, Whereabouts,
 };
 
 impl Message {

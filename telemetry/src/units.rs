@@ -3,7 +3,7 @@
 //! Numbers beyond the wire's range become its greatest or least. One that is none (NaN) never becomes zero: a position with such a
 //! coordinate is told as [`Reason::NotFinite`], a deviation as the greatest, a power as [`UNKNOWN_POWER`].
 
-use positioning_core::{SolveError, Real};
+use positioning_core::{Real, SolveError};
 
 use crate::{Diagnostics, Difference, Fix, Likely, Message, Outcome, Range, Reason, Whereabouts};
 

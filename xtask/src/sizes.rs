@@ -28,7 +28,7 @@ const PURPOSES: [(&str, &[&str]); 10] = [
         "Telemetry and log",
         &[
             "telemetry/",
-            "firmware-common/src/journal",
+            "firmware-common/src/event_log",
             "firmware-common/src/lines",
             "firmware-common/src/reporter",
             "cobs-",

@@ -43,7 +43,7 @@ fn start(spawner: Spawner) {
                 tasks = Tasks::Ranging;
                 above.spawn(ranging(radio, delay, machine, reporter).unwrap());
             }
-            Role::Tag(_) | Role::Advertiser(_) => reporter.journal.state(reporter.now_us(), Condition::WrongRecord),
+            Role::Tag(_) | Role::Advertiser(_) => reporter.event_log.state(reporter.now_us(), Condition::WrongRecord),
         }
     }
     spawner.spawn(dwm1001::supervise(reporter, tasks, care).unwrap());

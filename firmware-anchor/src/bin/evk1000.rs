@@ -52,7 +52,7 @@ fn start(spawner: Spawner) {
                 tasks = Tasks::Ranging;
                 above.spawn(ranging(radio, machine, reporter, panel).unwrap());
             }
-            Role::Tag(_) | Role::Advertiser(_) => reporter.journal.state(reporter.now_us(), Condition::WrongRecord),
+            Role::Tag(_) | Role::Advertiser(_) => reporter.event_log.state(reporter.now_us(), Condition::WrongRecord),
         }
     }
     spawner.spawn(evk1000::supervise(reporter, tasks, care).unwrap());

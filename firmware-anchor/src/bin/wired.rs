@@ -43,7 +43,7 @@ fn main() -> ! {
                 let machine = MACHINE.init_with(|| AnchorMachine::new(&settings, position_m));
                 care.ranging().spawn(ranging(radio, delay, machine, reporter).unwrap());
             }
-            Role::Tag(_) | Role::Advertiser(_) => reporter.journal.state(reporter.now_us(), Condition::WrongRecord),
+            Role::Tag(_) | Role::Advertiser(_) => reporter.event_log.state(reporter.now_us(), Condition::WrongRecord),
         }
     }
     care.background().spawn(node::keep_telling(reporter, hello).unwrap());

@@ -10,7 +10,7 @@ use firmware_common::TagMachine;
 #[cfg(feature = "ble")]
 use firmware_tag::Surveyed;
 use firmware_tag::motion::lis2dh12::{Lis2dh12, Sa0Pad};
-use firmware_tag::{AnchorPlace, Locator, Pace, Shelf, Told};
+use firmware_tag::{AnchorPlace, Locator, NlosModelStore, RateControl, TelemetrySink};
 use node_record::{Pages, Role, Tag};
 use positioning_core::nlos::NodeModel;
 use ranging::dw1000::Dw1000;
@@ -18,23 +18,23 @@ use static_cell::StaticCell;
 use telemetry::Condition;
 
 type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
-type Handover = firmware_tag::Handover<Guard>;
+type TaskChannels = firmware_tag::TaskChannels<Guard>;
 
 static REPORTER: StaticCell<Reporter> = StaticCell::new();
-static HANDOVER: StaticCell<Handover> = StaticCell::new();
+static CHANNELS: StaticCell<TaskChannels> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
 static MACHINE: StaticCell<TagMachine> = StaticCell::new();
 #[cfg(feature = "ble")]
 static RECORD: StaticCell<node_record::Record> = StaticCell::new();
 #[cfg(feature = "ble")]
 static SURVEYED: StaticCell<Surveyed<'static>> = StaticCell::new();
-static SHELF: Shelf = Shelf::new();
+static NLOS_MODEL: NlosModelStore = NlosModelStore::new();
 static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
 
 /// What the tag's tasks share.
 #[derive(Clone, Copy)]
 struct Shared {
-    handover: &'static Handover,
+    channels: &'static TaskChannels,
     reporter: &'static Reporter,
     #[cfg(feature = "ble")]
     record: &'static node_record::Record,
@@ -45,14 +45,14 @@ struct Shared {
 }
 
 impl Shared {
-    fn told(&self) -> Told<'static, Guard, { node::TELEMETRY_BYTES }> {
-        Told::new(self.reporter, self.tag.report_ranges)
+    fn told(&self) -> TelemetrySink<'static, Guard, { node::TELEMETRY_BYTES }> {
+        TelemetrySink::new(self.reporter, self.tag.report_ranges)
     }
 }
 
 #[embassy_executor::task]
 async fn ranging(radio: &'static mut Radio, delay: Delay, machine: &'static mut TagMachine, shared: Shared) {
-    firmware_tag::ranging(radio, delay, machine, shared.handover, &shared.told()).await;
+    firmware_tag::ranging(radio, delay, machine, shared.channels, &shared.told()).await;
 }
 
 #[embassy_executor::task]
@@ -62,8 +62,8 @@ async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
         Locator::of(&shared.tag, shared.record, anchors).with_model(shared.model).with_surveyed(shared.surveyed);
     #[cfg(not(feature = "ble"))]
     let locator = Locator::new(shared.tag.height_m, anchors).by(shared.tag.solver).with_model(shared.model);
-    let pace = Pace::of(&shared.tag);
-    firmware_tag::engine(shared.handover, embassy_time::Delay, locator, pace, &shared.told()).await;
+    let pace = RateControl::of(&shared.tag);
+    firmware_tag::engine(shared.channels, embassy_time::Delay, locator, pace, &shared.told()).await;
 }
 
 /// Only where there is a rate for a tag that lies still.
@@ -71,7 +71,7 @@ async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
 async fn motion(parts: dwm1001::motion::Parts, shared: Shared) {
     let (bus, int1) = parts.into_bus_and_line();
     let sensor = Lis2dh12::new(bus, Sa0Pad::High, int1, embassy_time::Delay);
-    firmware_tag::motion::run(shared.handover, sensor, embassy_time::Delay, &shared.told()).await;
+    firmware_tag::motion::run(shared.channels, sensor, embassy_time::Delay, &shared.told()).await;
 }
 
 #[cfg(feature = "ble")]
@@ -98,9 +98,9 @@ mod bluetooth {
                 return;
             }
         };
-        let (handover, told) = (shared.handover, shared.told());
-        let listening = scanner.listen(|heard| scan::hear(handover, &told, heard.data, heard.rssi));
-        let scanning = scan::run(handover, wanted.into(), Commanded(&scanner), embassy_time::Delay, &told);
+        let (channels, told) = (shared.channels, shared.told());
+        let listening = scanner.listen(|heard| scan::hear(channels, &told, heard.data, heard.rssi));
+        let scanning = scan::run(channels, wanted.into(), Commanded(&scanner), embassy_time::Delay, &told);
         join(listening, scanning).await;
     }
 }
@@ -124,19 +124,19 @@ fn start(spawner: Spawner) {
                 let anchors = ANCHORS.init_with(|| firmware_tag::places(&record));
                 #[cfg(feature = "ble")]
                 let record: &_ = RECORD.init(record);
-                let handover: &_ = HANDOVER.init_with(Handover::new);
+                let channels: &_ = CHANNELS.init_with(TaskChannels::new);
                 let shared = Shared {
-                    handover,
+                    channels,
                     reporter,
                     #[cfg(feature = "ble")]
                     record,
                     #[cfg(feature = "ble")]
                     surveyed: SURVEYED.init_with(|| {
-                        let complain = |condition| reporter.journal.state(reporter.now_us(), condition);
+                        let complain = |condition| reporter.event_log.state(reporter.now_us(), condition);
                         Surveyed::of(node_record::decode_models(dwm1001::models()), &record.beacons, complain)
                     }),
                     tag,
-                    model: SHELF.fill(&mut board.flash, Pages::DWM1001.offsets),
+                    model: NLOS_MODEL.fill(&mut board.flash, Pages::DWM1001.offsets),
                 };
                 tasks = Tasks::RangingAndEngine;
                 board.ranging.spawn(ranging(radio, board.delay, machine, shared).unwrap());
@@ -150,7 +150,7 @@ fn start(spawner: Spawner) {
                 }
             }
             Role::Anchor { .. } | Role::Advertiser(_) => {
-                reporter.journal.state(reporter.now_us(), Condition::WrongRecord);
+                reporter.event_log.state(reporter.now_us(), Condition::WrongRecord);
             }
         }
     }

@@ -7,7 +7,7 @@ use boards::node::{self, Guard, Reporter, Tasks};
 use boards::panel::{Awaiting, Panel};
 use embassy_executor::{SendSpawner, Spawner};
 use firmware_common::{AnchorMachine, Settings, TagMachine};
-use firmware_tag::{AnchorPlace, Epoch, Locator, Pace, Shelf, Sink, Task, Told};
+use firmware_tag::{AnchorPlace, Epoch, Locator, NlosModelStore, RateControl, Sink, Task, TelemetrySink};
 use node_record::{Pages, Record, Role, Tag};
 use positioning_core::nlos::NodeModel;
 use ranging::dw1000::Dw1000;
@@ -16,12 +16,12 @@ use static_cell::StaticCell;
 use telemetry::Condition;
 
 type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
-type Handover = firmware_tag::Handover<Guard>;
+type TaskChannels = firmware_tag::TaskChannels<Guard>;
 
 static REPORTER: StaticCell<Reporter> = StaticCell::new();
-static HANDOVER: StaticCell<Handover> = StaticCell::new();
+static CHANNELS: StaticCell<TaskChannels> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
-static SHELF: Shelf = Shelf::new();
+static NLOS_MODEL: NlosModelStore = NlosModelStore::new();
 static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
 static TAG: StaticCell<TagMachine> = StaticCell::new();
 static ANCHOR: StaticCell<AnchorMachine> = StaticCell::new();
@@ -30,7 +30,7 @@ static PANEL: StaticCell<SharedPanel> = StaticCell::new();
 /// A tag's results, told and shown.
 #[derive(Clone, Copy)]
 struct TagShown {
-    told: Told<'static, Guard, { node::TELEMETRY_BYTES }>,
+    told: TelemetrySink<'static, Guard, { node::TELEMETRY_BYTES }>,
     panel: &'static SharedPanel,
 }
 
@@ -74,23 +74,23 @@ impl Sink for TagShown {
 async fn tag_ranging(
     radio: &'static mut Radio,
     machine: &'static mut TagMachine,
-    handover: &'static Handover,
+    channels: &'static TaskChannels,
     sink: TagShown,
 ) {
-    firmware_tag::ranging(radio, Delay, machine, handover, &sink).await;
+    firmware_tag::ranging(radio, Delay, machine, channels, &sink).await;
 }
 
 #[embassy_executor::task]
 async fn engine(
-    handover: &'static Handover,
+    channels: &'static TaskChannels,
     tag: Tag,
     known: (&'static [AnchorPlace], Option<&'static NodeModel>),
     sink: TagShown,
 ) {
     let (anchors, model) = known;
     let locator = Locator::new(tag.height_m, anchors).by(tag.solver).with_model(model);
-    let pace = Pace::of(&tag);
-    firmware_tag::engine(handover, Delay, locator, pace, &sink).await;
+    let pace = RateControl::of(&tag);
+    firmware_tag::engine(channels, Delay, locator, pace, &sink).await;
 }
 
 #[embassy_executor::task]
@@ -100,7 +100,7 @@ async fn anchor_ranging(
     reporter: &'static Reporter,
     panel: &'static SharedPanel,
 ) {
-    let listener = firmware_anchor::Told(reporter);
+    let listener = firmware_anchor::TelemetrySink(reporter);
     firmware_anchor::run(radio, Delay, machine, Shown { listener, panel }).await;
 }
 
@@ -117,13 +117,13 @@ fn spawn(spawner: Spawner, above: SendSpawner, parts: Parts, record: &Record, se
     let Parts { radio, reporter, panel, mut flash } = parts;
     match settings.role {
         Role::Tag(tag) => {
-            let handover: &_ = HANDOVER.init_with(Handover::new);
-            let sink = TagShown { told: Told::new(reporter, tag.report_ranges), panel };
+            let channels: &_ = CHANNELS.init_with(TaskChannels::new);
+            let sink = TagShown { told: TelemetrySink::new(reporter, tag.report_ranges), panel };
             let anchors = ANCHORS.init_with(|| firmware_tag::places(record));
-            let model = SHELF.fill(&mut flash, Pages::EVK1000.offsets);
+            let model = NLOS_MODEL.fill(&mut flash, Pages::EVK1000.offsets);
             let machine = TAG.init_with(|| TagMachine::new(settings, &tag));
-            above.spawn(tag_ranging(radio, machine, handover, sink).unwrap());
-            spawner.spawn(engine(handover, tag, (anchors, model), sink).unwrap());
+            above.spawn(tag_ranging(radio, machine, channels, sink).unwrap());
+            spawner.spawn(engine(channels, tag, (anchors, model), sink).unwrap());
             Tasks::RangingAndEngine
         }
         Role::Anchor { position_m } => {
@@ -132,7 +132,7 @@ fn spawn(spawner: Spawner, above: SendSpawner, parts: Parts, record: &Record, se
             Tasks::Ranging
         }
         Role::Advertiser(_) => {
-            reporter.journal.state(reporter.now_us(), Condition::WrongRecord);
+            reporter.event_log.state(reporter.now_us(), Condition::WrongRecord);
             Tasks::None
         }
     }

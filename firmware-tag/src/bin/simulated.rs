@@ -10,7 +10,7 @@ use boards::simulated::{Board, exit};
 use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use firmware_common::{Reporter, Settings, settings};
-use firmware_tag::{Digest, Handover, Locator, places, run_as_told};
+use firmware_tag::{Digest, Locator, TaskChannels, places, run_as_told};
 use node_record::{LoadError, Record, Role, Solver};
 use semihosting::experimental::env::args;
 use small_air::{room, uptime_us};
@@ -20,21 +20,21 @@ static REPORTER: Reporter<CriticalSectionRawMutex, 4096> = Reporter::new(uptime_
 /// The path of the image, and a word.
 const COMMAND_LINE_BYTES: usize = 1024;
 
-static HANDOVER: Handover<CriticalSectionRawMutex> = Handover::new();
+static CHANNELS: TaskChannels<CriticalSectionRawMutex> = TaskChannels::new();
 
 #[cfg_attr(target_arch = "arm", cortex_m_rt::entry)]
 #[cfg_attr(target_arch = "riscv32", riscv_rt::entry)]
 fn main() -> ! {
     let Some(mut board) = solver().and_then(|solver| Board::take(&room::record(solver))) else { exit(false) };
-    REPORTER.journal.reset(Reset { t_us: uptime_us(), cause: ResetCause::PowerOn, crash: None });
+    REPORTER.event_log.reset(Reset { t_us: uptime_us(), cause: ResetCause::PowerOn, crash: None });
     let lived = match &board.record.clone() {
         Ok(record) => live(&mut board, record),
         Err(fault) => Err(Condition::NoRecord(settings::told(fault))),
     };
     if let Err(condition) = lived {
-        REPORTER.journal.state(uptime_us(), condition);
+        REPORTER.event_log.state(uptime_us(), condition);
     }
-    let told = board.take_out(&REPORTER.journal);
+    let told = board.take_out(&REPORTER.event_log);
     exit(lived.is_ok() && told && REPORTER.all_alive(true).is_ok())
 }
 
@@ -46,7 +46,7 @@ fn live(board: &mut Board, record: &Record) -> Result<(), Condition> {
     let anchors = places(record);
     let world = room::world(&settings.network);
     let radio = room::tag(&world).ok_or(Condition::RadioFailed(1))?;
-    let told = (&HANDOVER, &REPORTER);
+    let told = (&CHANNELS, &REPORTER);
     let mut digest = Digest::new();
     let app = run_as_told(
         radio,
@@ -60,7 +60,7 @@ fn live(board: &mut Board, record: &Record) -> Result<(), Condition> {
     {
         let everything = pin!(join(app, room::anchors(&world, settings.network)));
         world.run(room::LIFE_US, everything, || {
-            board.take_out(&REPORTER.journal);
+            board.take_out(&REPORTER.event_log);
         });
     }
     defmt::info!("digest {=u64:016x}", digest.value());

@@ -7,17 +7,17 @@
 use boards::node::{self, Guard, Reporter};
 use boards::wired::{self, Board, Bus, Delay, Interrupt, Reset};
 use firmware_common::TagMachine;
-use firmware_tag::{AnchorPlace, Locator, Pace, Told};
+use firmware_tag::{AnchorPlace, Locator, RateControl, TelemetrySink};
 use node_record::{Role, Tag};
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
 use telemetry::Condition;
 
 type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
-type Handover = firmware_tag::Handover<Guard>;
+type TaskChannels = firmware_tag::TaskChannels<Guard>;
 
 static REPORTER: StaticCell<Reporter> = StaticCell::new();
-static HANDOVER: StaticCell<Handover> = StaticCell::new();
+static CHANNELS: StaticCell<TaskChannels> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
 static MACHINE: StaticCell<TagMachine> = StaticCell::new();
 static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
@@ -25,27 +25,27 @@ static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS
 /// What the tag's tasks share.
 #[derive(Clone, Copy)]
 struct Shared {
-    handover: &'static Handover,
+    channels: &'static TaskChannels,
     reporter: &'static Reporter,
     tag: Tag,
 }
 
 impl Shared {
-    fn told(&self) -> Told<'static, Guard, { node::TELEMETRY_BYTES }> {
-        Told::new(self.reporter, self.tag.report_ranges)
+    fn told(&self) -> TelemetrySink<'static, Guard, { node::TELEMETRY_BYTES }> {
+        TelemetrySink::new(self.reporter, self.tag.report_ranges)
     }
 }
 
 #[embassy_executor::task]
 async fn ranging(radio: &'static mut Radio, delay: Delay, machine: &'static mut TagMachine, shared: Shared) {
-    firmware_tag::ranging(radio, delay, machine, shared.handover, &shared.told()).await;
+    firmware_tag::ranging(radio, delay, machine, shared.channels, &shared.told()).await;
 }
 
 #[embassy_executor::task]
 async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
     let locator = Locator::new(shared.tag.height_m, anchors).by(shared.tag.solver);
-    let pace = Pace::of(&shared.tag);
-    firmware_tag::engine(shared.handover, embassy_time::Delay, locator, pace, &shared.told()).await;
+    let pace = RateControl::of(&shared.tag);
+    firmware_tag::engine(shared.channels, embassy_time::Delay, locator, pace, &shared.told()).await;
 }
 
 #[cfg_attr(target_arch = "arm", cortex_m_rt::entry)]
@@ -61,12 +61,12 @@ fn main() -> ! {
                     RADIO.init_with(|| Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio));
                 let machine = MACHINE.init_with(|| TagMachine::new(&settings, &tag));
                 let anchors = ANCHORS.init_with(|| firmware_tag::places(&record));
-                let shared = Shared { handover: HANDOVER.init_with(Handover::new), reporter, tag };
+                let shared = Shared { channels: CHANNELS.init_with(TaskChannels::new), reporter, tag };
                 care.ranging().spawn(ranging(radio, delay, machine, shared).unwrap());
                 care.background().spawn(engine(shared, anchors).unwrap());
             }
             Role::Anchor { .. } | Role::Advertiser(_) => {
-                reporter.journal.state(reporter.now_us(), Condition::WrongRecord);
+                reporter.event_log.state(reporter.now_us(), Condition::WrongRecord);
             }
         }
     }

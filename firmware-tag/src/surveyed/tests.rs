@@ -6,7 +6,7 @@ use positioning_core::ble::rooms::{Kind, Model, Svm};
 use std::vec::Vec;
 
 use super::*;
-use crate::handover::Heard;
+use crate::channels::Heard;
 use crate::{KnownBeacons, Locator, Tracker};
 
 /// The corners of a square of 6 m, at the tag's height: beacons 1-1 to 1-4 stand there.

@@ -191,6 +191,7 @@ fn particle_step(
     let reach = solver.reach();
     let within = |at: [f32; 2]| (0..2).all(|axis| (reach.min[axis]..=reach.max[axis]).contains(&at[axis]));
     let likelihood = |at| if within(at) { levels.ln_at(at) } else { f32::NAN };
-    let estimate = filter.step(now_us, &solver.walls, &likelihood).ok_or(NoPosition::SolveError(SolveError::Diverged))?;
+    let estimate =
+        filter.step(now_us, &solver.walls, &likelihood).ok_or(NoPosition::SolveError(SolveError::Diverged))?;
     Ok(solver.global(estimate.position, &estimate.covariance, heard.len()))
 }

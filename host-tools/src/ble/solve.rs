@@ -9,7 +9,7 @@ use positioning_core::ble::path_loss::{PathLoss, Wall};
 use positioning_core::ble::posterior::{Belief, posterior};
 use positioning_core::ble::signal::level;
 use positioning_core::ble::surroundings::News;
-use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, SolveError, Side};
+use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, Side, SolveError};
 
 use super::files::{self, Beacon, Capture, Sample, in_order};
 use super::follow::{Follower, Memory};

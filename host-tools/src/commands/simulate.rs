@@ -278,7 +278,8 @@ impl Arguments {
 }
 
 fn read(file: &Path) -> Result<Scenario, UserError> {
-    let text = std::fs::read_to_string(file).map_err(|error| UserError::file(file, format!("cannot read it: {error}")))?;
+    let text =
+        std::fs::read_to_string(file).map_err(|error| UserError::file(file, format!("cannot read it: {error}")))?;
     Scenario::parse(&text).map_err(|error| UserError::line(file, error.line as u64, error.message))
 }
 

@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 use telemetry::{
-    Condition, Counters, Diagnostics, Difference, Fix, Hello, RssiModelError, Message, Range, RecordError, Reset,
-    ResetCause, Room, Sighting, State,
+    Condition, Counters, Diagnostics, Difference, Fix, Hello, Message, Range, RecordError, Reset, ResetCause, Room,
+    RssiModelError, Sighting, State,
 };
 
 use super::beacon_name;

@@ -52,7 +52,8 @@ fn refused(name: &str, error: serialport::Error) -> anyhow::Error {
             let others: Vec<_> = others.into_iter().map(|port| port.port_name).collect();
             let there =
                 if others.is_empty() { "there is none".into() } else { format!("there are {}", others.join(", ")) };
-            UserError::flag("--serial", format!("no port {name}: plug in the board with a cable for data; {there}")).into()
+            UserError::flag("--serial", format!("no port {name}: plug in the board with a cable for data; {there}"))
+                .into()
         }
         Kind::Io(ErrorKind::PermissionDenied) => {
             anyhow!("no permission to open {name}: on Linux `sudo usermod -aG dialout $USER` and a new login give it")

@@ -56,7 +56,8 @@ impl Diagnostics {
     /// # Errors
     /// A field is no number.
     pub fn read(&self, row: &Row<'_>) -> Result<Told, UserError> {
-        let known = |column| -> Result<f32, UserError> { Ok(row.number(column)?.map_or(f32::NAN, |number| number as f32)) };
+        let known =
+            |column| -> Result<f32, UserError> { Ok(row.number(column)?.map_or(f32::NAN, |number| number as f32)) };
         let mut amplitudes = [f32::NAN; 3];
         for (amplitude, column) in amplitudes.iter_mut().zip(self.amplitudes) {
             *amplitude = known(column)?;

@@ -23,7 +23,7 @@ pub use recipe::{Method, RECIPES, Recipe};
 pub use samples::{DEFAULT_PLACEMENT, Sample, Samples};
 pub use score::Score;
 
-use positioning_core::nlos::{Classifier, StoredError, Feature, Model, Platt};
+use positioning_core::nlos::{Classifier, Feature, Model, Platt, StoredError};
 
 /// Parts into which placements are dealt for calibration.
 const CALIBRATION_FOLDS: usize = 4;

@@ -6,7 +6,8 @@
 
 use ihex::Record as Hex;
 use node_record::{
-    Board, LoadError, HEADER_BYTES, MAX_BYTES, MODEL_AT, MODELS_BYTES, Record, decode, encode, model_of, newest, version,
+    Board, HEADER_BYTES, LoadError, MAX_BYTES, MODEL_AT, MODELS_BYTES, Record, decode, encode, model_of, newest,
+    version,
 };
 use positioning_core::nlos::{Classifier, Model, NodeModel};
 

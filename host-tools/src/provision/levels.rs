@@ -151,7 +151,11 @@ fn read(file: &Path) -> Result<Vec<u8>, String> {
 }
 
 /// What the file that a field names holds; its path counts from the site's folder.
-fn named<T>(field: &Field<'_>, maker: &str, read: impl FnOnce(&Path) -> Result<T, String>) -> Result<Named<T>, UserError> {
+fn named<T>(
+    field: &Field<'_>,
+    maker: &str,
+    read: impl FnOnce(&Path) -> Result<T, String>,
+) -> Result<Named<T>, UserError> {
     let file = field.path(&format!("the name of a file of `baliza {maker} --out`"))?;
     let content = read(&file).map_err(|what| field.wrong(format!("{}: {}: {what}", field.key, file.display())))?;
     Ok(Named { content, line: field.line })

@@ -1,7 +1,7 @@
 //! The page's bytes.
 
 use node_record::{
-    Advertiser, Anchor, Beacon, Calibration, LoadError, HEADER_BYTES, Identity, MAX_BYTES, Mode, Network, Phy, Pins,
+    Advertiser, Anchor, Beacon, Calibration, HEADER_BYTES, Identity, LoadError, MAX_BYTES, Mode, Network, Phy, Pins,
     Record, Region, Role, Scan, Scheme, Solver, Tag, Turnaround, VERSION, decode, encode, version,
 };
 use proptest::collection::vec;
@@ -196,7 +196,9 @@ fn a_whole_page_that_is_no_record_is_corrupt() {
 fn a_whole_record_that_cannot_be_done_is_invalid() {
     let mut record = anchor();
     record.identity.address = Some(0xFFFF);
-    assert!(matches!(decode(&page(&record, 1)), Err(LoadError::Invalid(invalid)) if invalid.field == "identity.address"));
+    assert!(
+        matches!(decode(&page(&record, 1)), Err(LoadError::Invalid(invalid)) if invalid.field == "identity.address")
+    );
 }
 
 fn place() -> impl Strategy<Value = [f32; 3]> {

@@ -26,7 +26,9 @@ fn every_cut<const WORD: usize, const PAGE: usize>(flash: &Flash<WORD, PAGE>, ol
             let done = operation == uncut.operations - 1 && kept.as_ref() == Ok(&new);
             match &old {
                 Ok(_) => assert!(kept == old || done, "{name}: {kept:?}"),
-                Err(_) => assert!(matches!(kept, Err(LoadError::Missing | LoadError::Corrupt)) || done, "{name}: {kept:?}"),
+                Err(_) => {
+                    assert!(matches!(kept, Err(LoadError::Missing | LoadError::Corrupt)) || done, "{name}: {kept:?}")
+                }
             }
             store(&mut cut, pages, &tag()).unwrap();
             assert_eq!(load(&mut cut, pages), Ok(tag()), "{name}");

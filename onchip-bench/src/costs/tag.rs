@@ -9,7 +9,7 @@ use core::task::{Context, Waker};
 
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embedded_hal_async::delay::DelayNs;
-use firmware_common::{Journal, Reporter};
+use firmware_common::{EventLog, Reporter};
 use firmware_tag::{Handover, Locator, Pace, Told};
 use oorandom::Rand32;
 use positioning_core::Method;
@@ -33,7 +33,7 @@ const BYTES: usize = 1024;
 
 type Guard = NoopRawMutex;
 
-/// A round in the task of the engine, and what is published of it, taken out of the journal again; instructions.
+/// A round in the task of the engine, and what is published of it, taken out of the event log again; instructions.
 #[derive(Default)]
 pub struct Costs {
     /// The round, with its position published.
@@ -95,12 +95,12 @@ pub fn measure(ranges: u16, tracks: bool, space: bool) -> Costs {
     costs
 }
 
-/// Lets the engine take what there is, and the journal's frames out; instructions, and how many frames there were.
+/// Lets the engine take what there is, and the event log's frames out; instructions, and how many frames there were.
 fn run(engine: Pin<&mut impl Future<Output = Infallible>>, reporter: &Reporter<Guard, BYTES>) -> (u32, u32) {
     let begun = stamp();
     let ended = engine.poll(&mut Context::from_waker(Waker::noop()));
     let mut frames = 0;
-    reporter.journal.drain(|frame| {
+    reporter.event_log.drain(|frame| {
         black_box(frame);
         frames += 1;
         true
@@ -122,13 +122,13 @@ impl DelayNs for Never {
 
 /// What a position's line of the log takes, instructions.
 pub fn measure_line() -> u32 {
-    let journal = Journal::<Guard, BYTES>::new();
+    let event_log = EventLog::<Guard, BYTES>::new();
     let outcome = Outcome::position([3.21, 4.05, 1.5], [[0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0; 3]], 0b1111, 0.9);
     let fix = Fix { t_us: 1_000_000, round: 7, age_us: 2_400, asked: 4, outcome, solver: Solver::Track };
     // The first gets a line, the second of the same instant none.
     let [with_line, without] = [(); 2].map(|()| {
         let begun = stamp();
-        journal.fix(black_box(fix), 4);
+        event_log.fix(black_box(fix), 4);
         since(begun)
     });
     with_line - without

@@ -10,7 +10,7 @@ use super::path_loss::PathLoss;
 use crate::geometry::Survey;
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_scaled, dot, sub};
 use crate::linear::{PerSample, weighted_position};
-use crate::{AnchorSet, Constraints, Fix, MAX_ANCHORS, SolveError, RangeSample, Real, flatten};
+use crate::{AnchorSet, Constraints, Fix, MAX_ANCHORS, RangeSample, Real, SolveError, flatten};
 
 /// The iteration ends when a step is shorter than this, metres.
 const CONVERGED_M: f64 = 1.0e-3;

@@ -9,7 +9,7 @@
 use super::multilateration::Heard;
 use super::particles::{Levels, Term};
 use super::path_loss::Wall;
-use crate::{AnchorSet, Area, Fix, MAX_ANCHORS, SolveError, Real};
+use crate::{AnchorSet, Area, Fix, MAX_ANCHORS, Real, SolveError};
 
 /// Points of a lattice along each axis.
 const POINTS: usize = 16;

@@ -1,6 +1,6 @@
 //! What comes out of the engine.
 
-use crate::{AnchorSet, SolveError, Real};
+use crate::{AnchorSet, Real, SolveError};
 
 /// After a measurement: what became of it, and where the tag is now.
 #[derive(Clone, Copy, Debug, PartialEq)]

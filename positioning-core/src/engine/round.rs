@@ -5,7 +5,7 @@ use heapless::Vec;
 use super::measurement::{BeaconPosition, Range, Tdoa, probability};
 use super::settings::{Dimensions, Settings};
 use crate::track::{Blocked, TdoaSample, hyperbolic};
-use crate::{AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, SolveError, RangeSample, Real, Side, Solver, flatten};
+use crate::{AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, RangeSample, Real, Side, SolveError, Solver, flatten};
 
 /// The measurements of a round.
 #[derive(Clone, Debug)]

@@ -39,7 +39,7 @@ pub use inputs::{Input, Inputs, MAX_INPUTS};
 pub use judge::{Judge, LINKS, Means, Reception};
 pub use logistic::Logistic;
 #[cfg(feature = "serde")]
-pub use model::{StoredError, Kind, LeftOut, Model, NodeModel, Trained, VERSION};
+pub use model::{Kind, LeftOut, Model, NodeModel, StoredError, Trained, VERSION};
 pub use moving_mean::MovingMean;
 pub use nearest::{MAX_NEIGHBOURS, Nearest};
 pub use perceptron::{MAX_LAYERS, MAX_WIDTH, Perceptron};

@@ -242,7 +242,10 @@ mod tests {
         let mut bytes = skewness().encode(&mut buffer).expect("it fits").to_vec();
         bytes[2] = 0;
         assert_eq!(Model::decode(&bytes), Err(StoredError::Version { found: 0, read: 1 }));
-        assert_eq!(std::format!("{}", StoredError::Version { found: 0, read: 1 }), "a model of version 0, where 1 is read");
+        assert_eq!(
+            std::format!("{}", StoredError::Version { found: 0, read: 1 }),
+            "a model of version 0, where 1 is read"
+        );
     }
 
     #[test]

@@ -6,7 +6,7 @@
 //! no matrix larger than the position's is inverted.
 
 use crate::linalg::{Ldl, Matrix, add_outer, add_scaled, dot, sub};
-use crate::{AnchorSet, Fix, MAX_ANCHORS, SolveError, Real};
+use crate::{AnchorSet, Fix, MAX_ANCHORS, Real, SolveError};
 
 /// One difference of arrival.
 #[derive(Clone, Copy, Debug, PartialEq)]

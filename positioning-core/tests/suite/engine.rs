@@ -159,7 +159,10 @@ fn silence_makes_a_track_doubtful_then_ends_it_and_a_round_begins_another() {
     let (soon, age) = sigma(&mut engine, 1_000).expect("a track");
     let (later, _) = sigma(&mut engine, 2_000_000).expect("a track");
     assert!(later > 3.0 * soon && age == 1_000, "{soon} {later} {age}");
-    assert_eq!(sigma(&mut engine, 3_600_000_000), Err(Missing::SolveError(positioning_core::SolveError::TooFewAnchors)));
+    assert_eq!(
+        sigma(&mut engine, 3_600_000_000),
+        Err(Missing::SolveError(positioning_core::SolveError::TooFewAnchors))
+    );
     let height = engine.step(last + 3_600_000_000, &Measurement::Height { height: 1.0, deviation: 0.1 });
     assert!(matches!(height.fix, Err(Missing::Lost(Start::Gap | Start::Lost))), "{height:?}");
     let error = round(&mut engine, last + 3_600_100_000, [7.0, 6.0], |_| 0.0).expect("a track");

@@ -1,7 +1,7 @@
 //! Input from a broken node, a bad file or an enemy: an answer or a reason, never a panic, never a position that is not one.
 
 use crate::support::{rng, room, samples};
-use positioning_core::{Area, Constraints, Fix, Method, SolveError, RangeSample, Real, Side, solve};
+use positioning_core::{Area, Constraints, Fix, Method, RangeSample, Real, Side, SolveError, solve};
 use rand::Rng;
 use rand_pcg::Pcg64;
 

@@ -3,7 +3,7 @@
 
 use crate::support::{distance, normal, rng, room, samples};
 use nalgebra::{DMatrix, DVector};
-use positioning_core::{Area, Constraints, Method, SolveError, RangeSample, Side, flatten, solve};
+use positioning_core::{Area, Constraints, Method, RangeSample, Side, SolveError, flatten, solve};
 
 const AREA: Area<f64, 2> = Area { min: [0.0, 0.0], max: [12.0, 9.0] };
 

@@ -264,7 +264,9 @@ fn who_lies_still_is_quiet_and_a_push_is_told_with_the_next_sample() {
 
 #[test]
 fn a_sensor_that_is_not_there_or_is_another_is_found_out() {
-    for (condition, found) in [(Condition::Silent, MotionSensorError::Silent), (Condition::Foreign, MotionSensorError::Foreign)] {
+    for (condition, found) in
+        [(Condition::Silent, MotionSensorError::Silent), (Condition::Foreign, MotionSensorError::Foreign)]
+    {
         let (world, sensor, processor, _) = bench(condition);
         assert_eq!(world.block_on(driver(&world, &sensor, &processor).start()), Some(Err(found)));
     }

@@ -13,7 +13,7 @@ use firmware_common::lines::LinePace;
 use firmware_tag::motion;
 use firmware_tag::motion::lis2dh12::{Lis2dh12, Sa0Pad};
 use firmware_tag::scan::{self, Plan};
-use firmware_tag::{AnchorPlace, Handover, KnownBeacons, Locator, Pace, Surveyed};
+use firmware_tag::{AnchorPlace, KnownBeacons, Locator, RateControl, Surveyed, TaskChannels};
 use positioning_core::Blocked;
 use positioning_core::engine::Solvers;
 use positioning_core::nlos::Model;
@@ -387,22 +387,22 @@ async fn live<R: Restart + 'static>(
     radio: R,
     delay: SimDelay,
     machine: impl Machine,
-    (locator, pace): (Locator<'_>, Pace),
+    (locator, pace): (Locator<'_>, RateControl),
     sink: TagSink,
     (ears, sensor): (Option<Ears>, Option<Sensor>),
 ) -> Infallible {
     let processor = sink.processor.clone();
     let background = delay.for_background();
-    let (handover, sink) = (Rc::new(Handover::<NoopRawMutex>::new()), Rc::new(sink));
+    let (channels, sink) = (Rc::new(TaskChannels::<NoopRawMutex>::new()), Rc::new(sink));
     let motion = async {
         if let Some(sensor) = sensor {
             let (twi, int1) = (sensor.twi(&processor), sensor.int1(&processor));
             let sensor = Lis2dh12::new(twi, Sa0Pad::High, int1, background.clone());
-            motion::run(&handover, sensor, background.clone(), &*sink).await;
+            motion::run(&channels, sensor, background.clone(), &*sink).await;
         }
         pending::<Infallible>().await
     };
-    let life = tag_tasks(radio, delay, machine, (locator, pace), (&handover, &sink), ears);
+    let life = tag_tasks(radio, delay, machine, (locator, pace), (&channels, &sink), ears);
     join(life, motion).await.0
 }
 
@@ -410,28 +410,28 @@ async fn tag_tasks<R: Restart + 'static>(
     radio: R,
     delay: SimDelay,
     machine: impl Machine,
-    (locator, pace): (Locator<'_>, Pace),
-    (handover, sink): (&Rc<Handover<NoopRawMutex>>, &Rc<TagSink>),
+    (locator, pace): (Locator<'_>, RateControl),
+    (channels, sink): (&Rc<TaskChannels<NoopRawMutex>>, &Rc<TagSink>),
     ears: Option<Ears>,
 ) -> Infallible {
     let processor = sink.processor.clone();
     let background = delay.for_background();
     let Some(Ears { air, address, path, plan, known, levels }) = ears else {
-        let ranging = firmware_tag::ranging(radio, delay, machine, handover, &**sink);
-        return join(ranging, firmware_tag::engine(handover, background, locator, pace, &**sink)).await.0;
+        let ranging = firmware_tag::ranging(radio, delay, machine, channels, &**sink);
+        return join(ranging, firmware_tag::engine(channels, background, locator, pace, &**sink)).await.0;
     };
     let world = sink.notebook.world.clone();
     let scanner = {
-        let (handover, sink) = (handover.clone(), sink.clone());
-        air.scanner(address, path, move |data, rssi_dbm| scan::hear(&handover, &*sink, data, rssi_dbm))
+        let (channels, sink) = (channels.clone(), sink.clone());
+        air.scanner(address, path, move |data, rssi_dbm| scan::hear(&channels, &*sink, data, rssi_dbm))
     };
     let scanner = Interfering { scanner, world, processor, address };
     let models = levels.as_deref().map_or(Err(node_record::LoadError::Missing), node_record::decode_models);
     let surveyed = Surveyed::of(models, &known, |condition| sink.unused(condition));
     let locator = locator.with_beacons(KnownBeacons::new(&known, None)).with_surveyed(&surveyed);
-    let ranging = firmware_tag::ranging(radio, delay, machine, handover, &**sink);
-    let engine = firmware_tag::engine(handover, background.clone(), locator, pace, &**sink);
-    join3(ranging, engine, scan::run(handover, plan, scanner, background, &**sink)).await.0
+    let ranging = firmware_tag::ranging(radio, delay, machine, channels, &**sink);
+    let engine = firmware_tag::engine(channels, background.clone(), locator, pace, &**sink);
+    join3(ranging, engine, scan::run(channels, plan, scanner, background, &**sink)).await.0
 }
 
 impl Firmware for TagFirmware {
@@ -472,7 +472,7 @@ impl Firmware for TagFirmware {
                     // Native anchors tell where they are.
                     let locator = locator(&settings, &[], model);
                     let sensor = sensor.filter(|_| still.is_some());
-                    live(radio, delay, machine, (locator, Pace::new(rate, still)), sink, (ears, sensor)).await
+                    live(radio, delay, machine, (locator, RateControl::new(rate, still)), sink, (ears, sensor)).await
                 }
                 Mode::Listening { .. } => {
                     let period = settings.rate_hz.map(period);
@@ -481,7 +481,7 @@ impl Firmware for TagFirmware {
                     let machine = Charged::new(machine, &sink.processor);
                     let rate = period.map_or(native::Rate::Greedy, native::Rate::Every);
                     let locator = locator(&settings, &[], model);
-                    live(radio, delay, machine, (locator, Pace::new(rate, None)), sink, (ears, None)).await
+                    live(radio, delay, machine, (locator, RateControl::new(rate, None)), sink, (ears, None)).await
                 }
                 Mode::DecaRanging(variant) => {
                     let period = period(settings.rate_hz.unwrap_or(DECARANGING_HZ));
@@ -500,7 +500,7 @@ impl Firmware for TagFirmware {
                     });
                     let places: Vec<_> = places.collect();
                     let locator = locator(&settings, &places, model);
-                    let pace = Pace::new(native::Rate::Every(period), None);
+                    let pace = RateControl::new(native::Rate::Every(period), None);
                     live(radio, delay, machine, (locator, pace), sink, (ears, None)).await
                 }
             }

@@ -29,7 +29,7 @@ pub fn start(spawner: Spawner) {
     let (hello, followed) = node::introduce(reporter, esp::KIND, telemetry::Role::Anchor, start);
     let mut tasks = Tasks::None;
     if let Some((record, settings)) = followed {
-        let complain = |condition| reporter.journal.state(reporter.now_us(), condition);
+        let complain = |condition| reporter.event_log.state(reporter.now_us(), condition);
         match (settings.role, uwb.wire(&record)) {
             (Role::Anchor { position_m }, Ok(uwb)) => {
                 tasks = Tasks::Ranging;

@@ -33,13 +33,13 @@ struct Told;
 impl Listener for Told {
     fn advertising(&mut self, advertisement: &Advertisement) {
         defmt::info!("on the air: {}", advertisement);
-        REPORTER.journal.state(REPORTER.now_us(), Condition::Advertising);
+        REPORTER.event_log.state(REPORTER.now_us(), Condition::Advertising);
     }
 
     fn failed(&mut self, error: &impl core::fmt::Debug, failures: u32) {
         // No sign of life: where this goes on, the watchdog starts the chip anew.
         REPORTER.counts.radio_failures.add();
-        REPORTER.journal.state(REPORTER.now_us(), Condition::RadioFailed(failures));
+        REPORTER.event_log.state(REPORTER.now_us(), Condition::RadioFailed(failures));
         let _ = error;
     }
 
@@ -67,7 +67,7 @@ pub fn start(spawner: Spawner) {
     let (hello, followed) = node::introduce(&REPORTER, esp::KIND, telemetry::Role::Beacon, start);
     let mut tasks = Tasks::None;
     if let Some((record, _)) = followed {
-        let complain = |condition| REPORTER.journal.state(REPORTER.now_us(), condition);
+        let complain = |condition| REPORTER.event_log.state(REPORTER.now_us(), condition);
         match Settings::of(&record, address) {
             Ok(settings) => {
                 // The app shows that it is alive as ranging does elsewhere.

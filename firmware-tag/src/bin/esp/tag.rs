@@ -8,7 +8,7 @@ use embassy_time::Delay;
 use firmware_common::{Settings, TagMachine};
 #[cfg(feature = "ble")]
 use firmware_tag::Surveyed;
-use firmware_tag::{AnchorPlace, Locator, Pace, Shelf, Told};
+use firmware_tag::{AnchorPlace, Locator, NlosModelStore, RateControl, TelemetrySink};
 use node_record::{Pages, Record, Role, Tag};
 use positioning_core::nlos::NodeModel;
 use ranging::dw1000::Dw1000;
@@ -18,14 +18,14 @@ use static_cell::StaticCell;
 use telemetry::{Condition, RecordError};
 
 type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
-type Handover = firmware_tag::Handover<Guard>;
+type TaskChannels = firmware_tag::TaskChannels<Guard>;
 
 static REPORTER: StaticCell<Reporter> = StaticCell::new();
-static HANDOVER: StaticCell<Handover> = StaticCell::new();
+static CHANNELS: StaticCell<TaskChannels> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
 static MACHINE: StaticCell<TagMachine> = StaticCell::new();
 static RECORD: StaticCell<Record> = StaticCell::new();
-static SHELF: Shelf = Shelf::new();
+static NLOS_MODEL: NlosModelStore = NlosModelStore::new();
 static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
 
 /// The flash is not in the processor's memory: what it has of beacons' levels is copied, once.
@@ -38,7 +38,7 @@ static SURVEYED: StaticCell<Surveyed<'static>> = StaticCell::new();
 /// What the tag's tasks share.
 #[derive(Clone, Copy)]
 struct Shared {
-    handover: &'static Handover,
+    channels: &'static TaskChannels,
     reporter: &'static Reporter,
     record: &'static Record,
     #[cfg(feature = "ble")]
@@ -48,14 +48,14 @@ struct Shared {
 }
 
 impl Shared {
-    fn told(&self) -> Told<'static, Guard, { node::TELEMETRY_BYTES }> {
-        Told::new(self.reporter, self.tag.report_ranges)
+    fn told(&self) -> TelemetrySink<'static, Guard, { node::TELEMETRY_BYTES }> {
+        TelemetrySink::new(self.reporter, self.tag.report_ranges)
     }
 }
 
 #[embassy_executor::task]
 async fn ranging(radio: &'static mut Radio, machine: &'static mut TagMachine, shared: Shared) {
-    firmware_tag::ranging(radio, Delay, machine, shared.handover, &shared.told()).await;
+    firmware_tag::ranging(radio, Delay, machine, shared.channels, &shared.told()).await;
 }
 
 #[embassy_executor::task]
@@ -63,8 +63,8 @@ async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
     let locator = Locator::of(&shared.tag, shared.record, anchors).with_model(shared.model);
     #[cfg(feature = "ble")]
     let locator = locator.with_surveyed(shared.surveyed);
-    let pace = Pace::of(&shared.tag);
-    firmware_tag::engine(shared.handover, Delay, locator, pace, &shared.told()).await;
+    let pace = RateControl::of(&shared.tag);
+    firmware_tag::engine(shared.channels, Delay, locator, pace, &shared.told()).await;
 }
 
 #[cfg(feature = "ble")]
@@ -91,9 +91,9 @@ mod bluetooth {
                 return;
             }
         };
-        let (handover, told) = (shared.handover, shared.told());
-        let listening = scanner.listen(|heard| scan::hear(handover, &told, heard.data, heard.rssi));
-        let scanning = scan::run(handover, wanted.into(), Commanded(&scanner), Delay, &told);
+        let (channels, told) = (shared.channels, shared.told());
+        let listening = scanner.listen(|heard| scan::hear(channels, &told, heard.data, heard.rssi));
+        let scanning = scan::run(channels, wanted.into(), Commanded(&scanner), Delay, &told);
         join(listening, scanning).await;
     }
 }
@@ -115,11 +115,11 @@ pub fn start(spawner: Spawner) {
     let mut tasks = Tasks::None;
     if let Some((record, settings)) = followed {
         let record: &_ = RECORD.init(record);
-        let complain = |condition| reporter.journal.state(reporter.now_us(), condition);
+        let complain = |condition| reporter.event_log.state(reporter.now_us(), condition);
         match (settings.role, board.uwb.wire(record)) {
             (Role::Tag(tag), Ok(uwb)) => {
                 tasks = Tasks::RangingAndEngine;
-                let model = SHELF.fill(&mut board.flash, Pages::ESP.offsets);
+                let model = NLOS_MODEL.fill(&mut board.flash, Pages::ESP.offsets);
                 #[cfg(feature = "ble")]
                 let surveyed = {
                     let models = match Pages::ESP.models {
@@ -129,7 +129,7 @@ pub fn start(spawner: Spawner) {
                     SURVEYED.init_with(|| Surveyed::of(models, &record.beacons, complain))
                 };
                 let shared = Shared {
-                    handover: HANDOVER.init_with(Handover::new),
+                    channels: CHANNELS.init_with(TaskChannels::new),
                     reporter,
                     record,
                     #[cfg(feature = "ble")]

@@ -1,6 +1,6 @@
 //! A process as a map for the node: the levels to be expected on a lattice, with their deviations.
 
-use positioning_core::ble::fingerprint::{MapError, MAX_NODE_POINTS, Point};
+use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, MapError, Point};
 
 use super::process::{Process, apart};
 use super::survey::{Survey, to_bytes};

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use positioning_core::ble::fingerprint::{MapError, Map};
+use positioning_core::ble::fingerprint::{Map, MapError};
 
 use super::chart::{Grid, chart};
 use super::comparison::Comparison;

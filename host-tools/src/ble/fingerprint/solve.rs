@@ -1,7 +1,7 @@
 //! Positions of captures by maps: what `baliza ble fingerprint` does, with the node's own code in the node's own `f32`.
 
 use positioning_core::ble::fingerprint::{
-    self, MapError, Map, Motion, Nearest, Posterior, Receiver, Vicinity, Walk, locate,
+    self, Map, MapError, Motion, Nearest, Posterior, Receiver, Vicinity, Walk, locate,
 };
 use positioning_core::ble::particles::{ON_HOST, ParticleFilter, Settings, Towards};
 use positioning_core::ble::path_loss::Wall;

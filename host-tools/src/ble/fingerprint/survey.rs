@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use positioning_core::ble::fingerprint::{MapError, MAX_BEACONS, Point, encode};
+use positioning_core::ble::fingerprint::{MAX_BEACONS, MapError, Point, encode};
 use positioning_core::ble::signal::level;
 
 use super::process::apart;

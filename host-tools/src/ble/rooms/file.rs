@@ -2,7 +2,7 @@
 //!
 //! The names are one line of JSON, `{"beacons":["1","2"],"rooms":["hall","attic"]}`, in the model's order.
 
-use positioning_core::ble::rooms::{Classifier, StoredError, Model};
+use positioning_core::ble::rooms::{Classifier, Model, StoredError};
 use serde::{Deserialize, Serialize};
 
 /// What a model's numbers stand for.

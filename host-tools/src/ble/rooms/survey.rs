@@ -67,7 +67,9 @@ impl Survey {
         }
         match (survey.rooms.len(), survey.points.len()) {
             (_, 0) => Err(UserError::line(file, 1, "none of its levels is one that a receiver can have measured")),
-            (0 | 1, _) => Err(UserError::line(file, 1, "its points are all in one room: there is nothing to tell apart")),
+            (0 | 1, _) => {
+                Err(UserError::line(file, 1, "its points are all in one room: there is nothing to tell apart"))
+            }
             (_, _) => Ok(survey),
         }
     }
@@ -90,7 +92,11 @@ impl Survey {
     fn add(&mut self, file: &Path, stays: &[Stay], window_s: f64, learnt: bool) -> Result<(), UserError> {
         for stay in stays {
             let Some(room) = &stay.room else {
-                return Err(UserError::line(file, 1, format!("point {:?} has no room: column room is needed", stay.point)));
+                return Err(UserError::line(
+                    file,
+                    1,
+                    format!("point {:?} has no room: column room is needed", stay.point),
+                ));
             };
             let known = self.rooms.iter().position(|known| known == room);
             let room = known.unwrap_or_else(|| {

@@ -7,7 +7,7 @@ use anyhow::Result;
 use host_tools::ble::files::read_stays;
 use host_tools::ble::fingerprint::{Comparison, Grid, Making, Maps, Setup, held_out, spread};
 use host_tools::{Statistics, UserError, output};
-use positioning_core::ble::fingerprint::{MapError, MAX_NODE_POINTS, Map};
+use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map, MapError};
 
 use super::fingerprint::Averages;
 use super::{Place, survey_of};

@@ -1,6 +1,6 @@
 //! Points and levels in, a map's bytes out.
 
-use super::map::{CHECKSUM, DEVIATIONS_DB, MapError, HEADER, MAGIC, MAX_BEACONS, VERSION, WITH_DEVIATIONS, stride};
+use super::map::{CHECKSUM, DEVIATIONS_DB, HEADER, MAGIC, MAX_BEACONS, MapError, VERSION, WITH_DEVIATIONS, stride};
 
 /// A point for a map.
 #[derive(Clone, Copy, Debug, PartialEq)]

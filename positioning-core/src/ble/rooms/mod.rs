@@ -19,7 +19,7 @@ mod presence;
 mod svm;
 
 #[cfg(feature = "serde")]
-pub use model::{StoredError, Kind, MODEL_VERSION, Model, NodeModel};
+pub use model::{Kind, MODEL_VERSION, Model, NodeModel, StoredError};
 pub use nearest::{Nearest, UNHEARD, level_byte};
 pub use outline::{Outlines, Spot};
 pub use presence::{Presence, Settings, Whereabouts};

@@ -16,7 +16,7 @@ use super::offset::ReceiverOffset;
 use super::path_loss::Wall;
 use super::posterior::{Belief, Posterior, posterior, too_loud};
 use crate::engine::BeaconPosition;
-use crate::{Area, MAX_ANCHORS, SolveError, Real};
+use crate::{Area, MAX_ANCHORS, Real, SolveError};
 use standing::Record;
 
 /// Beacons are judged no sooner again, microseconds.

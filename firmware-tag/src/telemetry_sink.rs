@@ -9,41 +9,41 @@ use telemetry::{Condition, Difference, Fix, MotionSensor, Outcome, Range, Sighti
 use crate::{Epoch, Measured, Position, RoomTold, Sink, Task};
 
 /// A tag's results, told by a reporter.
-pub struct Told<'r, M: RawMutex, const BYTES: usize> {
+pub struct TelemetrySink<'r, M: RawMutex, const BYTES: usize> {
     reporter: &'r Reporter<M, BYTES>,
     report_ranges: bool,
 }
 
-impl<'r, M: RawMutex, const BYTES: usize> Told<'r, M, BYTES> {
-    /// Told by this reporter, with each range or without.
+impl<'r, M: RawMutex, const BYTES: usize> TelemetrySink<'r, M, BYTES> {
+    /// TelemetrySink by this reporter, with each range or without.
     pub const fn new(reporter: &'r Reporter<M, BYTES>, report_ranges: bool) -> Self {
         Self { reporter, report_ranges }
     }
 }
 
-impl<M: RawMutex, const BYTES: usize> Clone for Told<'_, M, BYTES> {
+impl<M: RawMutex, const BYTES: usize> Clone for TelemetrySink<'_, M, BYTES> {
     fn clone(&self) -> Self {
         *self
     }
 }
 
-impl<M: RawMutex, const BYTES: usize> Copy for Told<'_, M, BYTES> {}
+impl<M: RawMutex, const BYTES: usize> Copy for TelemetrySink<'_, M, BYTES> {}
 
-impl<M: RawMutex, const BYTES: usize> Sink for Told<'_, M, BYTES> {
+impl<M: RawMutex, const BYTES: usize> Sink for TelemetrySink<'_, M, BYTES> {
     fn now_us(&self) -> u64 {
         self.reporter.now_us()
     }
 
     async fn publish(&self, epoch: Epoch<'_>) {
         let t_us = self.now_us();
-        let (measured, journal) = (epoch.measured, &self.reporter.journal);
+        let (measured, event_log) = (epoch.measured, &self.reporter.event_log);
         if self.report_ranges {
             match &measured {
                 Measured::Ranges(round) => {
-                    round.ranges.iter().for_each(|range| journal.range(Range::new(t_us, round.number, range)));
+                    round.ranges.iter().for_each(|range| event_log.range(Range::new(t_us, round.number, range)));
                 }
                 Measured::Differences(round) => {
-                    Difference::of(t_us, round).for_each(|difference| journal.difference(difference));
+                    Difference::of(t_us, round).for_each(|difference| event_log.difference(difference));
                 }
                 // Sightings are told as they come.
                 Measured::Levels(_) => {}
@@ -58,7 +58,7 @@ impl<M: RawMutex, const BYTES: usize> Sink for Told<'_, M, BYTES> {
         let age_us = u32::try_from(t_us.saturating_sub(epoch.poll_us)).unwrap_or(u32::MAX);
         let (round, asked) = (measured.number(), measured.asked());
         let fix = Fix { t_us, round, age_us, asked, outcome, solver: in_telemetry(epoch.solver) };
-        journal.fix(fix, measured.count() as u8);
+        event_log.fix(fix, measured.count() as u8);
     }
 
     fn step(&self, event: &Event<'_>) {
@@ -70,7 +70,7 @@ impl<M: RawMutex, const BYTES: usize> Sink for Told<'_, M, BYTES> {
     }
 
     fn link(&self, link: Link) {
-        self.reporter.journal.link(self.now_us(), link);
+        self.reporter.event_log.link(self.now_us(), link);
     }
 
     fn radio_failed(&self, error: &impl core::fmt::Debug, failures: u32) {
@@ -88,19 +88,19 @@ impl<M: RawMutex, const BYTES: usize> Sink for Told<'_, M, BYTES> {
     }
 
     fn sighting(&self, sighting: Sighting) {
-        self.reporter.journal.sighting(sighting);
+        self.reporter.event_log.sighting(sighting);
     }
 
     fn beacon(&self, word: Condition) {
-        self.reporter.journal.state(self.now_us(), word);
+        self.reporter.event_log.state(self.now_us(), word);
     }
 
     fn room(&self, told: RoomTold) {
-        self.reporter.journal.room(told.room, told.is_news);
+        self.reporter.event_log.room(told.room, told.is_news);
     }
 
     fn motion_sensor(&self, state: MotionSensor) {
-        self.reporter.journal.state(self.now_us(), Condition::MotionSensor(state));
+        self.reporter.event_log.state(self.now_us(), Condition::MotionSensor(state));
     }
 
     fn heard(&self, dropped: u32) {
@@ -109,7 +109,7 @@ impl<M: RawMutex, const BYTES: usize> Sink for Told<'_, M, BYTES> {
     }
 
     fn scanner_restarted(&self, times: u32) {
-        self.reporter.journal.state(self.now_us(), Condition::ScannerRestarted(times));
+        self.reporter.event_log.state(self.now_us(), Condition::ScannerRestarted(times));
     }
 }
 

@@ -166,7 +166,7 @@ pub(crate) struct Quiet {
 }
 
 /// Between the tasks of one tag, for a `static`.
-pub struct Handover<M: RawMutex> {
+pub struct TaskChannels<M: RawMutex> {
     rounds: Channel<M, Round, ROUNDS>,
     guidance: Mutex<M, Cell<Guidance>>,
     workload: Mutex<M, RefCell<Workload>>,
@@ -179,7 +179,7 @@ pub struct Handover<M: RawMutex> {
     pub(crate) heard: Tally,
 }
 
-impl<M: RawMutex> Handover<M> {
+impl<M: RawMutex> TaskChannels<M> {
     /// Nothing has happened yet.
     pub const fn new() -> Self {
         Self {
@@ -276,7 +276,7 @@ impl<M: RawMutex> Handover<M> {
     }
 }
 
-impl<M: RawMutex> Default for Handover<M> {
+impl<M: RawMutex> Default for TaskChannels<M> {
     fn default() -> Self {
         Self::new()
     }
@@ -306,52 +306,52 @@ mod tests {
 
     #[test]
     fn the_oldest_round_goes_when_the_engine_is_late() {
-        let handover = Handover::<NoopRawMutex>::new();
-        let dropped: std::vec::Vec<u32> = (1..=4).map(|number| handover.put_ranges(&round(number), 0, None)).collect();
+        let channels = TaskChannels::<NoopRawMutex>::new();
+        let dropped: std::vec::Vec<u32> = (1..=4).map(|number| channels.put_ranges(&round(number), 0, None)).collect();
         assert_eq!(dropped, [0, 0, 1, 1]);
-        assert_eq!(block_on(handover.next_round()).measured().number(), 3);
-        assert_eq!(block_on(handover.next_round()).measured().number(), 4);
+        assert_eq!(block_on(channels.next_round()).measured().number(), 3);
+        assert_eq!(block_on(channels.next_round()).measured().number(), 4);
     }
 
     #[test]
     fn a_rate_waits_until_it_is_taken_and_a_position_stays() {
-        let handover = Handover::<NoopRawMutex>::new();
-        handover.guide(Guidance { rate: Some(Rate::Greedy), ..Guidance::NONE });
-        handover.guide(Guidance { position_m: Some([1.0, 2.0, 3.0]), turns: true, ..Guidance::NONE });
+        let channels = TaskChannels::<NoopRawMutex>::new();
+        channels.guide(Guidance { rate: Some(Rate::Greedy), ..Guidance::NONE });
+        channels.guide(Guidance { position_m: Some([1.0, 2.0, 3.0]), turns: true, ..Guidance::NONE });
         let rate = Some(Rate::Greedy);
         let taken = Guidance { position_m: Some([1.0, 2.0, 3.0]), rate, turns: true, ..Guidance::NONE };
-        assert_eq!(handover.take_guidance(0), taken);
-        assert_eq!(handover.take_guidance(0), Guidance { rate: None, ..taken });
+        assert_eq!(channels.take_guidance(0), taken);
+        assert_eq!(channels.take_guidance(0), Guidance { rate: None, ..taken });
     }
 
     #[test]
     fn who_is_roused_takes_the_rate_once() {
-        let handover = Handover::<NoopRawMutex>::new();
+        let channels = TaskChannels::<NoopRawMutex>::new();
         let every = Rate::Every(RadioDuration::from_micros(100_000));
-        handover.guide(Guidance { position_m: Some([1.0, 2.0, 3.0]), ..Guidance::NONE });
-        handover.rouse(every);
+        channels.guide(Guidance { position_m: Some([1.0, 2.0, 3.0]), ..Guidance::NONE });
+        channels.rouse(every);
         let taken = Guidance { position_m: Some([1.0, 2.0, 3.0]), rate: Some(every), ..Guidance::NONE };
-        assert_eq!(block_on(handover.roused(|| 0)), taken);
+        assert_eq!(block_on(channels.roused(|| 0)), taken);
         // Taken by a report, it rouses nobody: the next one does.
-        handover.rouse(every);
-        handover.take_guidance(0);
-        assert_eq!(poll_once(handover.roused(|| 0)), core::task::Poll::Pending);
-        handover.rouse(Rate::Greedy);
-        assert_eq!(block_on(handover.roused(|| 0)).rate, Some(Rate::Greedy));
+        channels.rouse(every);
+        channels.take_guidance(0);
+        assert_eq!(poll_once(channels.roused(|| 0)), core::task::Poll::Pending);
+        channels.rouse(Rate::Greedy);
+        assert_eq!(block_on(channels.roused(|| 0)).rate, Some(Rate::Greedy));
     }
 
     #[test]
     fn ranging_hears_how_long_the_engine_will_be_busy() {
-        let handover = Handover::<NoopRawMutex>::new();
-        let busy = |now_us| handover.take_guidance(now_us).busy.as_micros();
-        handover.begin(10_000);
-        handover.end(13_000);
+        let channels = TaskChannels::<NoopRawMutex>::new();
+        let busy = |now_us| channels.take_guidance(now_us).busy.as_micros();
+        channels.begin(10_000);
+        channels.end(13_000);
         assert_eq!(busy(13_000), 0);
-        handover.put_ranges(&round(1), 0, None);
+        channels.put_ranges(&round(1), 0, None);
         assert_eq!(busy(20_000), 3_000);
-        block_on(handover.next_round());
-        handover.begin(20_000);
-        handover.put_ranges(&round(2), 0, None);
+        block_on(channels.next_round());
+        channels.begin(20_000);
+        channels.put_ranges(&round(2), 0, None);
         // Two of the three milliseconds of the first, and three of the second.
         assert_eq!(busy(21_000), 5_000);
     }

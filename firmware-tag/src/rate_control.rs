@@ -40,7 +40,7 @@ const MOST_IN_VAIN: u8 = 6;
 
 /// The rates of a tag, and which it is at.
 #[derive(Clone, Debug)]
-pub struct Pace {
+pub struct RateControl {
     full: Rate,
     /// None: the full one always.
     still: Option<Rate>,
@@ -77,7 +77,7 @@ struct Waking {
     has_left: bool,
 }
 
-impl Pace {
+impl RateControl {
     /// That of a tag with this record.
     pub fn of(tag: &node_record::Tag) -> Self {
         let still = tag.still_rate_chz.map(|chz| machines::rate(Some(chz)));
@@ -224,12 +224,12 @@ mod tests {
         Position { position_m: [x, 1.0, 1.5], covariance_m2, used: 0b1111, quality: 1.0 }
     }
 
-    fn pace() -> Pace {
-        Pace::new(Rate::Greedy, Some(SLOW))
+    fn pace() -> RateControl {
+        RateControl::new(Rate::Greedy, Some(SLOW))
     }
 
     /// Lies at 0 from `from_s` on until it is still; when that was, seconds.
-    fn until_still(pace: &mut Pace, from_s: f64) -> f64 {
+    fn until_still(pace: &mut RateControl, from_s: f64) -> f64 {
         let mut t_s = from_s;
         loop {
             match pace.after((t_s * 1e6) as u64, Some(&at(0.0))) {
@@ -278,12 +278,12 @@ mod tests {
 
     #[test]
     fn without_a_still_rate_nothing_changes() {
-        let mut pace = Pace::new(Rate::Greedy, None);
+        let mut pace = RateControl::new(Rate::Greedy, None);
         assert!((0..1000_u64).all(|step| pace.after(step * 100_000, Some(&at(0.0))).is_none()));
     }
 
     /// Rounds each second with a position at x, and movements each half second, from `from_s` to `to_s`; when the rate changed, seconds.
-    fn shaken(pace: &mut Pace, x: f32, from_s: u64, to_s: u64) -> Vec<(u64, Rate)> {
+    fn shaken(pace: &mut RateControl, x: f32, from_s: u64, to_s: u64) -> Vec<(u64, Rate)> {
         let mut changes = Vec::new();
         for second in from_s..to_s {
             let mut note = |rate: Option<Rate>| changes.extend(rate.map(|rate| (second, rate)));
@@ -295,7 +295,7 @@ mod tests {
     }
 
     /// A tag with a sensor that has been still since 6 s.
-    fn watched() -> Pace {
+    fn watched() -> RateControl {
         let mut pace = pace();
         assert_eq!(pace.moved(0), None);
         until_still(&mut pace, 1.0);

@@ -6,12 +6,12 @@ use positioning_core::nlos::NodeModel;
 use static_cell::StaticCell;
 
 /// Room for one, for a `static`.
-pub struct Shelf {
+pub struct NlosModelStore {
     bytes: StaticCell<[u8; MODEL_BYTES]>,
     model: StaticCell<NodeModel>,
 }
 
-impl Shelf {
+impl NlosModelStore {
     /// Empty.
     pub const fn new() -> Self {
         Self { bytes: StaticCell::new(), model: StaticCell::new() }
@@ -36,7 +36,7 @@ impl Shelf {
     }
 }
 
-impl Default for Shelf {
+impl Default for NlosModelStore {
     fn default() -> Self {
         Self::new()
     }

@@ -1,7 +1,7 @@
 //! What a node tells: each entry becomes a telemetry frame in a queue and, where a person wants to read it, a line of the log.
 //!
 //! Writing never waits: a full queue drops its oldest frames and counts them. Whoever has a channel to the host takes the frames
-//! out with [`Journal::drain`].
+//! out with [`EventLog::drain`].
 
 use core::cell::{Cell, RefCell};
 
@@ -23,8 +23,8 @@ use crate::supervision::{Lights, Lit};
 const HELLO_S: u32 = 2;
 const COUNTERS_S: u32 = 5;
 
-/// The journal of a node, for a `static`: `BYTES` of frames wait at most.
-pub struct Journal<M: RawMutex, const BYTES: usize> {
+/// The event log of a node, for a `static`: `BYTES` of frames wait at most.
+pub struct EventLog<M: RawMutex, const BYTES: usize> {
     queue: Mutex<M, RefCell<Queue<BYTES>>>,
     lights: Mutex<M, Cell<Lights>>,
     fix_lines: Mutex<M, RefCell<LinePace>>,
@@ -38,7 +38,7 @@ macro_rules! log {
     };
 }
 
-impl<M: RawMutex, const BYTES: usize> Journal<M, BYTES> {
+impl<M: RawMutex, const BYTES: usize> EventLog<M, BYTES> {
     /// An empty one.
     pub const fn new() -> Self {
         Self {
@@ -210,7 +210,7 @@ impl<M: RawMutex, const BYTES: usize> Journal<M, BYTES> {
     }
 }
 
-impl<M: RawMutex, const BYTES: usize> Default for Journal<M, BYTES> {
+impl<M: RawMutex, const BYTES: usize> Default for EventLog<M, BYTES> {
     fn default() -> Self {
         Self::new()
     }
@@ -229,9 +229,9 @@ mod tests {
 
     const HELLO: Hello = Hello { t_us: 0, eui: 1, address: 2, role: Role::Tag, board: Board::Simulated, build: [0; 8] };
 
-    fn messages<const BYTES: usize>(journal: &Journal<NoopRawMutex, BYTES>) -> Vec<Message> {
+    fn messages<const BYTES: usize>(event_log: &EventLog<NoopRawMutex, BYTES>) -> Vec<Message> {
         let mut bytes = Vec::new();
-        journal.drain(|frame| {
+        event_log.drain(|frame| {
             bytes.extend_from_slice(frame);
             true
         });
@@ -241,44 +241,44 @@ mod tests {
 
     #[test]
     fn entries_come_out_as_frames_in_their_order() {
-        let journal = Journal::<NoopRawMutex, 512>::new();
+        let event_log = EventLog::<NoopRawMutex, 512>::new();
         let reset = Reset { t_us: 1, cause: ResetCause::PowerOn, crash: None };
-        journal.reset(reset);
-        journal.greet(HELLO);
-        journal.state(3, Condition::Searching);
+        event_log.reset(reset);
+        event_log.greet(HELLO);
+        event_log.state(3, Condition::Searching);
         let state = State { t_us: 3, is: Condition::Searching };
-        assert_eq!(messages(&journal), [Message::Reset(reset), Message::Hello(HELLO), Message::State(state)]);
-        assert_eq!(messages(&journal), []);
+        assert_eq!(messages(&event_log), [Message::Reset(reset), Message::Hello(HELLO), Message::State(state)]);
+        assert_eq!(messages(&event_log), []);
     }
 
     #[test]
     fn a_channel_that_is_full_gets_the_rest_later() {
-        let journal = Journal::<NoopRawMutex, 512>::new();
+        let event_log = EventLog::<NoopRawMutex, 512>::new();
         for t_us in 0..3 {
-            journal.state(t_us, Condition::Searching);
+            event_log.state(t_us, Condition::Searching);
         }
         let room = Cell::new(2);
         let mut taken = 0;
-        journal.drain(|_| {
+        event_log.drain(|_| {
             let fits = room.get() > 0;
             room.set(room.get() - i32::from(fits));
             taken += i32::from(fits);
             fits
         });
         assert_eq!(taken, 2);
-        assert_eq!(messages(&journal), [Message::State(State { t_us: 2, is: Condition::Searching })]);
+        assert_eq!(messages(&event_log), [Message::State(State { t_us: 2, is: Condition::Searching })]);
     }
 
     #[test]
     fn a_full_queue_drops_the_oldest_and_counts_them() {
-        let journal = Journal::<NoopRawMutex, 256>::new();
+        let event_log = EventLog::<NoopRawMutex, 256>::new();
         for t_us in 0..100 {
-            journal.state(t_us, Condition::Searching);
+            event_log.state(t_us, Condition::Searching);
         }
-        let left = messages(&journal);
-        assert_eq!(left.len() + journal.dropped() as usize, 100);
+        let left = messages(&event_log);
+        assert_eq!(left.len() + event_log.dropped() as usize, 100);
         assert_eq!(left.last(), Some(&Message::State(State { t_us: 99, is: Condition::Searching })));
-        assert!(journal.dropped() > 0 && !left.is_empty());
+        assert!(event_log.dropped() > 0 && !left.is_empty());
     }
 
     /// Passes a second at each wait.
@@ -294,16 +294,16 @@ mod tests {
 
     #[test]
     fn who_is_speaking_and_the_counters_are_repeated() {
-        let journal = Journal::<NoopRawMutex, 1024>::new();
+        let event_log = EventLog::<NoopRawMutex, 1024>::new();
         let (now, counts) = (Cell::new(0), Counts::new());
         counts.sent.add();
-        let telling = journal.keep_telling(HELLO, &counts, || now.get(), Seconds(&now));
+        let telling = event_log.keep_telling(HELLO, &counts, || now.get(), Seconds(&now));
         let mut telling = pin!(telling);
         let mut context = core::task::Context::from_waker(core::task::Waker::noop());
         while now.get() < 10_500_000 {
             assert!(telling.as_mut().poll(&mut context).is_pending());
         }
-        let told = messages(&journal);
+        let told = messages(&event_log);
         let hellos: Vec<u64> =
             told.iter().filter_map(|m| if let Message::Hello(h) = m { Some(h.t_us) } else { None }).collect();
         assert_eq!(hellos, [2_000_000, 4_000_000, 6_000_000, 8_000_000, 10_000_000]);
