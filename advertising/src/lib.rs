@@ -2,7 +2,7 @@
 //!
 //! Advertising data → [`Structures`], one AD structure after the other → [`Payload`] or [`UidPayload`], a view over those of an
 //! iBeacon or an Eddystone-UID → [`IBeacon`] or [`EddystoneUid`], the representations that go inward, either as [`Advertised`]; and
-//! back with [`IBeacon::emit`] and [`EddystoneUid::emit`]. A [`Disguise`] hides an iBeacon's identity from whoever has not its key.
+//! back with [`IBeacon::emit`] and [`EddystoneUid::emit`]. A [`RotatingId`] hides an iBeacon's identity from whoever has not its key.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -10,13 +10,13 @@
 extern crate std;
 
 mod advertised;
-mod disguise;
 mod eddystone;
 mod ibeacon;
+mod rotating_id;
 mod structure;
 
 pub use advertised::{Advertised, Identity, NoBeacon};
-pub use disguise::{Disguise, Fresh, Revealed};
 pub use eddystone::{EDDYSTONE_LENGTH, EddystoneError, EddystoneUid, UidPayload};
 pub use ibeacon::{IBeacon, IBeaconError, LENGTH, Payload};
+pub use rotating_id::{Fresh, Revealed, RotatingId};
 pub use structure::{Structure, Structures, Truncated};

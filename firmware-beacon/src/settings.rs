@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use advertising::{Disguise, Fresh, IBeacon, LENGTH};
+use advertising::{Fresh, IBeacon, LENGTH, RotatingId};
 use node_record::{Record, Role};
 
 /// Random bytes that an advertisement takes.
@@ -85,7 +85,7 @@ pub struct Settings {
 }
 
 struct Rotation {
-    disguise: Disguise,
+    rotating_id: RotatingId,
     period_ms: u32,
 }
 
@@ -103,7 +103,7 @@ impl Settings {
             (0, _) => None,
             (_, None) => return Err(SettingsError::NoKey),
             (seconds, Some(key)) => {
-                Some(Rotation { disguise: Disguise::new(key), period_ms: 1000 * u32::from(seconds) })
+                Some(Rotation { rotating_id: RotatingId::new(key), period_ms: 1000 * u32::from(seconds) })
             }
         };
         Ok(Self {
@@ -136,7 +136,7 @@ impl Settings {
         let &[a, b, c, d, e, f, g, h, ref address @ ..] = random;
         let (beacon, address) = match &self.rotation {
             Some(rotation) => (
-                rotation.disguise.put_on(&self.beacon, Fresh::new([a, b, c, d, e, f, g, h])),
+                rotation.rotating_id.rotate(&self.beacon, Fresh::new([a, b, c, d, e, f, g, h])),
                 non_resolvable_address(*address),
             ),
             None => (self.beacon, self.address),

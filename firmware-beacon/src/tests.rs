@@ -7,7 +7,7 @@ use std::rc::Rc;
 use std::vec;
 use std::vec::Vec;
 
-use advertising::{Disguise, IBeacon, Revealed};
+use advertising::{IBeacon, Revealed, RotatingId};
 use node_record::{Advertiser, Calibration, Identity, Mode, Network, Phy, Record, Role};
 
 use super::*;
@@ -152,7 +152,7 @@ fn an_open_beacon_starts_once_and_stays() {
 }
 
 #[test]
-fn a_disguised_beacon_changes_data_and_address_in_time_and_our_tags_know_it() {
+fn a_beacon_with_rotating_identifiers_changes_data_and_address_in_time_and_our_tags_know_it() {
     let settings = settings(|advertiser| advertiser.rotate_s = 3).expect("a beacon's");
     // Three seconds an advertisement, in steps of one: seven delays are two rotations and a second.
     let seen = observe(&settings, 0, 7);
@@ -161,7 +161,7 @@ fn a_disguised_beacon_changes_data_and_address_in_time_and_our_tags_know_it() {
     for advertisement in &starts {
         let heard = IBeacon::parse(&advertisement.data).expect("an iBeacon");
         assert_eq!(
-            Disguise::new(&KEY).see_through(&heard),
+            RotatingId::new(&KEY).reveal(&heard),
             Some(Revealed { major: 3, minor: 7, measured_power_dbm: -59 })
         );
         assert_ne!((heard.uuid, heard.major, heard.minor), ([0x11; 16], 3, 7));

@@ -19,7 +19,7 @@ pub enum TagMachine {
     /// DecaRanging.
     DecaRanging(decaranging::Tag),
     /// Listening to rounds among anchors.
-    Listening(native::ListeningTag),
+    Listening(native::TdoaTag),
 }
 
 /// An anchor's side.
@@ -72,7 +72,7 @@ impl TagMachine {
                 antenna_delay: settings.antenna_delay(),
                 period: period(tag.rate_chz.unwrap_or(DECARANGING_CHZ)),
             })),
-            Exchange::Listening { .. } => Self::Listening(native::ListeningTag::new(native::ListeningTagConfig {
+            Exchange::Listening { .. } => Self::Listening(native::TdoaTag::new(native::TdoaTagConfig {
                 network,
                 period: tag.rate_chz.map(period),
             })),

@@ -8,9 +8,9 @@
 use heapless::Vec;
 use node_record::{Beacon, MAX_BEACONS};
 use positioning_core::Real;
+use positioning_core::ble::beacon_monitor::ON_NODE;
 use positioning_core::ble::path_loss::PathLoss;
 use positioning_core::ble::signal::{Kalman, Smoothing, Step, level};
-use positioning_core::ble::surroundings::ON_NODE;
 
 use crate::HEARS_BEACONS;
 use crate::channels::Level;

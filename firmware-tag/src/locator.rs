@@ -2,7 +2,7 @@
 
 use heapless::Vec;
 use node_record::Solver;
-use positioning_core::ble::surroundings::Known;
+use positioning_core::ble::beacon_monitor::Known;
 use positioning_core::engine::{Dimensions, NodeMethod, Settings, Solvers};
 use positioning_core::nlos::Classifier;
 use positioning_core::{Noise, Real, Side, SolveError};

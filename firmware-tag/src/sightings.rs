@@ -1,6 +1,6 @@
-//! The beacons that a tag knows: by their numbers, or through their disguise.
+//! The beacons that a tag knows: by their numbers, or by their rotating identifiers.
 
-use advertising::{Advertised, Disguise};
+use advertising::{Advertised, RotatingId};
 use node_record::{Beacon, Record};
 use telemetry::BeaconId;
 
@@ -8,7 +8,7 @@ use telemetry::BeaconId;
 #[derive(Clone)]
 pub struct KnownBeacons<'r> {
     beacons: &'r [Beacon],
-    /// Of their disguise. It is expanded for each advertisement: that is time, of which there is more than of RAM.
+    /// Of their rotating identifiers. It is expanded for each advertisement: that is time, of which there is more than of RAM.
     key: Option<&'r [u8; 16]>,
 }
 
@@ -26,7 +26,7 @@ impl<'r> KnownBeacons<'r> {
         Self::new(&record.beacons, record.beacon_key.as_ref())
     }
 
-    /// These, and whoever wears a disguise of this key. With an empty list every beacon is known, and the place of none.
+    /// These, and whoever has a rotating identifier by this key. With an empty list every beacon is known, and the place of none.
     pub fn new(beacons: &'r [Beacon], key: Option<&'r [u8; 16]>) -> Self {
         Self { beacons, key }
     }
@@ -39,13 +39,13 @@ impl<'r> KnownBeacons<'r> {
     /// Who it is, if it is one of ours.
     pub(crate) fn identify(&self, heard: &Advertised) -> Option<Known> {
         let revealed = match (heard, self.key) {
-            (Advertised::IBeacon(beacon), Some(key)) => Disguise::new(key).see_through(beacon),
+            (Advertised::IBeacon(beacon), Some(key)) => RotatingId::new(key).reveal(beacon),
             (Advertised::IBeacon(_), None) | (Advertised::EddystoneUid(_), _) => None,
         };
         let told = heard.identity();
         let (major, minor) = revealed.map_or((told.major, told.minor), |true_one| (true_one.major, true_one.minor));
         let place = self.beacons.iter().position(|beacon| (beacon.major, beacon.minor) == (major, minor));
-        // The UUID of a disguise says nothing.
+        // The UUID of a rotating identifier says nothing.
         let network = if revealed.is_some() { 0 } else { told.network };
         let known = Known { id: BeaconId { network, major, minor }, place };
         (place.is_some() || self.beacons.is_empty()).then_some(known)
@@ -91,13 +91,13 @@ mod tests {
     }
 
     #[test]
-    fn a_disguise_is_seen_through_with_the_key_only() {
-        let disguise = Disguise::new(&KEY);
+    fn a_rotating_identifier_is_revealed_with_the_key_only() {
+        let rotating_id = RotatingId::new(&KEY);
         let fresh = Fresh { salt: [1, 2, 3, 4], major: 900, minor: 901 };
-        let disguised = Advertised::IBeacon(disguise.put_on(&ibeacon(1, 2), fresh));
+        let rotated = Advertised::IBeacon(rotating_id.rotate(&ibeacon(1, 2), fresh));
         let list = [listed(1, 2)];
         let id = BeaconId { network: 0, major: 1, minor: 2 };
-        assert_eq!(KnownBeacons::new(&list, Some(&KEY)).identify(&disguised), Some(Known { id, place: Some(0) }));
-        assert_eq!(KnownBeacons::new(&list, Some(&[8; 16])).identify(&disguised), None);
+        assert_eq!(KnownBeacons::new(&list, Some(&KEY)).identify(&rotated), Some(Known { id, place: Some(0) }));
+        assert_eq!(KnownBeacons::new(&list, Some(&[8; 16])).identify(&rotated), None);
     }
 }

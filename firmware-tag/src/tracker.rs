@@ -6,9 +6,9 @@
 
 use heapless::Vec;
 use node_record::Solver;
-use positioning_core::ble::surroundings::{ON_NODE, Surroundings};
+use positioning_core::ble::beacon_monitor::{BeaconMonitor, ON_NODE};
 use positioning_core::engine::{Engine, Measurement, Missing, Output, Tdoa, Verdict};
-use positioning_core::nlos::{Feature, Features, Judge, Reception, first_path_to_noise_db};
+use positioning_core::nlos::{Feature, Features, NlosDetector, Reception, first_path_to_noise_db};
 use positioning_core::{Real, SolveError, engine};
 use ranging::Diagnostics;
 use ranging::exchange::{Difference, Differences, Range, Round};
@@ -29,13 +29,13 @@ pub struct Tracker<'a> {
     pub(crate) engine: Engine<f32>,
     pub(crate) solver: Solver,
     pub(crate) anchors: &'a [AnchorPlace],
-    judge: Judge<'a>,
+    judge: NlosDetector<'a>,
     /// Where the tag was at the end of the last round, metres, where that is known.
     pub(crate) last_m: Option<[f32; 3]>,
     pub(crate) beacons: KnownBeacons<'a>,
     pub(crate) signals: Signals,
     /// What it knows of the receiver and of the beacons.
-    pub(crate) surroundings: Surroundings<f32, ON_NODE>,
+    pub(crate) surroundings: BeaconMonitor<f32, ON_NODE>,
     /// What it knows of their levels on the spot, if anything.
     pub(crate) on_the_spot: Vec<OnTheSpot<'a>, { HEARS_BEACONS as usize }>,
     /// What the last window had.
@@ -64,11 +64,11 @@ impl<'a> Tracker<'a> {
             engine: Engine::new(settings),
             solver,
             anchors,
-            judge: Judge::new(model),
+            judge: NlosDetector::new(model),
             last_m: None,
             beacons,
             signals: Signals::new(),
-            surroundings: Surroundings::new(RECEIVER_DB),
+            surroundings: BeaconMonitor::new(RECEIVER_DB),
             on_the_spot: surveyed.map(OnTheSpot::new).into_iter().take(HEARS_BEACONS.into()).collect(),
             levels: Vec::new(),
             window: Window::default(),
@@ -406,7 +406,7 @@ mod tests {
             let told = Diagnostics { rx_power_dbm, first_path_power_dbm, ..Diagnostics::default() };
             let features = at_floor(&[]).features(&told);
             let reception = Reception { features, range_m: 3.0, power_dbm: rx_power_dbm, ends_m: None };
-            Judge::new(None).blocked(0, 1, &reception)
+            NlosDetector::new(None).blocked(0, 1, &reception)
         };
         assert!((of(-80.0, -90.0).unwrap() - 0.5).abs() < 1e-5);
         assert!((of(-75.0, -95.0).unwrap() - 0.953).abs() < 1e-3);

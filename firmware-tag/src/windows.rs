@@ -1,8 +1,8 @@
 //! From sightings of beacons to epochs: once a window, what was heard goes into the track of the tag's rounds.
 
 use heapless::Vec;
+use positioning_core::ble::beacon_monitor::{self, BeaconHealth, Known, Site};
 use positioning_core::ble::multilateration;
-use positioning_core::ble::surroundings::{self, Known, Site, Standing};
 use positioning_core::engine::{Dimensions, Measurement, Mode, Settings};
 use telemetry::{BeaconWord, Condition, Sighting};
 
@@ -108,9 +108,9 @@ impl Tracker<'_> {
         let seconds = u16::try_from(news.seconds).unwrap_or(u16::MAX);
         let word = BeaconWord { major: beacon.major, minor: beacon.minor, seconds };
         Some(match news.standing {
-            Standing::Agrees => Condition::BeaconBelieved(word),
-            Standing::Elsewhere => Condition::BeaconElsewhere(word),
-            Standing::TwoPlaces => Condition::BeaconDoubled(word),
+            BeaconHealth::Agrees => Condition::BeaconBelieved(word),
+            BeaconHealth::Elsewhere => Condition::BeaconElsewhere(word),
+            BeaconHealth::TwoPlaces => Condition::BeaconDoubled(word),
         })
     }
 
@@ -122,9 +122,9 @@ impl Tracker<'_> {
             let [x, y, z] = list.get(usize::from(level.beacon))?.position_m;
             let Level { level_dbm, path_loss, noise_db, is_torn, .. } = *level;
             let heard = multilateration::Heard { place: [x, y], above: z - height, level: level_dbm, path_loss };
-            Some(surroundings::Level { beacon: level.beacon.into(), heard, noise: noise_db, is_torn })
+            Some(beacon_monitor::Level { beacon: level.beacon.into(), heard, noise: noise_db, is_torn })
         };
-        let levels: Vec<surroundings::Level<f32>, MOST> = levels.iter().filter_map(level).collect();
+        let levels: Vec<beacon_monitor::Level<f32>, MOST> = levels.iter().filter_map(level).collect();
         let flat = |[x, y, _]: [f32; 3]| [x, y];
         let beacons = list.iter().map(|beacon| flat(beacon.position_m));
         let Some(site) = Site::around(beacons.chain(self.anchors.iter().map(|anchor| flat(anchor.position_m)))) else {

@@ -182,7 +182,7 @@ pub struct Advertiser {
     pub tx_power_dbm: i8,
     /// Channels 37, 38, 39 as bits 0, 1, 2.
     pub channels: u8,
-    /// A new disguise every so many seconds, with `beacon_key`; 0: never.
+    /// A new identifier every so many seconds, with `beacon_key`; 0: never.
     pub rotate_s: u16,
 }
 

@@ -22,34 +22,34 @@
 
 mod anchor;
 mod anchor_position;
-mod asking;
+mod anchor_rounds;
+mod anchor_table;
 mod clock;
 mod compensation;
-mod coordination;
+mod coordinator;
 mod course;
 mod election;
-mod following;
 mod layout;
 mod leases;
-mod listening;
-mod neighbours;
 mod pace;
 mod plan;
 mod round;
 mod search;
+mod sync;
 mod tag;
+mod tdoa_tag;
 mod timing;
 mod wakes;
 mod watch;
 mod wishes;
 
 pub use anchor::{Anchor, AnchorConfig};
+pub use anchor_table::Refused;
 pub use clock::{ClockModel, STAMP_DEVIATION_TICKS};
 pub use layout::{Layout, Scheme, Span};
-pub use listening::{ListeningTag, ListeningTagConfig};
-pub use neighbours::Refused;
 pub use plan::{NOTICE_SUPERFRAMES, Rate};
 pub use tag::{Tag, TagConfig};
+pub use tdoa_tag::{TdoaTag, TdoaTagConfig};
 pub use timing::{Network, Timing, Turnaround};
 
 /// The most anchors of one round.

@@ -12,8 +12,7 @@ use ranging::exchange::{Event, Link, Machine};
 use ranging::frame::native::{Beacon, Frame, Member, Message, Position, Request, Response, Share};
 use ranging::frame::{BROADCAST, FrameBuffer};
 use ranging::native::{
-    Anchor, AnchorConfig, Layout, ListeningTag, ListeningTagConfig, Network, Rate, Refused, Scheme, Tag, TagConfig,
-    Timing,
+    Anchor, AnchorConfig, Layout, Network, Rate, Refused, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig, Timing,
 };
 use ranging::{PhyConfig, RadioDuration, RadioInstant, Start};
 
@@ -388,7 +387,7 @@ fn forged_beacons_move_no_anchor_of_a_listening_tag() {
     for (seed, own_slots) in [(10, false), (11, true)] {
         let mut air = Air::new(NETWORK.phy, seed);
         room(&mut air, 4, Some(Rate::Every(RadioDuration::from_micros(100_000))));
-        let (machine, handle) = shared(ListeningTag::new(ListeningTagConfig { network: NETWORK, period: None }));
+        let (machine, handle) = shared(TdoaTag::new(TdoaTagConfig { network: NETWORK, period: None }));
         let node = air.add([1.0, 2.0, 1.0], -20.0, machine);
         let armed = Rc::new(Cell::new(false));
         air.add([0.0, 3.0, 1.0], 5.0, forger(&armed, five_metres_aside(own_slots)));

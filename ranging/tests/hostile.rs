@@ -186,9 +186,9 @@ fn a_native_anchor_survives_anything() {
 
 #[test]
 fn a_listening_tag_survives_anything() {
-    use ranging::native::{ListeningTag, ListeningTagConfig};
+    use ranging::native::{TdoaTag, TdoaTagConfig};
     for (seed, period) in [(40, None), (41, Some(RadioDuration::from_micros(200_000)))] {
-        torment(ListeningTag::new(ListeningTagConfig { network: NETWORK, period }), seed);
+        torment(TdoaTag::new(TdoaTagConfig { network: NETWORK, period }), seed);
     }
 }
 

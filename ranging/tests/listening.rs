@@ -5,7 +5,7 @@ mod air;
 use air::{ANTENNA_DELAY, Air, Boxed, boxed, mischief, moments};
 use ranging::exchange::{Difference, Link};
 use ranging::frame::native::{Frame, Message};
-use ranging::native::{Anchor, AnchorConfig, ListeningTag, ListeningTagConfig, Network, Rate, Scheme, Tag, TagConfig};
+use ranging::native::{Anchor, AnchorConfig, Network, Rate, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig};
 use ranging::{PhyConfig, RadioDuration};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
@@ -21,7 +21,7 @@ fn anchor(address: u16, position: [f64; 3], hz: u32) -> Boxed {
 }
 
 fn listener() -> Boxed {
-    boxed(ListeningTag::new(ListeningTagConfig { network: NETWORK, period: None }))
+    boxed(TdoaTag::new(TdoaTagConfig { network: NETWORK, period: None }))
 }
 
 /// Anchors 1, 2, … on a circle of 10 m, their drifts ±20 ppm in turn, each asking so many times a second.
@@ -170,8 +170,7 @@ fn a_restarted_anchor_is_heard_rightly_again() {
 fn a_period_lets_the_radio_rest() {
     let mut air = Air::new(NETWORK.phy, 6);
     room(&mut air, 8, 10);
-    let machine =
-        ListeningTag::new(ListeningTagConfig { network: NETWORK, period: Some(RadioDuration::from_micros(200_000)) });
+    let machine = TdoaTag::new(TdoaTagConfig { network: NETWORK, period: Some(RadioDuration::from_micros(200_000)) });
     let tag = air.add([1.0, 2.0, 1.0], 0.0, boxed(machine));
     air.run_until(4.0);
     let rounds = air.heard(tag, 2.0).len();

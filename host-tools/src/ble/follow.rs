@@ -2,12 +2,12 @@
 //! way.
 
 use positioning_core::SolveError;
+use positioning_core::ble::beacon_monitor::{BeaconMonitor, Level, News, Site};
 use positioning_core::ble::multilateration::Heard;
 use positioning_core::ble::offset::ReceiverOffset;
 use positioning_core::ble::particles::{self, Levels, Likelihood, ON_HOST, ParticleFilter};
 use positioning_core::ble::posterior::Belief;
 use positioning_core::ble::signal::{Beacons, Smoothing};
-use positioning_core::ble::surroundings::{Level, News, Site, Surroundings};
 use positioning_core::engine::{Dimensions, Engine, Measurement, Settings};
 
 use super::files::{Capture, Sample};
@@ -49,7 +49,7 @@ pub(super) struct Learnt {
     /// What the receiver reads too loud, as particles learn it.
     receiver: ReceiverOffset<f32>,
     /// What the tag knows of receiver and beacons.
-    surroundings: Box<Surroundings<f32, MOST_BEACONS>>,
+    surroundings: Box<BeaconMonitor<f32, MOST_BEACONS>>,
     /// What it came to believe of beacons, in order.
     pub(super) news: Vec<News>,
     /// When the next capture begins for the kernel, microseconds.
@@ -60,7 +60,7 @@ impl Learnt {
     fn nothing(offset_db: f32) -> Self {
         Self {
             receiver: ReceiverOffset::new(offset_db),
-            surroundings: Box::new(Surroundings::new(offset_db)),
+            surroundings: Box::new(BeaconMonitor::new(offset_db)),
             news: Vec::new(),
             begin_us: BEGIN_US,
         }
@@ -156,7 +156,7 @@ fn corrected(solver: &Solver, receiver: &ReceiverOffset<f32>, scan: &[Option<f32
 fn engine_step(
     solver: &Solver,
     engine: &mut Engine<f32>,
-    surroundings: &mut Surroundings<f32, MOST_BEACONS>,
+    surroundings: &mut BeaconMonitor<f32, MOST_BEACONS>,
     now_us: u64,
     scan: &[Option<f32>],
 ) -> Result<Position, NoPosition> {

@@ -4,11 +4,11 @@
 //! window, as a tag does, and the capture's position is its last one. All is the tag's own code in the tag's own `f32`, about the middle
 //! of the beacons.
 
+use positioning_core::ble::beacon_monitor::News;
 use positioning_core::ble::multilateration::{Heard, nonlinear, weighted_linear};
 use positioning_core::ble::path_loss::{PathLoss, Wall};
 use positioning_core::ble::posterior::{Belief, posterior};
 use positioning_core::ble::signal::level;
-use positioning_core::ble::surroundings::News;
 use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, Side, SolveError};
 
 use super::files::{self, Beacon, Capture, Sample, in_order};

@@ -8,9 +8,9 @@ mod table;
 pub mod world;
 
 use positioning_core::Area;
+use positioning_core::ble::beacon_monitor::{BeaconMonitor, Level, Site};
 use positioning_core::ble::multilateration;
 use positioning_core::ble::path_loss::PathLoss;
-use positioning_core::ble::surroundings::{Level, Site, Surroundings};
 use positioning_core::engine::{self, Dimensions, Engine, Measurement, Range};
 use positioning_core::fusion::{self, Channel, Fusion, ON_NODE, Observation, Settings, Sources};
 
@@ -253,7 +253,7 @@ fn filtered(rounds: &[Round], heard: Heard, conditions: &Conditions) -> Vec<Opti
     let settings = engine::Settings { area: Some(area()), ..engine::Settings::track(dimensions) };
     let mut engine: Engine<f32> = Engine::new(settings);
     // Nobody's receiver is off here, and no beacon stands elsewhere.
-    let mut surroundings = Box::new(Surroundings::<f32, { world::MOST_BEACONS }>::new(0.0));
+    let mut surroundings = Box::new(BeaconMonitor::<f32, { world::MOST_BEACONS }>::new(0.0));
     let path_loss =
         PathLoss { level_1m: BELIEVED[0] as f32, exponent: BELIEVED[1] as f32, deviation: LASTING_DB as f32 };
     let site = Site { area: Area { min: [0.0; 2], max: HALL_M.map(|side| side as f32) }, walls: &[] };

@@ -5,7 +5,7 @@
 
 use positioning_core::Side;
 use positioning_core::engine::{Dimensions, Engine, Measurement, Range, Settings};
-use positioning_core::nlos::{Judge, Model, Reception};
+use positioning_core::nlos::{Model, NlosDetector, Reception};
 use positioning_core::{Area, Blocked, Noise};
 
 use crate::nlos::Told;
@@ -56,7 +56,7 @@ pub struct Tracker<'a> {
     anchors: &'a [Anchor],
     setup: Setup,
     engine: Engine<f32>,
-    judge: Judge<'a>,
+    judge: NlosDetector<'a>,
     /// Where the tag was at the end of the last epoch, in the engine's frame, where that is known.
     last: Option<[f32; 3]>,
     /// What is zero for the engine, metres.
@@ -81,7 +81,7 @@ impl<'a> Tracker<'a> {
             anchors,
             setup,
             engine,
-            judge: Judge::new(model.map(|model| model as _)),
+            judge: NlosDetector::new(model.map(|model| model as _)),
             last: None,
             origin,
             times_s: None,

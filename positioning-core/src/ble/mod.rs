@@ -9,6 +9,7 @@
 //! Equation and table numbers are those of A. Linde Cerezo, *Desarrollo de un sistema de posicionamiento en interiores
 //! mediante Bluetooth Low Energy* (Universitat Oberta de Catalunya, 2024), unless another source is named.
 
+pub mod beacon_monitor;
 pub mod fingerprint;
 pub mod multilateration;
 pub mod offset;
@@ -17,4 +18,3 @@ pub mod path_loss;
 pub mod posterior;
 pub mod rooms;
 pub mod signal;
-pub mod surroundings;

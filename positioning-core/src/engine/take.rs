@@ -4,7 +4,7 @@ use super::measurement::{BeaconPosition, Range, Tdoa, height_is_sane, known, pos
 use super::round::length;
 use super::{Engine, Mode, Verdict};
 use crate::Real;
-use crate::track::{Blocked, Fate};
+use crate::track::{Blocked, UpdateResult};
 
 impl<T: Real> Engine<T> {
     pub(super) fn range(&mut self, range: &Range<T>) -> Verdict {
@@ -109,14 +109,14 @@ impl<T: Real> Engine<T> {
         }
     }
 
-    pub(super) fn judge(&mut self, fate: Fate, place: Option<usize>) -> Verdict {
-        self.supervisor.count(fate == Fate::Refused);
+    pub(super) fn judge(&mut self, fate: UpdateResult, place: Option<usize>) -> Verdict {
+        self.supervisor.count(fate == UpdateResult::Rejected);
         match fate {
-            Fate::Refused => Verdict::Refused,
-            Fate::Taken | Fate::Readmitted => {
+            UpdateResult::Rejected => Verdict::Refused,
+            UpdateResult::Accepted | UpdateResult::Readmitted => {
                 self.used_us = self.now_us;
                 self.round.count(place);
-                if fate == Fate::Taken { Verdict::Used } else { Verdict::Readmitted }
+                if fate == UpdateResult::Accepted { Verdict::Used } else { Verdict::Readmitted }
             }
         }
     }

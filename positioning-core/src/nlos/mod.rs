@@ -7,7 +7,7 @@
 //! less.
 //!
 //! Classifiers are trained on a desktop; a node reads them as a [`NodeModel`], versioned and checksummed bytes in its
-//! flash (feature `serde`), and asks it by a [`Judge`] that remembers what only time tells. Without a model, [`PowerDifference::default`] is the chip maker's own rule, and
+//! flash (feature `serde`), and asks it by a [`NlosDetector`] that remembers what only time tells. Without a model, [`PowerDifference::default`] is the chip maker's own rule, and
 //! [`Skewness::default`] what a recorded flat taught.
 //!
 //! Sources: E. García et al., *A robust UWB indoor positioning system for highly complex environments* (equations 2 to
@@ -17,9 +17,9 @@
 //! (kurtosis, rise time, mean excess delay, delay spread); DW1000 user manual, 4.7 (powers).
 
 mod calibration;
+mod detector;
 mod features;
 mod inputs;
-mod judge;
 mod logistic;
 #[cfg(feature = "serde")]
 mod model;
@@ -34,9 +34,9 @@ mod skewness;
 mod testing;
 
 pub use calibration::{Inflation, Platt};
+pub use detector::{LINKS, Means, NlosDetector, Reception};
 pub use features::{Feature, Features, first_path_to_noise_db, power_difference_db};
 pub use inputs::{Input, Inputs, MAX_INPUTS};
-pub use judge::{Judge, LINKS, Means, Reception};
 pub use logistic::Logistic;
 #[cfg(feature = "serde")]
 pub use model::{Kind, LeftOut, Model, NodeModel, StoredError, Trained, VERSION};

@@ -1,7 +1,7 @@
 //! The filter: carries the track to the time of a measurement, weighs the measurement, asks its gate, and takes it in.
 
 use super::anchors::{Links, Source};
-use super::gate::{Gate, Passage};
+use super::gate::{Gate, GateDecision};
 use super::model::height::HeightModel;
 use super::model::position::components;
 use super::model::range::RangeModel;
@@ -26,13 +26,13 @@ const UNUSUAL_BEACON: f64 = 3.0;
 
 /// What became of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Fate {
+pub(crate) enum UpdateResult {
     /// Taken in.
-    Taken,
+    Accepted,
     /// Taken in, after its gate had been shut: its error is believed to have changed.
     Readmitted,
     /// Its gate is shut.
-    Refused,
+    Rejected,
 }
 
 /// A track.
@@ -95,7 +95,7 @@ impl<T: Real> Filter<T> {
     }
 
     /// A range to an anchor, blocked with probability `blocked`, where somebody knows.
-    pub(crate) fn range(&mut self, range: &Range<T>, blocked: Option<T>, settings: &Settings<T>) -> Fate {
+    pub(crate) fn range(&mut self, range: &Range<T>, blocked: Option<T>, settings: &Settings<T>) -> UpdateResult {
         let own = range.deviation.at_least(T::of(LEAST_SIGMA_M)).squared();
         let (place, white) = self.link(range.anchor, own, blocked, settings);
         let model = RangeModel { anchor: range.place, range: range.distance, link: Links::<T>::state(place) };
@@ -103,9 +103,9 @@ impl<T: Real> Filter<T> {
         let s = innovation.predicted + white;
         let (value, predicted) = (innovation.value, innovation.predicted);
         let excess = value + self.state.mean.get(Links::<T>::state(place)).copied().unwrap_or(T::ZERO);
-        let Some(link) = self.links.at(place) else { return Fate::Refused };
+        let Some(link) = self.links.at(place) else { return UpdateResult::Rejected };
         let passage = link.gate.judge_range(value, excess, s, settings.gate, settings.patience);
-        if passage == Passage::Open {
+        if passage == GateDecision::Accept {
             link.shown.learn(&settings.noise, value, predicted, s);
         }
         self.take(&model, &innovation, white, passage, Some(Links::<T>::state(place)), settings)
@@ -154,7 +154,7 @@ impl<T: Real> Filter<T> {
     }
 
     /// A difference of two arrivals.
-    pub(crate) fn tdoa(&mut self, tdoa: &Tdoa<T>, blocked: [Option<T>; 2], settings: &Settings<T>) -> Fate {
+    pub(crate) fn tdoa(&mut self, tdoa: &Tdoa<T>, blocked: [Option<T>; 2], settings: &Settings<T>) -> UpdateResult {
         let own = tdoa.deviations.map(|sigma| sigma.at_least(T::of(LEAST_SIGMA_M)).squared());
         let (reference, reference_white) = self.link(tdoa.reference, own[0], blocked[0], settings);
         let (place, white) = self.link(tdoa.anchor, own[1], blocked[1], settings);
@@ -171,9 +171,9 @@ impl<T: Real> Filter<T> {
         };
         let innovation = Innovation::of(&self.state, &model);
         let s = innovation.predicted + white;
-        let Some(link) = self.links.at(place) else { return Fate::Refused };
+        let Some(link) = self.links.at(place) else { return UpdateResult::Rejected };
         let passage = link.gate.judge(innovation.value, s, settings.gate, settings.patience);
-        if passage == Passage::Open {
+        if passage == GateDecision::Accept {
             link.shown.learn(&settings.noise, innovation.value, innovation.predicted, s);
         }
         self.take(&model, &innovation, white, passage, Some(Links::<T>::state(place)), settings)
@@ -186,8 +186,8 @@ impl<T: Real> Filter<T> {
         covariance: &[[T; 3]; 3],
         lasting: T,
         settings: &Settings<T>,
-    ) -> Fate {
-        let mut fate = Fate::Taken;
+    ) -> UpdateResult {
+        let mut fate = UpdateResult::Accepted;
         let components = components(position, covariance, T::of(LEAST_SIGMA_M * LEAST_SIGMA_M));
         for (axis, (model, variance)) in (0_u8..2).zip(components) {
             let (place, fresh) = self.links.place(Source::Beacons(axis), self.now_us);
@@ -198,11 +198,11 @@ impl<T: Real> Filter<T> {
             let link = Links::<T>::state(place);
             let model = model.with_link(link);
             let innovation = Innovation::of(&self.state, &model);
-            let Some(followed) = self.links.at(place) else { return Fate::Refused };
+            let Some(followed) = self.links.at(place) else { return UpdateResult::Rejected };
             let s = innovation.predicted + white;
             let passage = followed.gate.judge(innovation.value, s, settings.gate, settings.patience);
             let taken = self.take(&model, &innovation, white, passage, Some(link), settings);
-            if taken != Fate::Taken {
+            if taken != UpdateResult::Accepted {
                 fate = taken;
             }
         }
@@ -210,7 +210,7 @@ impl<T: Real> Filter<T> {
     }
 
     /// A height and its deviation.
-    pub(crate) fn height(&mut self, height: T, deviation: T, settings: &Settings<T>) -> Fate {
+    pub(crate) fn height(&mut self, height: T, deviation: T, settings: &Settings<T>) -> UpdateResult {
         let model = HeightModel { height };
         let innovation = Innovation::of(&self.state, &model);
         let variance = deviation.at_least(T::of(LEAST_SIGMA_M)).squared();
@@ -220,8 +220,13 @@ impl<T: Real> Filter<T> {
     }
 
     /// A position with its covariance.
-    pub(crate) fn position(&mut self, position: [T; 3], covariance: &[[T; 3]; 3], settings: &Settings<T>) -> Fate {
-        let mut fate = Fate::Taken;
+    pub(crate) fn position(
+        &mut self,
+        position: [T; 3],
+        covariance: &[[T; 3]; 3],
+        settings: &Settings<T>,
+    ) -> UpdateResult {
+        let mut fate = UpdateResult::Accepted;
         let components = components(position, covariance, T::of(LEAST_SIGMA_M * LEAST_SIGMA_M));
         for (place, (model, variance)) in components.into_iter().enumerate() {
             let innovation = Innovation::of(&self.state, &model);
@@ -229,7 +234,7 @@ impl<T: Real> Filter<T> {
             let Some(gate) = self.position_gates.get_mut(place) else { continue };
             let passage = gate.judge(innovation.value, s, settings.gate, settings.patience);
             let taken = self.take(&model, &innovation, variance, passage, None, settings);
-            if taken != Fate::Taken {
+            if taken != UpdateResult::Accepted {
                 fate = taken;
             }
         }
@@ -248,21 +253,21 @@ impl<T: Real> Filter<T> {
         model: &impl Model<T>,
         innovation: &Innovation<T>,
         white: T,
-        passage: Passage,
+        passage: GateDecision,
         link: Option<usize>,
         settings: &Settings<T>,
-    ) -> Fate {
+    ) -> UpdateResult {
         let square = innovation.value.squared();
         match passage {
-            Passage::Shut => Fate::Refused,
-            Passage::Open => {
+            GateDecision::Reject => UpdateResult::Rejected,
+            GateDecision::Accept => {
                 let normalised = square / (innovation.predicted + white);
                 self.surprise.add(normalised);
                 let tail = if settings.noise.degrees > T::ZERO { normalised / settings.noise.degrees } else { T::ZERO };
                 update(&mut self.state, model, innovation, white * (T::ONE + tail), settings.iterations);
-                Fate::Taken
+                UpdateResult::Accepted
             }
-            Passage::Reopens => {
+            GateDecision::Reopen => {
                 match link {
                     Some(link) => self.state.widen(link, square.at_most(T::of(100.0))),
                     None => (0..3)
@@ -271,7 +276,7 @@ impl<T: Real> Filter<T> {
                 }
                 let again = Innovation::of(&self.state, model);
                 update(&mut self.state, model, &again, white, settings.iterations);
-                Fate::Readmitted
+                UpdateResult::Readmitted
             }
         }
     }

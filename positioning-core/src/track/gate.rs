@@ -5,13 +5,13 @@ use crate::Real;
 
 /// What a gate says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Passage {
+pub(crate) enum GateDecision {
     /// It belongs to the track.
-    Open,
+    Accept,
     /// It does not.
-    Shut,
+    Reject,
     /// It did not, time and again, and always alike: the source has changed.
-    Reopens,
+    Reopen,
 }
 
 /// The gate of one source.
@@ -26,29 +26,29 @@ pub(crate) struct Gate<T> {
 impl<T: Real> Gate<T> {
     /// As [`judge`](Self::judge), of a range that is `excess` longer than the way to the anchor: one that is shorter than that, by more
     /// than `limit` deviations, never reopens the gate. Walls and detours lengthen a range; what shortens it is a fault or a forgery.
-    pub(crate) fn judge_range(&mut self, innovation: T, excess: T, s: T, limit: T, patience: u8) -> Passage {
+    pub(crate) fn judge_range(&mut self, innovation: T, excess: T, s: T, limit: T, patience: u8) -> GateDecision {
         let is_short = excess < T::ZERO && excess.squared() > limit.squared() * s;
         match self.judge(innovation, s, limit, patience) {
-            Passage::Reopens if is_short => Passage::Shut,
-            passage @ (Passage::Open | Passage::Shut | Passage::Reopens) => passage,
+            GateDecision::Reopen if is_short => GateDecision::Reject,
+            passage @ (GateDecision::Accept | GateDecision::Reject | GateDecision::Reopen) => passage,
         }
     }
 
     /// Judges an innovation of variance `s`: refused beyond `limit` deviations, unless the `patience`-th of its kind.
-    pub(crate) fn judge(&mut self, innovation: T, s: T, limit: T, patience: u8) -> Passage {
+    pub(crate) fn judge(&mut self, innovation: T, s: T, limit: T, patience: u8) -> GateDecision {
         let bound = limit.squared() * s;
         if innovation.squared() <= bound {
             self.alike = 0;
-            return Passage::Open;
+            return GateDecision::Accept;
         }
         let like_last = self.alike > 0 && (innovation - self.last).squared() <= bound;
         self.alike = if like_last { self.alike.saturating_add(1) } else { 1 };
         self.last = innovation;
         if self.alike < patience {
-            return Passage::Shut;
+            return GateDecision::Reject;
         }
         self.alike = 0;
-        Passage::Reopens
+        GateDecision::Reopen
     }
 }
 
@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     /// Variance 0.01 m², limit 3: 0.3 m.
-    fn judge(gate: &mut Gate<f64>, innovation: f64) -> Passage {
+    fn judge(gate: &mut Gate<f64>, innovation: f64) -> GateDecision {
         gate.judge(innovation, 0.01, 3.0, 3)
     }
 
@@ -65,8 +65,8 @@ mod tests {
     fn a_source_that_insists_is_let_in_at_last() {
         let mut gate = Gate::default();
         let heard = [0.29, 1.0, 1.1, 0.9, 1.0, 0.0].map(|innovation| judge(&mut gate, innovation));
-        use Passage::{Open, Reopens, Shut};
-        assert_eq!(heard, [Open, Shut, Shut, Reopens, Shut, Open]);
+        use GateDecision::{Accept, Reject, Reopen};
+        assert_eq!(heard, [Accept, Reject, Reject, Reopen, Reject, Accept]);
     }
 
     #[test]
@@ -74,24 +74,24 @@ mod tests {
         let range = |gate: &mut Gate<f64>, innovation, excess| gate.judge_range(innovation, excess, 0.01, 3.0, 3);
         let mut gate = Gate::default();
         for _ in 0..100 {
-            assert_eq!(range(&mut gate, -1.0, -1.0), Passage::Shut);
+            assert_eq!(range(&mut gate, -1.0, -1.0), GateDecision::Reject);
         }
         // One that is too long still does, and one that agrees passes.
         let heard = [1.0, 1.0, 1.0, -0.1].map(|innovation| range(&mut gate, innovation, innovation));
-        assert_eq!(heard, [Passage::Shut, Passage::Shut, Passage::Reopens, Passage::Open]);
+        assert_eq!(heard, [GateDecision::Reject, GateDecision::Reject, GateDecision::Reopen, GateDecision::Accept]);
         // A wall that made it 2 m longer, and was expected to, is gone: shorter than expected, and as long as the way.
         let heard = [-2.0; 3].map(|innovation| range(&mut gate, innovation, 0.0));
-        assert_eq!(heard, [Passage::Shut, Passage::Shut, Passage::Reopens]);
+        assert_eq!(heard, [GateDecision::Reject, GateDecision::Reject, GateDecision::Reopen]);
     }
 
     #[test]
     fn wild_values_never_open_it_and_a_good_one_makes_it_forget() {
         let mut gate = Gate::default();
         for wild in [5.0, -3.0, 40.0, 7.0, 90.0, 2.0] {
-            assert_eq!(judge(&mut gate, wild), Passage::Shut);
+            assert_eq!(judge(&mut gate, wild), GateDecision::Reject);
         }
         for innovation in [2.1, 0.0, 2.1, 2.1] {
-            assert_ne!(judge(&mut gate, innovation), Passage::Reopens);
+            assert_ne!(judge(&mut gate, innovation), GateDecision::Reopen);
         }
     }
 }

@@ -20,5 +20,5 @@ pub use hyperbolic::{TdoaSample, hyperbolic};
 pub use motion::Motion;
 pub use noise::{Blocked, Noise, POWER_DOUBT};
 
-pub(crate) use filter::{Fate, Filter};
+pub(crate) use filter::{Filter, UpdateResult};
 pub(crate) use supervisor::Supervisor;

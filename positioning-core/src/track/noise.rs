@@ -108,7 +108,7 @@ impl<T: Real> Noise<T> {
         }
     }
 
-    /// The same with the probability of a trained classifier that the link is blocked (`nlos::Judge`). A wall adds half a metre now and
+    /// The same with the probability of a trained classifier that the link is blocked (`nlos::NlosDetector`). A wall adds half a metre now and
     /// then; so much is not believed of it, because classifiers err, and a track with few links left errs more.
     pub fn by_model() -> Self {
         Self { blocked_link_sigma: T::of(0.2), ..Self::by_powers() }

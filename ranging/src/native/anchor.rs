@@ -2,9 +2,9 @@
 
 use heapless::Vec;
 
-use super::asking::Asking;
+use super::anchor_rounds::AnchorRounds;
 use super::compensation::{COMPENSATION, Compensation};
-use super::coordination::{Coordination, Heard};
+use super::coordinator::{Coordinator, Heard};
 use super::layout::Scheme;
 use super::pace::Meter;
 use super::plan::Rate;
@@ -60,13 +60,13 @@ pub struct Anchor {
     config: AnchorConfig,
     meter: Meter,
     position: Option<Position>,
-    network: Option<Coordination>,
+    network: Option<Coordinator>,
     /// Without a network: when to found one.
     found_at: Option<RadioInstant>,
     answer: Option<Answer>,
     /// The last response to each tag, and the final that followed it.
     answered: Vec<Answered, MAX_MEMBERS>,
-    asking: Asking,
+    rounds: AnchorRounds,
     compensation: Compensation,
     link: Option<Link>,
     told: Option<Told>,
@@ -125,7 +125,7 @@ impl Anchor {
             found_at: None,
             answer: None,
             answered: Vec::new(),
-            asking: Asking::new(config.rounds, RangeBias::of(&config.network.phy)),
+            rounds: AnchorRounds::new(config.rounds, RangeBias::of(&config.network.phy)),
             compensation: Compensation::default(),
             link: None,
             told: None,
@@ -155,7 +155,7 @@ impl Anchor {
             Message::Beacon(beacon) if everyone => self.hear_beacon(told.source, &beacon, frame),
             Message::Response(response) if told.destination == self.config.address => {
                 if let Some(network) = &self.network {
-                    self.asking.answer(&network.course.timing, told.source, response, frame);
+                    self.rounds.answer(&network.course.timing, told.source, response, frame);
                 }
             }
             Message::Final { round } if everyone => self.hear_final(told.source, round, frame.rx_time),
@@ -172,7 +172,7 @@ impl Anchor {
         if usize::from(beacon.slot) >= BEACON_SLOTS || source == self.config.address {
             return;
         }
-        self.asking.hear(source);
+        self.rounds.hear(source);
         let phy = &self.config.network.phy;
         match &mut self.network {
             Some(network) => match network.hear(phy, source, beacon, frame.rx_time) {
@@ -180,7 +180,7 @@ impl Anchor {
                 Heard::Changed(link) => self.link = Some(link),
             },
             None => {
-                self.network = Coordination::join(self.config.address, phy, source, beacon, frame.rx_time);
+                self.network = Coordinator::join(self.config.address, phy, source, beacon, frame.rx_time);
                 self.link = self.network.as_ref().map(|_| Link::Synchronised(beacon.coordinator));
             }
         }
@@ -227,7 +227,7 @@ impl Anchor {
         let polled = end_of(&self.config.network.phy, frame);
         self.answer = Some(Answer { tag, polled, start, response });
         // What anchors tell is for tags that listen.
-        let asked = poll.anchors.get(slot).filter(|_| !self.asking.knows(tag));
+        let asked = poll.anchors.get(slot).filter(|_| !self.rounds.knows(tag));
         let distance = asked.and_then(|asked| asked.distance.metres());
         self.told = distance.map(|distance_m| Told {
             // The distance is that of the round before.
@@ -269,7 +269,7 @@ impl Anchor {
                 if rest > RadioDuration::ZERO {
                     return Self::listen(rest);
                 }
-                self.network = Some(Coordination::found(address, phy, first_layout, present));
+                self.network = Some(Coordinator::found(address, phy, first_layout, present));
                 self.found_at = None;
                 return Action::Report(Report::Link(Link::Coordinating));
             }
@@ -317,7 +317,7 @@ impl Anchor {
         let lead = self.meter.lead();
         let Some(network) = &mut self.network else { return Self::listen(rest) };
         let timing = network.course.timing;
-        self.asking.plan(network, self.config.address);
+        self.rounds.plan(network, self.config.address);
         let phase = network.course.phase;
         let in_time = RadioDuration::from_ticks(passed.ticks() + lead.ticks());
         // Woken for a round, the anchor makes it as long as its instant lies ahead.
@@ -327,7 +327,7 @@ impl Anchor {
             self.meter.overslept(phase.at(passed).since(wake));
         }
         let planned = planned.filter(|pulse| *pulse > passed && spare(*pulse) <= SHORTEST_WAIT);
-        let Some(pulse) = planned.or_else(|| self.asking.next(&timing, phase, in_time)) else {
+        let Some(pulse) = planned.or_else(|| self.rounds.next(&timing, phase, in_time)) else {
             let is_due = rest > COMPENSATION && self.compensation.take(phase.number, self.config.address);
             return if is_due { Action::Compensate } else { Self::listen(rest) };
         };
@@ -341,7 +341,7 @@ impl Anchor {
         let rmarker = pulse_at.plus(timing.to_rmarker);
         // Its own lease.
         network.hear_tag(self.config.address);
-        let poll = self.asking.poll(&timing, pulse_at, self.meter.reading(), self.meter.wish(Scheme::SingleSided));
+        let poll = self.rounds.poll(&timing, pulse_at, self.meter.reading(), self.meter.wish(Scheme::SingleSided));
         self.doing = Doing::Polling;
         self.write(BROADCAST, Message::Poll(poll));
         // At once would be before the slot, where the board is quicker than it must be: who listens goes by the slot.
@@ -383,11 +383,11 @@ impl Machine for Anchor {
                 self.answer = None;
                 self.answered.clear();
                 (self.wake_at, self.pulse_at) = (None, None);
-                self.asking.restart();
+                self.rounds.restart();
             }
             Event::Sent(departure) => {
                 if self.doing == Doing::Polling {
-                    self.asking.sent(departure);
+                    self.rounds.sent(departure);
                 }
             }
             Event::Received(frame) => {

@@ -8,8 +8,8 @@
 use heapless::Vec;
 use positioning_core::Real;
 
+use super::anchor_table::{AnchorTable, Team};
 use super::layout::{Layout, Scheme};
-use super::neighbours::{Neighbours, Team};
 use super::timing::Timing;
 use super::{MAX_ROUND, STAMP_DEVIATION_TICKS};
 use crate::exchange::{Action, Range, Round};
@@ -110,7 +110,7 @@ impl Exchange {
     }
 
     /// The next round's poll.
-    pub fn begin(&mut self, neighbours: &mut Neighbours, scheme: Scheme, wish: Layout, tell_distances: bool) -> Poll {
+    pub fn begin(&mut self, anchors: &mut AnchorTable, scheme: Scheme, wish: Layout, tell_distances: bool) -> Poll {
         let (final_tx, answers) = (self.final_tx.take(), core::mem::take(&mut self.answers));
         self.former = match self.scheme {
             // Its ranges have been reported.
@@ -131,7 +131,7 @@ impl Exchange {
             places => u8::MAX >> MAX_ROUND.saturating_sub(places),
         };
         let ask = |&address: &u16| {
-            let known = neighbours.get_mut(address).and_then(|anchor| anchor.distance_m);
+            let known = anchors.get_mut(address).and_then(|anchor| anchor.distance_m);
             let distance = match (tell_distances, known) {
                 (false, _) => Distance::Unsent,
                 (true, None) => Distance::Unknown,
@@ -168,7 +168,7 @@ impl Exchange {
         &mut self,
         timing: &Timing,
         bias: &RangeBias,
-        neighbours: &mut Neighbours,
+        anchors: &mut AnchorTable,
         source: u16,
         response: Response,
         frame: &RxFrame<'_>,
@@ -180,13 +180,13 @@ impl Exchange {
             return None;
         }
         if !timing.is_in_slot(slot, round1) || !timing.is_reply(slot, response.reply) {
-            neighbours.refused.off_slot = neighbours.refused.off_slot.saturating_add(1);
+            anchors.refused.off_slot = anchors.refused.off_slot.saturating_add(1);
             return None;
         }
         let diagnostics = frame.diagnostics;
-        let anchor = neighbours.hear(source, diagnostics.rx_power_dbm)?;
+        let anchor = anchors.hear(source, diagnostics.rx_power_dbm)?;
         if !anchor.compare_clocks(self.poll_tx, response.poll_rx, diagnostics.clock_offset_ppm) {
-            neighbours.refused.carriers = neighbours.refused.carriers.saturating_add(1);
+            anchors.refused.carriers = anchors.refused.carriers.saturating_add(1);
             return None;
         }
         // Responses come in the order of their slots: those before have been lost.
@@ -240,10 +240,10 @@ impl Exchange {
     }
 
     /// The round is over: tells which anchors answered, and makes the ranges to report.
-    pub fn close(&mut self, neighbours: &mut Neighbours) {
+    pub fn close(&mut self, anchors: &mut AnchorTable) {
         for &anchor in &self.team {
             let answered = self.answers.iter().any(|answer| answer.range.peer == anchor);
-            neighbours.asked(anchor, answered);
+            anchors.asked(anchor, answered);
         }
         let answers = match self.scheme {
             Scheme::SingleSided => &self.answers,
@@ -306,12 +306,12 @@ mod tests {
 
     /// Whom so many rounds ask last, a superframe each having chosen the team anew.
     fn last_of(turns: bool, rounds: usize) -> std::vec::Vec<u16> {
-        let (mut exchange, mut neighbours) = (Exchange::new(), Neighbours::new());
+        let (mut exchange, mut anchors) = (Exchange::new(), AnchorTable::new());
         exchange.set_turns(turns);
         let mut last = std::vec::Vec::new();
         for _ in 0..rounds {
             exchange.set_team([5, 6, 7].into_iter().collect());
-            let poll = exchange.begin(&mut neighbours, Scheme::SingleSided, Layout::LEAST, false);
+            let poll = exchange.begin(&mut anchors, Scheme::SingleSided, Layout::LEAST, false);
             last.extend(poll.anchors.last().map(|asked| asked.address));
         }
         last
@@ -322,14 +322,14 @@ mod tests {
         assert_eq!(last_of(false, 4), [7; 4]);
         assert_eq!(last_of(true, 7), [5, 6, 7, 5, 6, 7, 5]);
         // Several rounds a superframe go on where the last one ended.
-        let (mut exchange, mut neighbours) = (Exchange::new(), Neighbours::new());
+        let (mut exchange, mut anchors) = (Exchange::new(), AnchorTable::new());
         exchange.set_turns(true);
         exchange.set_team([5, 6, 7].into_iter().collect());
-        let mut begin = || exchange.begin(&mut neighbours, Scheme::SingleSided, Layout::LEAST, false);
+        let mut begin = || exchange.begin(&mut anchors, Scheme::SingleSided, Layout::LEAST, false);
         let firsts = [(); 4].map(|()| begin().anchors[0].address);
         assert_eq!(firsts, [6, 7, 5, 6]);
         exchange.set_team(Team::new());
-        let nobody = exchange.begin(&mut neighbours, Scheme::SingleSided, Layout::LEAST, false);
+        let nobody = exchange.begin(&mut anchors, Scheme::SingleSided, Layout::LEAST, false);
         assert_eq!(nobody.anchors.len(), 0);
     }
 }

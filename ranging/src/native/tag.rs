@@ -3,14 +3,14 @@
 mod seldom;
 
 use self::seldom::{Aim, Awaited, Nap};
+use super::anchor_table::{AnchorTable, Refused};
 use super::compensation::Compensation;
-use super::following::{Following, Heard};
 use super::layout::Scheme;
-use super::neighbours::{Neighbours, Refused};
 use super::pace::Meter;
 use super::plan::{Rate, lists, next_round, owned_slots, share_of};
 use super::round::Exchange;
 use super::search::Search;
+use super::sync::{Heard, Sync};
 use super::timing::{BEACON_SLOTS, SUPERFRAME, Timing, end_of};
 use super::wakes::{Slept, Wakes};
 use super::watch::Watch;
@@ -78,7 +78,7 @@ pub struct Tag {
     doing: Doing,
     link: Option<Link>,
     network: Option<Followed>,
-    neighbours: Neighbours,
+    anchors: AnchorTable,
     position_m: Option<[f32; 3]>,
     /// How long the node computes with the last round and those before it, …
     busy: RadioDuration,
@@ -128,7 +128,7 @@ pub struct Tag {
 /// The network that the tag follows.
 #[derive(Clone, Debug)]
 struct Followed {
-    following: Following,
+    sync: Sync,
     /// From this superframe on slots may be asked for.
     request_from: u16,
     /// Requests without effect.
@@ -157,7 +157,7 @@ impl Tag {
             doing: Doing::Nothing,
             link: None,
             network: None,
-            neighbours: Neighbours::new(),
+            anchors: AnchorTable::new(),
             position_m: None,
             busy: RadioDuration::ZERO,
             free_at: None,
@@ -205,12 +205,12 @@ impl Tag {
 
     /// What was heard and not believed since the tag was made.
     pub fn refused(&self) -> Refused {
-        self.neighbours.refused
+        self.anchors.refused
     }
 
     /// How many anchors are heard.
     pub fn anchors_heard(&self) -> usize {
-        self.neighbours.len()
+        self.anchors.len()
     }
 
     fn hear(&mut self, frame: &RxFrame<'_>) {
@@ -221,8 +221,8 @@ impl Tag {
                 if told.destination == self.config.address && self.doing == Doing::Collecting =>
             {
                 let Some(network) = &self.network else { return };
-                let timing = &network.following.course.timing;
-                self.round.hear(timing, &self.bias, &mut self.neighbours, told.source, response, frame);
+                let timing = &network.sync.course.timing;
+                self.round.hear(timing, &self.bias, &mut self.anchors, told.source, response, frame);
             }
             // Other tags', and what is not for us.
             Message::Beacon(_)
@@ -240,21 +240,21 @@ impl Tag {
         let phy = &self.config.network.phy;
         let slept = core::mem::take(&mut self.slept);
         let assumed = self.network.as_mut().filter(|_| !slept.is_none()).map(|network| {
-            network.following.advance(frame.rx_time);
-            network.following.course.phase
+            network.sync.advance(frame.rx_time);
+            network.sync.course.phase
         });
         let heard = match &mut self.network {
-            None => match Following::new(phy, beacon, frame.rx_time) {
-                Some(following) => {
-                    self.network = Some(Followed::begin(following));
+            None => match Sync::new(phy, beacon, frame.rx_time) {
+                Some(sync) => {
+                    self.network = Some(Followed::begin(sync));
                     self.search = Search::default();
                     Heard::Anew
                 }
                 None => Heard::Ignored,
             },
-            Some(network) => match network.following.hear(phy, beacon, frame.rx_time) {
+            Some(network) => match network.sync.hear(phy, beacon, frame.rx_time) {
                 Heard::Anew => {
-                    *network = Followed::begin(network.following.clone());
+                    *network = Followed::begin(network.sync.clone());
                     Heard::Anew
                 }
                 heard @ (Heard::Ignored | Heard::Refused | Heard::Followed | Heard::Changed) => heard,
@@ -264,7 +264,7 @@ impl Tag {
             Heard::Ignored | Heard::Refused => {
                 self.slept = slept;
                 if heard == Heard::Refused {
-                    self.neighbours.refuse_coordinator();
+                    self.anchors.refuse_coordinator();
                 }
                 return;
             }
@@ -272,14 +272,14 @@ impl Tag {
             Heard::Changed | Heard::Anew => self.link = Some(Link::Synchronised(beacon.coordinator)),
         }
         self.aim = None;
-        let phase = self.network.as_ref().map(|network| network.following.course.phase);
+        let phase = self.network.as_ref().map(|network| network.sync.course.phase);
         if let (Some(assumed), Some(phase)) = (assumed, phase)
             && assumed.number == phase.number
         {
             self.wakes.learn(slept, assumed.start.since(phase.start));
         }
         self.watch.hear(source, beacon.slot);
-        self.neighbours.hear_beacon(source, beacon, frame.diagnostics.rx_power_dbm);
+        self.anchors.hear_beacon(source, beacon, frame.diagnostics.rx_power_dbm);
     }
 
     /// The responses are there, or will not come, or the final has left: what is to be done then.
@@ -292,7 +292,7 @@ impl Tag {
             return Ended::Final;
         }
         self.doing = Doing::Nothing;
-        self.round.close(&mut self.neighbours);
+        self.round.close(&mut self.anchors);
         self.note_outcomes();
         if self.round.has_report() { Ended::Report } else { Ended::Nothing }
     }
@@ -315,11 +315,11 @@ impl Tag {
         let is_greedy = self.rate == Some(Rate::Greedy);
         self.free_at = self.free_at.filter(|free_at| is_greedy && free_at.since(present) > RadioDuration::ZERO);
         let Some(network) = &mut self.network else { return self.search(present) };
-        let superframe = network.following.course.timing.superframe;
+        let superframe = network.sync.course.timing.superframe;
         // A superframe begins for us as early as we must decide what to send first in it.
         let early = RadioDuration::from_ticks(lead.ticks() + SHORTEST_WAIT.ticks());
-        if let Some(since) = network.following.adrift {
-            network.following.advance(present.plus(early));
+        if let Some(since) = network.sync.adrift {
+            network.sync.advance(present.plus(early));
             if let Some(action) = self.end_doze(present) {
                 return action;
             }
@@ -329,14 +329,14 @@ impl Tag {
             }
             return self.lose_network();
         }
-        let begun = network.following.advance(present.plus(early));
+        let begun = network.sync.advance(present.plus(early));
         network.followed = network.followed.saturating_add(begun);
-        self.age_neighbours(begun, is_seldom);
+        self.age_anchors(begun, is_seldom);
         let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
-        if network.following.silent() > LOST_AFTER {
+        if network.sync.silent() > LOST_AFTER {
             return self.lose_network();
         }
-        let Following { course, .. } = &network.following;
+        let Sync { course, .. } = &network.sync;
         let timing = course.timing;
         let passed = present.since(course.phase.start);
         // The beacon slots end as early as we must decide on a round in the first round slot.
@@ -351,7 +351,7 @@ impl Tag {
         }
         let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
         network.plan(&self.config, &timing);
-        let course = &network.following.course;
+        let course = &network.sync.course;
         let listed = course.membership.in_force().is_some_and(|members| lists(members, self.config.address));
         if self.rate.is_some() && !network.is_full && network.is_full_without(self.config.address) {
             network.is_full = true;
@@ -365,7 +365,7 @@ impl Tag {
         network.joined &= listed;
         if network.planned.replace(course.phase.number) != Some(course.phase.number) {
             network.rounds = 0;
-            self.round.set_team(self.neighbours.choose(self.config.anchors.into(), self.position_m));
+            self.round.set_team(self.anchors.choose(self.config.anchors.into(), self.position_m));
         }
         self.among_rounds(passed)
     }
@@ -373,7 +373,7 @@ impl Tag {
     /// Nobody was heard for too long.
     fn lose_network(&mut self) -> Action<'static> {
         self.network = None;
-        self.neighbours.end_session();
+        self.anchors.end_session();
         Action::Report(Report::Link(Link::Unsynchronised))
     }
 
@@ -381,7 +381,7 @@ impl Tag {
     fn among_beacons(&mut self, passed: RadioDuration, end: RadioDuration) -> Action<'_> {
         let (lead, rate) = (self.meter.lead(), self.rate);
         let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
-        let course = &network.following.course;
+        let course = &network.sync.course;
         let (timing, phase) = (course.timing, course.phase);
         let rest = RadioDuration::from_ticks(end.ticks() - passed.ticks());
         let (address, number) = (self.config.address, phase.number);
@@ -427,8 +427,8 @@ impl Tag {
         let lead = self.meter.lead();
         let is_greedy = self.rate == Some(Rate::Greedy);
         let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
-        let course = &network.following.course;
-        let (timing, phase, doubt) = (course.timing, course.phase, network.following.doubt);
+        let course = &network.sync.course;
+        let (timing, phase, doubt) = (course.timing, course.phase, network.sync.doubt);
         if is_greedy && self.compensation.take(phase.number, self.config.address) {
             return Action::Compensate;
         }
@@ -476,7 +476,7 @@ impl Tag {
             network.rounds = network.rounds.saturating_add(1);
             let scheme = self.config.scheme.min(timing.layout.scheme);
             let wish = self.meter.wish(self.config.scheme);
-            let poll = self.round.begin(&mut self.neighbours, scheme, wish, self.config.tell_distances);
+            let poll = self.round.begin(&mut self.anchors, scheme, wish, self.config.tell_distances);
             self.write(Message::Poll(poll));
             self.is_off_after_poll = self.is_off_after_poll(scheme);
             let listen = !self.is_off_after_poll;
@@ -491,17 +491,17 @@ impl Tag {
             self.meter.lead_was_short();
         }
         if let Some(network) = self.network.as_mut().filter(|_| self.doing == Doing::Requesting) {
-            network.request_from = network.following.course.phase.number.wrapping_add(1);
+            network.request_from = network.sync.course.phase.number.wrapping_add(1);
         }
     }
 }
 
 impl Followed {
     /// Nothing asked for, nothing owned.
-    fn begin(following: Following) -> Self {
-        let request_from = following.course.phase.number;
+    fn begin(sync: Sync) -> Self {
+        let request_from = sync.course.phase.number;
         Self {
-            following,
+            sync,
             request_from,
             requests: 0,
             planned: None,
@@ -515,18 +515,18 @@ impl Followed {
 
     /// Whether all places are taken, none by this tag.
     fn is_full_without(&self, tag: u16) -> bool {
-        let members = self.following.course.membership.members();
+        let members = self.sync.course.membership.members();
         members.len() == MAX_MEMBERS && !lists(members, tag)
     }
 
     /// Finds out which slots are ours in this superframe: none where the plan may have changed unheard.
     fn plan(&mut self, config: &TagConfig, timing: &Timing) {
-        let number = self.following.course.phase.number;
+        let number = self.sync.course.phase.number;
         if self.planned == Some(number) {
             return;
         }
         let owned = |members| owned_slots(members, config.address, number, timing.round_slots);
-        self.owned = self.following.members().map_or(0, owned);
+        self.owned = self.sync.members().map_or(0, owned);
     }
 }
 
@@ -574,7 +574,7 @@ impl Machine for Tag {
                     Some(nap) => self.woke(nap, now),
                     None => {
                         (self.network, self.aim, self.pulse_at, self.search) = (None, None, None, Search::default());
-                        self.neighbours.forget_clocks();
+                        self.anchors.forget_clocks();
                     }
                 }
             }
@@ -648,7 +648,7 @@ impl Machine for Tag {
             return action;
         }
         if self.doing == Doing::Collecting {
-            let timing = self.network.as_ref().map(|network| network.following.course.timing);
+            let timing = self.network.as_ref().map(|network| network.sync.course.timing);
             match timing.and_then(|timing| self.round.await_more(&timing, ended)) {
                 Some(action) => return action,
                 None => is_over = true,

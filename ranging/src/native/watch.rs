@@ -5,7 +5,7 @@
 
 use heapless::Vec;
 
-use super::neighbours::MAX_NEIGHBOURS;
+use super::anchor_table::MAX_NEIGHBOURS;
 use super::timing::HOLDOVER_SUPERFRAMES;
 use crate::frame::native::OWNED_BEACON_SLOTS;
 
@@ -61,7 +61,7 @@ impl Watch {
         match self.anchors.iter_mut().find(|anchor| anchor.address == address) {
             Some(anchor) => *anchor = Watched { address, slot, misses: 0 },
             None => {
-                // As many as neighbours: who finds no place is none of them.
+                // As many as anchors: who finds no place is none of them.
                 let _ = self.anchors.push(Watched { address, slot, misses: 0 });
             }
         }

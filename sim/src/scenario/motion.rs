@@ -30,7 +30,7 @@ impl Walk {
         Some(Self { points, times, closed, leaves_s: 0.0 })
     }
 
-    /// Standing at a point.
+    /// BeaconHealth at a point.
     pub fn standing(point: [f64; 3]) -> Self {
         Self { points: vec![point], times: vec![0.0], closed: false, leaves_s: 0.0 }
     }

@@ -477,7 +477,7 @@ impl Firmware for TagFirmware {
                 Mode::Listening { .. } => {
                     let period = settings.rate_hz.map(period);
                     let network = native_network(&network);
-                    let machine = native::ListeningTag::new(native::ListeningTagConfig { network, period });
+                    let machine = native::TdoaTag::new(native::TdoaTagConfig { network, period });
                     let machine = Charged::new(machine, &sink.processor);
                     let rate = period.map_or(native::Rate::Greedy, native::Rate::Every);
                     let locator = locator(&settings, &[], model);

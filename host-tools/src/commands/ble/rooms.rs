@@ -31,7 +31,7 @@ pub struct Arguments {
     /// Stays to be judged: CSV with the same columns
     #[arg(long, value_name = "FILE", conflicts_with = "leave_one_out")]
     targets: Option<PathBuf>,
-    /// Judge each fingerprint by all the others
+    /// NlosDetector each fingerprint by all the others
     #[arg(long)]
     leave_one_out: bool,
     /// How rooms are told apart: its figures are printed first, its confusion is drawn, its model is written

@@ -6,7 +6,7 @@ use anyhow::Result;
 use host_tools::Epoch;
 use host_tools::ble::files::{read_beacons, read_captures, read_walls};
 use host_tools::ble::solve::{Kernel, Setup, Solver};
-use positioning_core::ble::surroundings::{News, Standing};
+use positioning_core::ble::beacon_monitor::{BeaconHealth, News};
 
 use crate::commands::answers::{Answers, ByMethod, Told};
 use crate::commands::recorded::{CornersM, finite};
@@ -115,11 +115,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for News { beacon, standing, seconds } in news {
         let name = beacons.get(beacon).map_or("?", |beacon| &beacon.name);
         let found = match standing {
-            Standing::Agrees => "is believed again",
-            Standing::Elsewhere => {
+            BeaconHealth::Agrees => "is believed again",
+            BeaconHealth::Elsewhere => {
                 "contradicts the others and is left out: it stands elsewhere, or sends at another power"
             }
-            Standing::TwoPlaces => "is left out: two senders have its identity",
+            BeaconHealth::TwoPlaces => "is left out: two senders have its identity",
         };
         tell(&format!("engine: after {seconds} s beacon {name} {found}\n"));
     }

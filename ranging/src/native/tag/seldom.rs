@@ -91,9 +91,9 @@ impl Tag {
     /// The radio has slept, nobody knows for how long.
     fn woke_early(&mut self, nap: Nap, now: RadioInstant) {
         (self.slept, self.search) = (Slept::default(), Search::default());
-        self.neighbours.sleep(nap.duration.ticks() as f32 / TICKS_PER_SECOND as f32);
+        self.anchors.sleep(nap.duration.ticks() as f32 / TICKS_PER_SECOND as f32);
         if let Some(network) = &mut self.network {
-            network.following.adrift = Some(now);
+            network.sync.adrift = Some(now);
         }
     }
 
@@ -106,17 +106,17 @@ impl Tag {
         let before = nap.from.plus(sum(nap.duration, self.wakes.late(once)));
         self.slept = self.slept.and(once);
         self.pulse_at = self.pulse_at.map(|pulse| now.plus(pulse.since(before)));
-        self.neighbours.sleep(nap.duration.ticks() as f32 / TICKS_PER_SECOND as f32);
+        self.anchors.sleep(nap.duration.ticks() as f32 / TICKS_PER_SECOND as f32);
         if let Some(network) = &mut self.network {
-            network.following.rebase(before, now);
-            network.following.doubt = self.wakes.doubt(self.slept);
+            network.sync.rebase(before, now);
+            network.sync.doubt = self.wakes.doubt(self.slept);
         }
         self.resume(now);
     }
 
     /// A wait is over. Who dozed listens from now on.
     pub(super) fn resume(&mut self, now: RadioInstant) {
-        if let Some(since) = self.network.as_mut().and_then(|network| network.following.adrift.as_mut()) {
+        if let Some(since) = self.network.as_mut().and_then(|network| network.sync.adrift.as_mut()) {
             *since = now;
         }
     }
@@ -139,7 +139,7 @@ impl Tag {
         if network.followed < ACQUAINTING {
             return false;
         }
-        let course = &network.following.course;
+        let course = &network.sync.course;
         let share = share_of(rate, &course.timing);
         course.membership.members().iter().any(|member| member.tag == self.config.address && member.share == share)
     }
@@ -166,15 +166,15 @@ impl Tag {
         if !self.slept.is_none() {
             self.wakes.missed();
         }
-        if let Some(network) = self.network.as_ref().filter(|network| network.following.adrift.is_none()) {
-            self.watch.is_over(network.following.course.phase.number);
+        if let Some(network) = self.network.as_ref().filter(|network| network.sync.adrift.is_none()) {
+            self.watch.is_over(network.sync.course.phase.number);
         }
     }
 
     /// In a doze: waits on for the beacon that ends it, and listens for it. `None` where there is none, or no more.
     pub(super) fn end_doze(&mut self, present: RadioInstant) -> Option<Action<'static>> {
         let Aim { superframe, listening } = self.aim?;
-        let course = &self.network.as_ref()?.following.course;
+        let course = &self.network.as_ref()?.sync.course;
         let (timing, phase) = (course.timing, course.phase);
         let superframes = i64::from(superframe.wrapping_sub(phase.number) as i16);
         let begin = RadioDuration::from_ticks(superframes * timing.superframe.ticks());
@@ -188,7 +188,7 @@ impl Tag {
         listening: Listening,
         present: RadioInstant,
     ) -> Option<Action<'static>> {
-        let timing = self.network.as_ref()?.following.course.timing;
+        let timing = self.network.as_ref()?.sync.course.timing;
         let doubt = self.wakes.doubt(Slept::once(begin));
         let (open, one) = match listening {
             Listening::One(anchor) => {
@@ -209,9 +209,9 @@ impl Tag {
 
     /// In the beacon slots, before `end`: listens to what is planned. `None`: to nothing more.
     pub(super) fn among_few_beacons(&mut self, passed: RadioDuration, end: RadioDuration) -> Option<Action<'static>> {
-        let following = &self.network.as_ref()?.following;
-        let (timing, phase, silent) = (following.course.timing, following.course.phase, following.silent());
-        let doubt = following.doubt;
+        let sync = &self.network.as_ref()?.sync;
+        let (timing, phase, silent) = (sync.course.timing, sync.course.phase, sync.silent());
+        let doubt = sync.doubt;
         let anchor = match self.watch.plan(phase.number, silent) {
             Listening::All => return Some(Self::listen(difference(end, passed))),
             Listening::One(anchor) if silent > 0 => anchor,
@@ -239,7 +239,7 @@ impl Tag {
             return None;
         }
         let network = self.network.as_ref()?;
-        let (timing, phase) = (network.following.course.timing, network.following.course.phase);
+        let (timing, phase) = (network.sync.course.timing, network.sync.course.phase);
         let doubt = self.wakes.doubt(Slept::once(wait));
         let later = next_round(network.owned, &timing, pulse, self.round.asked(), doubt)?;
         (self.wake_at, self.pulse_at) = (None, Some(phase.at(later)));
@@ -252,7 +252,7 @@ impl Tag {
         let lead = self.meter.lead();
         let is_seldom = self.is_seldom();
         let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
-        let (timing, phase) = (network.following.course.timing, network.following.course.phase);
+        let (timing, phase) = (network.sync.course.timing, network.sync.course.phase);
         let present = phase.at(passed);
         let next = phase.at(timing.superframe);
         if next.since(present) > COMPENSATION && self.compensation.take(phase.number, self.config.address) {
@@ -267,26 +267,26 @@ impl Tag {
                 return action;
             }
             let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
-            network.following.doze(turns, present);
+            network.sync.doze(turns, present);
             let superframe = phase.number.wrapping_add(turns);
             let listening = self.watch.after_doze(superframe);
             // What is slept through counts as one.
-            self.age_neighbours(1, true);
+            self.age_anchors(1, true);
             self.aim = Some(Aim { superframe, listening });
             let until = RadioDuration::from_ticks(i64::from(turns) * timing.superframe.ticks());
             return self.doze_until(difference(until, passed), listening, present).unwrap_or(Action::WaitUntil(begin));
         }
         // After a nap the clock is in doubt: a round needs room for that, or a beacon before it.
-        let doubt = if self.dozes { self.wakes.doubt(Slept::once(timing.superframe)) } else { network.following.doubt };
+        let doubt = if self.dozes { self.wakes.doubt(Slept::once(timing.superframe)) } else { network.sync.doubt };
         let number = phase.number.wrapping_add(1);
-        let owned = match network.following.course.membership.in_force() {
-            Some(members) if network.following.course.membership.countdown() == 0 => {
+        let owned = match network.sync.course.membership.in_force() {
+            Some(members) if network.sync.course.membership.countdown() == 0 => {
                 owned_slots(members, self.config.address, number, timing.round_slots)
             }
             Some(_) | None => 0,
         };
         let pulse = next_round(owned, &timing, timing.rounds(), self.round.asked(), doubt);
-        let silent = network.following.silent() + 1;
+        let silent = network.sync.silent() + 1;
         let silent = if pulse.is_none() { silent.max(HOLDOVER_SUPERFRAMES) } else { silent };
         self.pulse_at = None;
         let wake = match (self.watch.plan(number, silent), pulse) {
@@ -304,9 +304,9 @@ impl Tag {
     /// `None` where this turn had none either, where the list changes, or where the round has no room for the doubt.
     fn hold_over(&mut self, present: RadioInstant, turns: u16) -> Option<Action<'static>> {
         let (lead, doubt) = (self.meter.lead(), self.wakes.doubt(Slept::once(LONGEST_HOLDOVER)));
-        let network = self.network.as_mut().filter(|network| network.following.silent() == 0)?;
-        let (timing, phase) = (network.following.course.timing, network.following.course.phase);
-        let membership = &network.following.course.membership;
+        let network = self.network.as_mut().filter(|network| network.sync.silent() == 0)?;
+        let (timing, phase) = (network.sync.course.timing, network.sync.course.phase);
+        let membership = &network.sync.course.membership;
         let members = membership.in_force().filter(|_| membership.countdown() == 0)?;
         let owned = owned_slots(members, self.config.address, phase.number.wrapping_add(turns), timing.round_slots);
         let pulse = next_round(owned, &timing, timing.rounds(), self.round.asked(), doubt)?;
@@ -315,16 +315,16 @@ impl Tag {
             return None;
         }
         self.pulse_at = Some(phase.at(sum(begin, pulse)));
-        network.following.hold_over(turns);
+        network.sync.hold_over(turns);
         let wait = difference(sum(begin, difference(pulse, sum(lead, doubt))), present.since(phase.start));
         // What is slept through counts as one.
-        self.age_neighbours(1, true);
+        self.age_anchors(1, true);
         Some(self.pause(present, wait))
     }
 
     /// The poll has left: off until the first response, where that is worth it.
     pub(super) fn await_first_response(&self, departure: RadioInstant) -> Option<Action<'static>> {
-        let timing = &self.network.as_ref()?.following.course.timing;
+        let timing = &self.network.as_ref()?.sync.course.timing;
         let (first, length) = self.round.responses(timing);
         let open = first.plus(difference(RadioDuration::ZERO, sum(RECEIVER_START, timing.guard)));
         let poll = self.config.network.phy.time_after_rmarker(POLL_BYTES);
@@ -341,13 +341,13 @@ impl Tag {
     }
 
     /// `superframes` have begun. Who listens seldom keeps those that it awaits in turn.
-    pub(super) fn age_neighbours(&mut self, superframes: u16, is_seldom: bool) {
+    pub(super) fn age_anchors(&mut self, superframes: u16, is_seldom: bool) {
         for address in self.watch.anchors().filter(|_| is_seldom) {
-            if let Some(anchor) = self.neighbours.get_mut(address) {
+            if let Some(anchor) = self.anchors.get_mut(address) {
                 anchor.keep();
             }
         }
-        self.neighbours.advance(superframes);
+        self.anchors.advance(superframes);
     }
 
     /// A round is over: who answered is there.
@@ -365,7 +365,7 @@ impl Tag {
 impl super::Followed {
     /// In how many superframes a tag's next turn is, as far as that is settled.
     fn next_turn(&self, address: u16, rate: Rate) -> Option<u16> {
-        let course = &self.following.course;
+        let course = &self.sync.course;
         let members = course.membership.in_force().filter(|_| course.membership.countdown() == 0)?;
         let share = share_of(rate, &course.timing);
         let place = members.iter().position(|member| member.tag == address && member.share == share)?;

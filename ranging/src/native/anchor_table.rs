@@ -57,7 +57,7 @@ pub struct Refused {
 
 /// The anchors that a tag hears.
 #[derive(Clone, Debug, Default)]
-pub struct Neighbours {
+pub struct AnchorTable {
     anchors: Vec<Neighbour, MAX_NEIGHBOURS>,
     /// What they, or others in their name, were not believed.
     pub refused: Refused,
@@ -66,7 +66,7 @@ pub struct Neighbours {
 /// Anchors of a round, in the order of their slots.
 pub type Team = Vec<u16, MAX_ROUND>;
 
-impl Neighbours {
+impl AnchorTable {
     /// Nobody.
     pub const fn new() -> Self {
         let refused = Refused { positions: 0, coordinators: 0, off_slot: 0, carriers: 0 };
@@ -285,7 +285,7 @@ mod tests {
 
     #[test]
     fn anchors_around_the_tag_are_preferred_to_many_on_one_side() {
-        let mut anchors = Neighbours::new();
+        let mut anchors = AnchorTable::new();
         for (address, x) in [(1, 9.0), (2, 9.5), (3, 10.0), (4, 10.5)] {
             anchors.place(address, -75.0, [x, 0.0, 1.0]);
         }
@@ -299,7 +299,7 @@ mod tests {
 
     #[test]
     fn the_last_place_goes_round() {
-        let mut anchors = Neighbours::new();
+        let mut anchors = AnchorTable::new();
         for address in 1..=7 {
             anchors.place(address, -60.0 - f32::from(address), [f32::from(address), 0.0, 0.0]);
         }
@@ -322,7 +322,7 @@ mod tests {
 
     #[test]
     fn silent_anchors_give_their_place_up() {
-        let mut anchors = Neighbours::new();
+        let mut anchors = AnchorTable::new();
         for address in 1..=4 {
             anchors.place(address, -75.0, [f32::from(address), 1.0, 0.0]);
         }
@@ -342,7 +342,7 @@ mod tests {
 
     #[test]
     fn a_stronger_anchor_takes_the_weakest_ones_place() {
-        let mut anchors = Neighbours::new();
+        let mut anchors = AnchorTable::new();
         for address in 0..MAX_NEIGHBOURS as u16 {
             assert!(anchors.hear(address, -70.0 - f32::from(address)).is_some());
         }

@@ -7,9 +7,9 @@
 use heapless::Vec;
 
 use super::MAX_ROUND;
-use super::coordination::Coordination;
+use super::anchor_table::AnchorTable;
+use super::coordinator::Coordinator;
 use super::layout::{Layout, Scheme};
-use super::neighbours::Neighbours;
 use super::plan::{Rate, next_round, owned_slots, share_of};
 use super::round::Exchange;
 use super::timing::{Phase, Timing};
@@ -25,14 +25,14 @@ const MEAN_OF: u8 = 100;
 
 /// An anchor's rounds.
 #[derive(Clone, Debug)]
-pub struct Asking {
+pub struct AnchorRounds {
     rate: Option<Rate>,
     heard: Vec<Other, MAX_HEARD>,
     /// Whom the next round names first: with more anchors than a round has places, all have their turn.
     first: usize,
     round: Exchange,
     /// Those who answered.
-    neighbours: Neighbours,
+    anchors: AnchorTable,
     bias: RangeBias,
     /// The superframe that `owned` is for.
     planned: Option<u16>,
@@ -55,7 +55,7 @@ struct Other {
     ranges: u8,
 }
 
-impl Asking {
+impl AnchorRounds {
     /// Nobody heard yet.
     pub fn new(rate: Option<Rate>, bias: RangeBias) -> Self {
         Self {
@@ -63,7 +63,7 @@ impl Asking {
             heard: Vec::new(),
             first: 0,
             round: Exchange::new(),
-            neighbours: Neighbours::new(),
+            anchors: AnchorTable::new(),
             bias,
             planned: None,
             owned: 0,
@@ -74,7 +74,7 @@ impl Asking {
 
     /// The radio was started: what was known of clocks is void.
     pub fn restart(&mut self) {
-        self.neighbours.forget_clocks();
+        self.anchors.forget_clocks();
         self.round.forget();
     }
 
@@ -105,8 +105,8 @@ impl Asking {
 
     /// An answer came.
     pub fn answer(&mut self, timing: &Timing, source: u16, response: Response, frame: &RxFrame<'_>) {
-        let Self { round, neighbours, bias, .. } = self;
-        let Some(distance_m) = round.hear(timing, bias, neighbours, source, response, frame) else { return };
+        let Self { round, anchors, bias, .. } = self;
+        let Some(distance_m) = round.hear(timing, bias, anchors, source, response, frame) else { return };
         if let Some(other) = self.other(source) {
             other.ranges = other.ranges.saturating_add(1).min(MEAN_OF);
             other.apart_m += (distance_m - other.apart_m) / f32::from(other.ranges);
@@ -114,7 +114,7 @@ impl Asking {
     }
 
     /// Once a superframe: asks for slots where it has not those it wants, and finds which are its own.
-    pub fn plan(&mut self, network: &mut Coordination, address: u16) {
+    pub fn plan(&mut self, network: &mut Coordinator, address: u16) {
         let Some(rate) = self.rate else { return };
         let timing = network.course.timing;
         let number = network.course.phase.number;
@@ -126,7 +126,7 @@ impl Asking {
         };
         // Long past, and not to be mistaken for an instant to come once the clock has wrapped.
         (self.answered, self.rounds) = (None, 0);
-        self.neighbours.advance(passed);
+        self.anchors.advance(passed);
         for other in &mut self.heard {
             other.unheard = other.unheard.saturating_add(passed);
         }
@@ -161,7 +161,7 @@ impl Asking {
         self.first = (from + MAX_ROUND).checked_rem(count).unwrap_or(0);
         let turn = self.heard.iter().cycle().skip(from).take(count.min(MAX_ROUND));
         self.round.set_team(turn.map(|other| other.address).collect());
-        let mut poll = self.round.begin(&mut self.neighbours, Scheme::SingleSided, wish, true);
+        let mut poll = self.round.begin(&mut self.anchors, Scheme::SingleSided, wish, true);
         for asked in &mut poll.anchors {
             let known = self.other(asked.address).filter(|other| other.ranges > 0);
             asked.distance = known.map_or(Distance::Unknown, |other| Distance::from_metres(other.apart_m));

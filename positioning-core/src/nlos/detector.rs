@@ -1,7 +1,7 @@
 //! What a node makes of its receptions one after the other: in flow what each told, out flows the probability that its
 //! direct path is blocked.
 //!
-//! A [`Judge`] adds what only time gives (the moving means of a link, the range against the track) and asks its model. Not
+//! A [`NlosDetector`] adds what only time gives (the moving means of a link, the range against the track) and asks its model. Not
 //! every reception has an impulse response, for reading one takes time: what the last one said of a link holds for a
 //! second. Without a model the powers are asked ([`POWER_DOUBT`]); also beside one that
 //! a reception does not tell enough, and then as the small part of a blocked link's variance that their doubt amounts to.
@@ -63,7 +63,7 @@ impl Reception {
 
 /// Judges the receptions of one node.
 #[derive(Clone)]
-pub struct Judge<'a> {
+pub struct NlosDetector<'a> {
     model: Option<&'a dyn Classifier>,
     links: Vec<Link, LINKS>,
 }
@@ -79,7 +79,7 @@ struct Link {
     judged: Option<(u64, f32)>,
 }
 
-impl<'a> Judge<'a> {
+impl<'a> NlosDetector<'a> {
     /// One that asks this model; `None`: the powers alone.
     pub const fn new(model: Option<&'a dyn Classifier>) -> Self {
         Self { model, links: Vec::new() }
@@ -187,17 +187,17 @@ mod tests {
 
     #[test]
     fn without_a_model_powers_tell() {
-        close(Judge::new(None).blocked(0, 1, &reception(Some(0.2))), 0.5);
+        close(NlosDetector::new(None).blocked(0, 1, &reception(Some(0.2))), 0.5);
         let unknown = Reception { features: Features::default(), ..reception(None) };
-        assert_eq!(Judge::new(None).blocked(0, 1, &unknown), None);
+        assert_eq!(NlosDetector::new(None).blocked(0, 1, &unknown), None);
     }
 
     #[test]
     fn a_judgement_holds_for_a_second_and_for_its_own_link() {
         let model = by_shape();
-        let mut judge = Judge::new(Some(&model));
+        let mut judge = NlosDetector::new(Some(&model));
         assert!(judge.wants_response() && judge.asks(Feature::SkewnessNear) && !judge.asks(Feature::Skewness));
-        assert!(!Judge::new(None).wants_response());
+        assert!(!NlosDetector::new(None).wants_response());
         close(judge.blocked(0, 1, &reception(None)), 0.5);
         // At γ = 1.35 odds of 1/e (see `skewness`), times one to nine: 1/(1 + 9e).
         close(judge.blocked(10, 1, &reception(Some(1.35))), 0.039_271);
@@ -212,12 +212,12 @@ mod tests {
     #[test]
     fn moving_means_and_the_track_are_features() {
         let model = by(Feature::RangeMean);
-        let mut judge = Judge::new(Some(&model));
+        let mut judge = NlosDetector::new(Some(&model));
         judge.blocked(0, 1, &Reception { range_m: 3.0, ..reception(None) });
         // The mean of 3 and 7 is 5: odds of e, times one to nine: 1/(1 + 9/e).
         close(judge.blocked(1, 1, &Reception { range_m: 7.0, ..reception(None) }), 0.231_969);
         let model = by(Feature::TrackResidual);
-        let mut judge = Judge::new(Some(&model));
+        let mut judge = NlosDetector::new(Some(&model));
         assert!(!judge.wants_response());
         close(judge.blocked(0, 1, &reception(None)), part());
         // 5 m where √(4/9 + 16/9 + 16/9) = 2 m are expected: odds of 1/e, times one to nine.
@@ -228,7 +228,7 @@ mod tests {
     #[test]
     fn the_link_not_heard_for_longest_goes() {
         let model = by_shape();
-        let mut judge = Judge::new(Some(&model));
+        let mut judge = NlosDetector::new(Some(&model));
         for anchor in 0..LINKS as u16 {
             judge.blocked(anchor.into(), anchor, &reception(Some(1.35)));
         }
@@ -241,7 +241,7 @@ mod tests {
     #[test]
     fn no_reception_makes_a_probability_that_is_none() {
         let model = by(Feature::TrackResidual);
-        let mut judge = Judge::new(Some(&model));
+        let mut judge = NlosDetector::new(Some(&model));
         for wild in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, 0.0] {
             for ends_m in [None, Some([[f32::NAN; 3]; 2]), Some([[wild; 3], [1.0; 3]])] {
                 let mut wilder = Reception { range_m: wild, power_dbm: wild, ends_m, ..reception(Some(wild)) };

@@ -9,7 +9,7 @@ use crate::{PhyConfig, RadioDuration, RadioInstant};
 
 /// The network that is followed.
 #[derive(Clone, Debug)]
-pub struct Following {
+pub struct Sync {
     /// Where it is, and what counts there.
     pub course: Course,
     /// Who coordinates.
@@ -37,7 +37,7 @@ pub enum Heard {
     Anew,
 }
 
-impl Following {
+impl Sync {
     /// The network that this beacon tells of; `None` in the middle of a change of its layout.
     pub fn new(phy: &PhyConfig, beacon: &Beacon, rx_time: RadioInstant) -> Option<Self> {
         Course::of_beacon(phy, beacon, rx_time).map(|course| Self::in_course(course, beacon))
@@ -149,12 +149,12 @@ mod tests {
 
     /// A tag that has followed since superframe 10, whose slots are laid out for answers of 600 µs, and then dozed; when that superframe
     /// began.
-    fn dozing() -> (Following, RadioInstant) {
+    fn dozing() -> (Sync, RadioInstant) {
         let start = RadioInstant::from_ticks(5_000_000_000);
         let heard = start.plus(Timing::of(&PHY, layout(600)).beacon(SLOT.into()));
-        let mut following = Following::new(&PHY, &beacon(10, 7, layout(600), 0), heard).expect("nothing changes");
-        following.adrift = Some(heard);
-        (following, start)
+        let mut sync = Sync::new(&PHY, &beacon(10, 7, layout(600), 0), heard).expect("nothing changes");
+        sync.adrift = Some(heard);
+        (sync, start)
     }
 
     /// When the same slot of superframe 20 is heard by a clock that was off by half a millisecond in between.
@@ -166,30 +166,30 @@ mod tests {
 
     #[test]
     fn who_wakes_in_the_middle_of_a_change_of_layout_keeps_step_by_the_former_one() {
-        let (mut following, start) = dozing();
+        let (mut sync, start) = dozing();
         let rx_time = heard_late(start);
-        assert_eq!(following.hear(&PHY, &beacon(20, 8, layout(300), NOTICE), rx_time), Heard::Followed);
-        assert_eq!((following.adrift, following.course.phase.number), (None, 20));
+        assert_eq!(sync.hear(&PHY, &beacon(20, 8, layout(300), NOTICE), rx_time), Heard::Followed);
+        assert_eq!((sync.adrift, sync.course.phase.number), (None, 20));
         let (former, new) = (Timing::of(&PHY, layout(600)), Timing::of(&PHY, layout(300)));
-        assert_eq!(following.course.timing, former);
-        assert_eq!(following.course.phase.at(former.beacon(SLOT.into())), rx_time);
+        assert_eq!(sync.course.timing, former);
+        assert_eq!(sync.course.phase.at(former.beacon(SLOT.into())), rx_time);
         // The new one counts from the third superframe on, which begins where the former one's third ends.
         let third = RadioDuration::from_ticks(i64::from(NOTICE) * former.superframe.ticks());
-        let begin = following.course.phase.start.plus(third);
-        following.advance(begin);
-        assert_eq!((following.course.timing, following.course.phase.start), (new, begin));
+        let begin = sync.course.phase.start.plus(third);
+        sync.advance(begin);
+        assert_eq!((sync.course.timing, sync.course.phase.start), (new, begin));
     }
 
     #[test]
     fn who_may_have_missed_a_change_waits_for_the_end_of_this_one() {
-        let (mut following, start) = dozing();
+        let (mut sync, start) = dozing();
         let rx_time = heard_late(start);
-        assert_eq!(following.hear(&PHY, &beacon(20, 9, layout(300), NOTICE), rx_time), Heard::Ignored);
+        assert_eq!(sync.hear(&PHY, &beacon(20, 9, layout(300), NOTICE), rx_time), Heard::Ignored);
         // Another coordinator's is no notice to go by.
         let other = Beacon { coordinator: 2, ..beacon(20, 8, layout(300), NOTICE) };
-        assert_eq!(following.hear(&PHY, &other, rx_time), Heard::Ignored);
-        assert!(following.adrift.is_some());
-        assert_eq!(following.hear(&PHY, &beacon(20, 9, layout(300), 0), rx_time), Heard::Followed);
-        assert_eq!(following.course.timing, Timing::of(&PHY, layout(300)));
+        assert_eq!(sync.hear(&PHY, &other, rx_time), Heard::Ignored);
+        assert!(sync.adrift.is_some());
+        assert_eq!(sync.hear(&PHY, &beacon(20, 9, layout(300), 0), rx_time), Heard::Followed);
+        assert_eq!(sync.course.timing, Timing::of(&PHY, layout(300)));
     }
 }

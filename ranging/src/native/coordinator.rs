@@ -33,7 +33,7 @@ type Owners = [(u8, u8); OWNED_BEACON_SLOTS];
 
 /// An anchor's part in its network.
 #[derive(Clone, Debug)]
-pub struct Coordination {
+pub struct Coordinator {
     /// Where we are in time, and what counts there.
     pub course: Course,
     address: u16,
@@ -66,7 +66,7 @@ pub enum Heard {
     Changed(Link),
 }
 
-impl Coordination {
+impl Coordinator {
     /// A network of its own, beginning at `start`, laid out for this anchor itself.
     pub fn found(address: u16, phy: &PhyConfig, layout: Layout, start: RadioInstant) -> Self {
         let slot = Some((usize::from(address) % OWNED_BEACON_SLOTS) as u8);

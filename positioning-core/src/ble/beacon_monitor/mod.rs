@@ -7,7 +7,7 @@
 
 mod standing;
 
-pub use standing::Standing;
+pub use standing::BeaconHealth;
 
 use heapless::Vec;
 
@@ -109,14 +109,14 @@ pub struct News {
     /// Its place in the list.
     pub beacon: usize,
     /// What is believed.
-    pub standing: Standing,
+    pub standing: BeaconHealth,
     /// For how long its levels have told so, seconds.
     pub seconds: u32,
 }
 
 /// What is known of up to `N` listed beacons.
 #[derive(Clone, Debug)]
-pub struct Surroundings<T, const N: usize> {
+pub struct BeaconMonitor<T, const N: usize> {
     receiver: ReceiverOffset<T>,
     records: [Record<T>; N],
     pass: Pass<T>,
@@ -144,7 +144,7 @@ struct Pass<T> {
 /// Listed beacons of a node.
 pub const ON_NODE: usize = 24;
 
-impl Surroundings<f32, ON_NODE> {
+impl BeaconMonitor<f32, ON_NODE> {
     /// [`locate`](Self::locate), compiled in this crate, as [`Engine::step_on_node`](crate::engine::Engine::step_on_node) is.
     ///
     /// # Errors
@@ -161,7 +161,7 @@ impl Surroundings<f32, ON_NODE> {
     }
 }
 
-impl<T: Real, const N: usize> Surroundings<T, N> {
+impl<T: Real, const N: usize> BeaconMonitor<T, N> {
     /// All are where they are listed, and the receiver is as the calibration's, give or take `deviation` dB; 0: it is.
     pub fn new(deviation: T) -> Self {
         Self {
@@ -180,8 +180,8 @@ impl<T: Real, const N: usize> Surroundings<T, N> {
     }
 
     /// What is believed of a beacon; nothing bad of one that is not listed.
-    pub fn standing(&self, beacon: usize) -> Standing {
-        self.records.get(beacon).map_or(Standing::Agrees, |record| record.standing)
+    pub fn standing(&self, beacon: usize) -> BeaconHealth {
+        self.records.get(beacon).map_or(BeaconHealth::Agrees, |record| record.standing)
     }
 
     /// What is new of a beacon since it was asked last.
@@ -239,7 +239,7 @@ impl<T: Real, const N: usize> Surroundings<T, N> {
     /// The levels that make positions, with their places in the window and as [`corrected`](Self::corrected): sane ones, of beacons that
     /// agree.
     fn believed<'l>(&'l self, levels: &'l [Level<T>]) -> impl Iterator<Item = (usize, &'l Level<T>, Heard<T, 2>)> {
-        let agrees = |(_, level): &(usize, &Level<T>)| self.standing(level.beacon) == Standing::Agrees;
+        let agrees = |(_, level): &(usize, &Level<T>)| self.standing(level.beacon) == BeaconHealth::Agrees;
         let counted = levels.iter().enumerate().take(MAX_ANCHORS).filter(agrees);
         counted.map(|(place, level)| (place, level, self.corrected(level))).filter(|(_, _, one)| one.is_sane())
     }

@@ -18,7 +18,7 @@ const FULL: f64 = 10.0;
 /// What is believed of a listed beacon.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Standing {
+pub enum BeaconHealth {
     /// It is where it is listed.
     #[default]
     Agrees,
@@ -34,13 +34,13 @@ pub(super) struct Record<T> {
     sum: T,
     /// When it began to contradict, seconds.
     since_s: u32,
-    pub(super) standing: Standing,
+    pub(super) standing: BeaconHealth,
 }
 
 impl<T: Real> Record<T> {
     /// A level that is off by so many of its variances, or that of two senders; worth `weight` of one at a place of its own. What is
     /// believed from now on, if it is another thing, and for how many seconds the levels have told so.
-    pub(super) fn take(&mut self, now_us: u64, variances: T, is_torn: bool, weight: T) -> Option<(Standing, u32)> {
+    pub(super) fn take(&mut self, now_us: u64, variances: T, is_torn: bool, weight: T) -> Option<(BeaconHealth, u32)> {
         let now_s = u32::try_from(now_us / 1_000_000).unwrap_or(u32::MAX);
         let off = if is_torn { T::of(MOST) } else { variances.at_most(T::of(MOST)) };
         let more = weight * (off - T::of(EXPECTED));
@@ -49,17 +49,17 @@ impl<T: Real> Record<T> {
         }
         let contradicts = more > T::ZERO;
         let turns = match self.standing {
-            Standing::Agrees => self.sum <= T::ZERO && contradicts,
-            Standing::Elsewhere | Standing::TwoPlaces => self.sum >= T::of(FULL) && !contradicts,
+            BeaconHealth::Agrees => self.sum <= T::ZERO && contradicts,
+            BeaconHealth::Elsewhere | BeaconHealth::TwoPlaces => self.sum >= T::of(FULL) && !contradicts,
         };
         if turns {
             self.since_s = now_s;
         }
         self.sum = (self.sum + more).at_least(T::ZERO).at_most(T::of(FULL));
         let standing = match self.standing {
-            Standing::Agrees if self.sum > T::of(DOUBTED) && is_torn => Standing::TwoPlaces,
-            Standing::Agrees if self.sum > T::of(DOUBTED) => Standing::Elsewhere,
-            Standing::Elsewhere | Standing::TwoPlaces if self.sum < T::of(BELIEVED) => Standing::Agrees,
+            BeaconHealth::Agrees if self.sum > T::of(DOUBTED) && is_torn => BeaconHealth::TwoPlaces,
+            BeaconHealth::Agrees if self.sum > T::of(DOUBTED) => BeaconHealth::Elsewhere,
+            BeaconHealth::Elsewhere | BeaconHealth::TwoPlaces if self.sum < T::of(BELIEVED) => BeaconHealth::Agrees,
             same => same,
         };
         let changed = standing != self.standing;
@@ -69,7 +69,7 @@ impl<T: Real> Record<T> {
 
     /// Forgets a doubt that has not come to a word: another beacon was its cause.
     pub(super) fn excuse(&mut self) {
-        if self.standing == Standing::Agrees {
+        if self.standing == BeaconHealth::Agrees {
             self.sum = T::ZERO;
         }
     }
@@ -77,7 +77,7 @@ impl<T: Real> Record<T> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Record, Standing};
+    use super::{BeaconHealth, Record};
 
     #[test]
     fn contradictions_at_several_places_are_a_word_and_agreement_takes_it_back() {
@@ -86,13 +86,13 @@ mod tests {
             |second: u64, variances, is_torn, weight| record.take(second * 1_000_000, variances, is_torn, weight);
         // 6 − 1.6 = 4.4, and 4 − 1.6 = 2.4 more are 6.8; 4.4 more are beyond 8, and held at 10.
         assert_eq!((take(10, 30.0, false, 1.0), take(15, 4.0, false, 1.0)), (None, None));
-        assert_eq!(take(22, 9.0, false, 1.0), Some((Standing::Elsewhere, 12)));
+        assert_eq!(take(22, 9.0, false, 1.0), Some((BeaconHealth::Elsewhere, 12)));
         assert_eq!(take(30, 9.0, false, 1.0), None);
         // Down by 1.6 each: 8.4, 6.8, 5.2, 3.6, 2, 0.4.
         for second in [40, 44, 48, 52, 56] {
             assert_eq!(take(second, 0.0, false, 1.0), None, "{second}");
         }
-        assert_eq!(take(60, 0.0, false, 1.0), Some((Standing::Agrees, 20)));
+        assert_eq!(take(60, 0.0, false, 1.0), Some((BeaconHealth::Agrees, 20)));
     }
 
     #[test]
@@ -116,6 +116,6 @@ mod tests {
         let mut record = Record::<f32>::default();
         // 4.4 each.
         let told = (0..3).find_map(|k| record.take(k * 4_000_000, 0.0, true, 1.0));
-        assert_eq!(told, Some((Standing::TwoPlaces, 4)));
+        assert_eq!(told, Some((BeaconHealth::TwoPlaces, 4)));
     }
 }

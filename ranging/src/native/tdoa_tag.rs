@@ -17,10 +17,10 @@
 use heapless::Vec;
 use positioning_core::Real;
 
-use super::following::{Following, Heard};
-use super::neighbours::{Neighbours, Refused};
+use super::anchor_table::{AnchorTable, Refused};
 use super::pace::Meter;
 use super::plan::{Rate, owned_slots};
+use super::sync::{Heard, Sync};
 use super::timing::{BEACON_SLOTS, SUPERFRAME, end_of};
 use super::{MAX_ROUND, Network, SHORTEST_WAIT, STAMP_DEVIATION_TICKS};
 use crate::exchange::{Action, Difference, Differences, Event, Guidance, Link, Machine, Report};
@@ -37,7 +37,7 @@ const STAMP_DEVIATION_M: f32 = STAMP_DEVIATION_TICKS * METRES_PER_TICK as f32;
 /// What a listening tag is told at its start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct ListeningTagConfig {
+pub struct TdoaTagConfig {
     /// The network.
     pub network: Network,
     /// From one round heard to the next, at least, 8 s at most; in between the radio is off. `None`: every round is heard.
@@ -46,13 +46,13 @@ pub struct ListeningTagConfig {
 
 /// A tag that only listens. Its reports are the differences of distances of each round heard, and changes of its link.
 #[derive(Clone, Debug)]
-pub struct ListeningTag {
-    config: ListeningTagConfig,
+pub struct TdoaTag {
+    config: TdoaTagConfig,
     meter: Meter,
     bias: RangeBias,
-    neighbours: Neighbours,
+    anchors: AnchorTable,
     link: Option<Link>,
-    network: Option<Following>,
+    network: Option<Sync>,
     round: Option<Round>,
     /// Counts the rounds heard.
     number: u16,
@@ -75,14 +75,14 @@ struct Round {
     pending: u8,
 }
 
-impl ListeningTag {
+impl TdoaTag {
     /// A tag that has heard nobody yet.
-    pub fn new(config: ListeningTagConfig) -> Self {
+    pub fn new(config: TdoaTagConfig) -> Self {
         Self {
             config,
             meter: Meter::new(config.network.pinned),
             bias: RangeBias::of(&config.network.phy),
-            neighbours: Neighbours::new(),
+            anchors: AnchorTable::new(),
             link: None,
             network: None,
             round: None,
@@ -94,7 +94,7 @@ impl ListeningTag {
 
     /// What was heard and not believed since the start.
     pub fn refused(&self) -> Refused {
-        self.neighbours.refused
+        self.anchors.refused
     }
 
     fn hear(&mut self, frame: &RxFrame<'_>) {
@@ -115,23 +115,23 @@ impl ListeningTag {
         let phy = &self.config.network.phy;
         let heard = match &mut self.network {
             None => {
-                self.network = Following::new(phy, beacon, frame.rx_time);
+                self.network = Sync::new(phy, beacon, frame.rx_time);
                 if self.network.is_some() { Heard::Anew } else { Heard::Ignored }
             }
             Some(network) => network.hear(phy, beacon, frame.rx_time),
         };
         match heard {
             Heard::Ignored => return,
-            Heard::Refused => return self.neighbours.refuse_coordinator(),
+            Heard::Refused => return self.anchors.refuse_coordinator(),
             Heard::Followed => {}
             Heard::Changed | Heard::Anew => self.link = Some(Link::Synchronised(beacon.coordinator)),
         }
-        self.neighbours.hear_beacon(source, beacon, frame.diagnostics.rx_power_dbm);
+        self.anchors.hear_beacon(source, beacon, frame.diagnostics.rx_power_dbm);
     }
 
     /// A round begins that serves us, where an anchor asks in a slot of its own and its place is known.
     fn hear_poll(&mut self, source: u16, poll: &Poll, frame: &RxFrame<'_>) {
-        let Some(reference_m) = self.neighbours.get_mut(source).and_then(|anchor| anchor.position.metres()) else {
+        let Some(reference_m) = self.anchors.get_mut(source).and_then(|anchor| anchor.position.metres()) else {
             return;
         };
         if !self.may_poll(source, frame.rx_time) {
@@ -162,16 +162,16 @@ impl ListeningTag {
             return;
         }
         if !timing.is_in_slot(slot, between) || !timing.is_reply(slot, response.reply) {
-            self.neighbours.refused.off_slot = self.neighbours.refused.off_slot.saturating_add(1);
+            self.anchors.refused.off_slot = self.anchors.refused.off_slot.saturating_add(1);
             return;
         }
         // Responses come in the order of their slots: those before have been lost.
         round.pending &= !(u8::MAX >> (MAX_ROUND - 1 - slot));
         let diagnostics = frame.diagnostics;
-        let Some(anchor) = self.neighbours.hear(source, diagnostics.rx_power_dbm) else { return };
+        let Some(anchor) = self.anchors.hear(source, diagnostics.rx_power_dbm) else { return };
         // The model's sender is the anchor, its receiver this tag: the rate is the tag's against the anchor's.
         if !anchor.clock.expects(-diagnostics.clock_offset_ppm) {
-            self.neighbours.refused.carriers = self.neighbours.refused.carriers.saturating_add(1);
+            self.anchors.refused.carriers = self.anchors.refused.carriers.saturating_add(1);
             return;
         }
         anchor.clock.poll(response.poll_rx.plus(response.reply), frame.rx_time);
@@ -197,7 +197,7 @@ impl ListeningTag {
         let Some(network) = &mut self.network else { return false };
         let pulse = rx_time.plus(RadioDuration::from_ticks(-network.course.timing.to_rmarker.ticks()));
         let begun = network.advance(pulse);
-        self.neighbours.advance(begun);
+        self.anchors.advance(begun);
         let (timing, phase) = (network.course.timing, network.course.phase);
         let into = pulse.since(phase.start).ticks() - timing.rounds().ticks();
         let Some(slot) = u32::try_from(into.div_euclid(timing.round_slot.ticks())).ok() else { return false };
@@ -209,10 +209,10 @@ impl ListeningTag {
     fn advance(&mut self, present: RadioInstant) {
         let Some(network) = &mut self.network else { return };
         let begun = network.advance(present);
-        self.neighbours.advance(begun);
+        self.anchors.advance(begun);
         if network.silent() > LOST_AFTER {
             self.network = None;
-            self.neighbours.end_session();
+            self.anchors.end_session();
             self.link = Some(Link::Unsynchronised);
         }
     }
@@ -228,7 +228,7 @@ impl ListeningTag {
     }
 }
 
-impl Machine for ListeningTag {
+impl Machine for TdoaTag {
     fn guide(&mut self, guidance: Guidance) {
         match guidance.rate {
             Some(Rate::Every(period)) => self.config.period = Some(period),
@@ -242,7 +242,7 @@ impl Machine for ListeningTag {
         match event {
             Event::Started => {
                 (self.network, self.round, self.rest_until) = (None, None, None);
-                self.neighbours.forget_clocks();
+                self.anchors.forget_clocks();
             }
             Event::Received(frame) => {
                 self.hear(&frame);
