@@ -2,7 +2,7 @@
 //!
 //! Advertising data → [`Structures`], one AD structure after the other → [`Payload`] or [`UidPayload`], a view over those of an
 //! iBeacon or an Eddystone-UID → [`IBeacon`] or [`EddystoneUid`], the representations that go inward, either as [`Advertised`]; and
-//! back with [`IBeacon::emit`] and [`EddystoneUid::emit`]. A [`RotatingId`] hides an iBeacon's identity from whoever has not its key.
+//! back with [`IBeacon::emit`] and [`EddystoneUid::emit`]. A [`RotatingId`] hides an iBeacon's identity from everybody without its key.
 #![no_std]
 #![forbid(unsafe_code)]
 

@@ -91,7 +91,7 @@ pub async fn keep_telling(reporter: &'static Reporter, hello: Hello) {
 }
 
 /// The supervisor, for ever: lets telemetry out, shows the lights, and feeds the watchdog while `alive` says that all tasks are. Of
-/// the first that is not it leaves word, and the watchdog ends the life of all.
+/// the first task that misses its heartbeat is written to the crash report, and the watchdog resets the node.
 pub async fn supervise(
     reporter: &Reporter,
     mut write: impl FnMut(&[u8]) -> bool,

@@ -49,7 +49,7 @@ impl<M: RawMutex, const BYTES: usize> Reporter<M, BYTES> {
         self.ranging.beat(self.now_us());
     }
 
-    /// The radio failed for the so-manieth time in a row.
+    /// The radio failed again: `failures` counts the failures in a row.
     pub fn radio_failed(&self, error: &impl core::fmt::Debug, failures: u32) {
         self.counts.radio_failures.add();
         self.ranging.beat(self.now_us());

@@ -1,5 +1,5 @@
-//! From advertisements to levels: in flow those of listed beacons as the controller reports them, out flow, once a window, smoothed ones
-//! with deviations that are honest.
+//! From advertisements to RSSI. Input: advertisements of listed beacons, as the controller reports them. Output, once a window: one smoothed
+//! RSSI a beacon, with its standard deviation.
 //!
 //! A level is judged and smoothed by the core's Kalman filter of its beacon (`positioning_core::ble::signal`), and goes with the
 //! beacon's path loss. Of its error the noise is averaged away and the shadow of walls and people is not: it stays with the

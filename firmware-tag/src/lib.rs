@@ -120,7 +120,7 @@ pub trait Sink {
         let _ = dropped;
     }
 
-    /// The scanner was silent and has been restarted for the so-manieth time.
+    /// The scanner was silent and has been restarted; how many times so far.
     fn scanner_restarted(&self, times: u32) {
         let _ = times;
     }

@@ -1,8 +1,7 @@
-//! How often a tag ranges by how it moves: in flow positions and the movements that a motion sensor reports, out flow changes of the rate.
+//! How often a tag ranges. Input: its positions, and the movements that a motion sensor reports. Output: changes of the rate.
 //!
-//! A tag that stays where it is for some seconds, as far as its positions can tell, goes to its still rate. Where it stays is the
-//! mean of its positions since; one that is off by more than two standard deviations is a movement: most of what a track doubts, the
-//! errors of links, stays with the place. So is not to know: two rounds in a row without a position.
+//! A tag whose positions stay for some seconds goes to its still rate. It counts as moving where a position leaves the running mean by more
+//! than two standard deviations (the errors of links are constant while a tag stands still), or where two rounds in a row give no position.
 //!
 //! A motion sensor makes waking quick, and does not replace positions. A tag with one goes to its still rate when both say that it is still:
 //! a trolley at constant speed is not accelerated, and only positions see it. Where there are no positions, a sensor that is quiet is enough.

@@ -27,7 +27,7 @@ pub enum Method {
     BbNlsC,
     /// Nonlinear least squares weighted by B-WLS (6-21).
     BbNlsR,
-    /// Maximum a posteriori under a mixture of direct and blocked ranges: the default.
+    /// Posterior mean under a mixture of direct and blocked ranges: the default.
     Robust,
 }
 

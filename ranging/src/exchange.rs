@@ -228,7 +228,7 @@ pub trait Machine {
     }
 }
 
-/// A machine that lives elsewhere: in a `static`, which an async function would copy it from, once a call.
+/// For machines in a `static`: an async function that took the machine by value would copy it into its future.
 impl<M: Machine + ?Sized> Machine for &mut M {
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         (**self).step(now, event)

@@ -134,7 +134,7 @@ pub struct Sample {
     pub q: i16,
 }
 
-/// A radio that lives elsewhere: see the machine's counterpart in [`exchange`](crate::exchange).
+/// For radios in a `static`: an async function that took the radio by value would copy it into its future.
 impl<R: Radio> Radio for &mut R {
     type Error = R::Error;
 

@@ -44,7 +44,7 @@ pub struct Hello {
     pub role: Role,
     /// Its board.
     pub board: Board,
-    /// The build: see `BuildId` of firmware-common. An ELF file has the same bytes in its section `.baliza.build`.
+    /// The build: made of the commit and the sources when the image is built. An ELF file has the same bytes in its section `.baliza.build`.
     pub build: [u8; 8],
 }
 

@@ -27,7 +27,7 @@ pub enum Kernel {
     Nonlinear,
     /// The mean of where the tag may be.
     Posterior,
-    /// The tag's engine, one range a beacon and window.
+    /// The tag's engine: one beacon position a window.
     Engine,
     /// A particle filter over the levels' likelihood, window by window.
     ParticleFilter,

@@ -88,7 +88,7 @@ pub(super) fn known<T: Real>(blocked: Option<T>) -> Option<T> {
     blocked.filter(|p| p.is_finite()).map(|p| p.at_least(T::ZERO).at_most(T::ONE))
 }
 
-/// The same where no word is no doubt.
+/// The same, but a range without an NLOS probability counts as line of sight.
 pub(super) fn probability<T: Real>(blocked: Option<T>) -> T {
     known(blocked).unwrap_or(T::ZERO)
 }

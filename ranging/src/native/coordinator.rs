@@ -1,9 +1,9 @@
 //! How anchors keep one time, one coordinator and one list of members among themselves.
 //!
-//! Every anchor repeats in its beacon what it knows of the coordinator's word, with the number of superframes since that left
-//! the coordinator (`age`) and of hops. Who hears younger word follows it; its clock follows senders nearer to the coordinator
-//! only. Word that grows too old means that the coordinator is gone: the first anchor whose beacon slot comes then takes
-//! over, with a later term, the same time and the same list; those behind it hear that before their own slot. Which of two
+//! Each beacon repeats the coordinator's last message, with its age in superframes (`age`) and the number of hops. An anchor follows the
+//! freshest message; its clock follows only senders that are nearer to the coordinator. If the age exceeds the limit, the coordinator is gone:
+//! the first anchor whose beacon slot comes takes over, with a later term, the same time and the same list; those behind it hear that before
+//! their own slot. Which of two
 //! coordinators is followed, and when, is in [`election`](super::election). A coordinator that comes back hears that first, and follows.
 //!
 //! Polls that others heard count where those others tell of them in beacon slots of their own, which they had before.

@@ -53,7 +53,7 @@ pub enum What {
     Room(Whereabouts),
     /// A link has changed.
     Link(Link),
-    /// The radio failed for the so-manieth time in a row.
+    /// The radio failed again; how many times in a row.
     RadioFailed(u32),
     /// The scenario did something to the node.
     Fault(super::FaultKind),
