@@ -46,7 +46,7 @@ fn pinned(scenario: Scenario, answer_us: u32, listen_again_us: u32) -> Scenario 
     let micros = RadioDuration::from_micros;
     let turnaround =
         Turnaround { answer: micros(answer_us), listen_again: micros(listen_again_us), transmit: micros(250) };
-    let networks = scenario.networks.iter().map(|network| Network { pinned: Some(turnaround), ..network.clone() });
+    let networks = scenario.networks.iter().map(|network| Network { pinned: Some(turnaround), ..*network });
     Scenario { networks: networks.collect(), ..scenario }
 }
 
