@@ -27,9 +27,9 @@ pub async fn run<R: Restart>(
 }
 
 /// The listener of a board's anchor: everything goes to the node's reporter.
-pub struct Told<'r, M: RawMutex, const BYTES: usize>(pub &'r Reporter<M, BYTES>);
+pub struct TelemetrySink<'r, M: RawMutex, const BYTES: usize>(pub &'r Reporter<M, BYTES>);
 
-impl<M: RawMutex, const BYTES: usize> Listener for Told<'_, M, BYTES> {
+impl<M: RawMutex, const BYTES: usize> Listener for TelemetrySink<'_, M, BYTES> {
     async fn report(&mut self, report: Report<'_>, _: RadioInstant) -> Guidance {
         self.0.report(report);
         Guidance::NONE

@@ -5,7 +5,7 @@
 use boards::dwm1001::{self, Board, Bus, Delay, Interrupt, Reset};
 use boards::node::{self, Reporter, Tasks};
 use embassy_executor::Spawner;
-use firmware_anchor::Told;
+use firmware_anchor::TelemetrySink;
 use firmware_common::AnchorMachine;
 use node_record::Role;
 use ranging::dw1000::Dw1000;
@@ -25,7 +25,7 @@ async fn ranging(
     machine: &'static mut AnchorMachine,
     reporter: &'static Reporter,
 ) {
-    firmware_anchor::run(radio, delay, machine, Told(reporter)).await;
+    firmware_anchor::run(radio, delay, machine, TelemetrySink(reporter)).await;
 }
 
 /// Spawns all tasks; without a record to follow, only those that tell so.

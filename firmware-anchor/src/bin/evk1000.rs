@@ -6,7 +6,7 @@ use boards::evk1000::{self, Board, Bus, Delay, Interrupt, Reset, SharedPanel, Sh
 use boards::node::{self, Reporter, Tasks};
 use boards::panel::{Awaiting, Panel};
 use embassy_executor::Spawner;
-use firmware_anchor::Told;
+use firmware_anchor::TelemetrySink;
 use firmware_common::AnchorMachine;
 use node_record::Role;
 use ranging::dw1000::Dw1000;
@@ -27,7 +27,7 @@ async fn ranging(
     reporter: &'static Reporter,
     panel: &'static SharedPanel,
 ) {
-    firmware_anchor::run(radio, Delay, machine, Shown { listener: Told(reporter), panel }).await;
+    firmware_anchor::run(radio, Delay, machine, Shown { listener: TelemetrySink(reporter), panel }).await;
 }
 
 /// Spawns all tasks; where S1-4 asks for a tag, only those that say what is wrong.

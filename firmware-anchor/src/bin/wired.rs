@@ -6,7 +6,7 @@
 
 use boards::node::{self, Reporter};
 use boards::wired::{self, Board, Bus, Delay, Interrupt, Reset};
-use firmware_anchor::Told;
+use firmware_anchor::TelemetrySink;
 use firmware_common::AnchorMachine;
 use node_record::Role;
 use ranging::dw1000::Dw1000;
@@ -26,7 +26,7 @@ async fn ranging(
     machine: &'static mut AnchorMachine,
     reporter: &'static Reporter,
 ) {
-    firmware_anchor::run(radio, delay, machine, Told(reporter)).await;
+    firmware_anchor::run(radio, delay, machine, TelemetrySink(reporter)).await;
 }
 
 #[cfg_attr(target_arch = "arm", cortex_m_rt::entry)]

@@ -4,7 +4,7 @@ use boards::esp::{self, Board, Bus, Interrupt, Reset};
 use boards::node::{self, Reporter, Tasks};
 use embassy_executor::Spawner;
 use embassy_time::Delay;
-use firmware_anchor::Told;
+use firmware_anchor::TelemetrySink;
 use firmware_common::AnchorMachine;
 use node_record::Role;
 use ranging::dw1000::Dw1000;
@@ -19,7 +19,7 @@ static MACHINE: StaticCell<AnchorMachine> = StaticCell::new();
 
 #[embassy_executor::task]
 async fn ranging(radio: &'static mut Radio, machine: &'static mut AnchorMachine, reporter: &'static Reporter) {
-    firmware_anchor::run(radio, Delay, machine, Told(reporter)).await;
+    firmware_anchor::run(radio, Delay, machine, TelemetrySink(reporter)).await;
 }
 
 /// Spawns all tasks; without a record to follow, only those that tell so.

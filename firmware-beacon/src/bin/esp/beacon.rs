@@ -28,9 +28,9 @@ impl Advertise for OnAir<'_> {
 }
 
 /// The app's listener.
-struct Told;
+struct TelemetryListener;
 
-impl Listener for Told {
+impl Listener for TelemetryListener {
     fn advertising(&mut self, advertisement: &Advertisement) {
         defmt::info!("on the air: {}", advertisement);
         REPORTER.event_log.state(REPORTER.now_us(), Condition::Advertising);
@@ -58,7 +58,11 @@ async fn advertise(parts: Parts, settings: Settings) {
             return;
         }
     };
-    join(advertiser.serve(), firmware_beacon::run(OnAir(&advertiser), Delay, esp::random, &settings, Told)).await;
+    join(
+        advertiser.serve(),
+        firmware_beacon::run(OnAir(&advertiser), Delay, esp::random, &settings, TelemetryListener),
+    )
+    .await;
 }
 
 /// Spawns all tasks; without a record to follow, only those that tell so.
