@@ -1,33 +1,14 @@
 //! What an exchange asks of its node, and what the node answers: sans-I/O.
 //!
 //! A [`Machine`] (the tag's or the anchor's side of an exchange) is stepped with the time and an [`Event`], and answers with an
-//! [`Action`]. All but one action map one to one onto calls of [`Radio`] or a wait; [`execute`] does that, so that
-//! a node's whole loop is
-//!
-//! ```no_run
-//! # use ranging::{exchange::*, Radio, RadioInstant, radio::MAX_FRAME};
-//! # async fn node<R: Radio>(mut machine: impl Machine, mut radio: R, mut delay: impl embedded_hal_async::delay::DelayNs)
-//! # -> Result<(), R::Error> {
-//! let mut buffer = [0; MAX_FRAME];
-//! let (mut now, mut event) = (radio.now().await?, Event::Started);
-//! loop {
-//!     let action = machine.step(now, event);
-//!     if let Action::Report(report) = action {
-//!         // Ranges go to the positioning engine, changes of state to telemetry.
-//!         # let _ = report;
-//!     }
-//!     (now, event) = execute(&mut radio, &mut delay, &mut buffer, action).await?;
-//! }
-//! # }
-//! ```
+//! [`Action`]. All but one action map one to one onto calls of [`Radio`](crate::Radio), a wait or a sleep; a [`Report`] is for the node
+//! itself. [`node::run`](crate::node::run) is the loop that does them.
 //!
 //! Every reception has a window and every wait an end: an exchange never stands still, whatever is lost.
 
-use embedded_hal_async::delay::DelayNs;
-
 use crate::native::Rate;
-use crate::radio::{MAX_FRAME, Sensors};
-use crate::{Diagnostics, Pace, Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
+use crate::radio::Sensors;
+use crate::{Diagnostics, Pace, RadioDuration, RadioInstant, RxFrame, Start};
 
 /// What became of the last action.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,7 +18,7 @@ pub enum Event<'b> {
     Started,
     /// The frame left at this instant.
     Sent(RadioInstant),
-    /// The frame did not leave, or nobody knows ([`TransmitError::TooLong`], [`TransmitError::NoConfirmation`]).
+    /// The frame did not leave, or nobody knows ([`TransmitError`](crate::TransmitError)'s `TooLong`, `NoConfirmation`).
     NotSent,
     /// A frame came.
     Received(RxFrame<'b>),
@@ -56,7 +37,7 @@ pub enum Event<'b> {
 /// What the node is to do next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Action<'m> {
-    /// [`Radio::transmit`].
+    /// [`Radio::transmit`](crate::Radio::transmit).
     Transmit {
         /// The frame, without its check bytes.
         frame: &'m [u8],
@@ -65,7 +46,7 @@ pub enum Action<'m> {
         /// Whether the receiver is to be on as soon as the frame has left.
         listen: bool,
     },
-    /// [`Radio::receive`].
+    /// [`Radio::receive`](crate::Radio::receive).
     Receive {
         /// From when.
         start: Start,
@@ -83,7 +64,7 @@ pub enum Action<'m> {
         /// For how long from then: minutes, too, which instants do not tell apart.
         duration: RadioDuration,
     },
-    /// [`Radio::compensate`]; the next event is [`Event::Woken`].
+    /// [`Radio::compensate`](crate::Radio::compensate); the next event is [`Event::Woken`].
     Compensate,
     /// Something for the node itself; nothing is done with the radio.
     Report(Report<'m>),
@@ -264,7 +245,7 @@ pub struct Guidance {
     /// How often a tag is to range from now on; `None`: as before.
     pub rate: Option<Rate>,
     /// Whether anchors take turns in being the last that a round asks, so that the impulse response of each can be read now and
-    /// then ([`Radio::impulse_response`]).
+    /// then ([`Radio::impulse_response`](crate::Radio::impulse_response)).
     pub turns: bool,
     /// How long the node will still compute with the rounds that it has: a tag that ranges as often as it can ends its next round no
     /// sooner.
@@ -274,85 +255,4 @@ pub struct Guidance {
 impl Guidance {
     /// Nothing is known, nothing is to change.
     pub const NONE: Self = Self { position_m: None, rate: None, turns: false, busy: RadioDuration::ZERO };
-}
-
-/// Does an action with a radio; answers with the time and the event for the next step. A report is the caller's to read before.
-///
-/// An error is the radio's own; after it has been restarted, the machine continues with [`Event::Started`].
-pub async fn execute<'b, R: Radio>(
-    radio: &mut R,
-    delay: &mut impl DelayNs,
-    buffer: &'b mut [u8; MAX_FRAME],
-    action: Action<'_>,
-) -> Result<(RadioInstant, Event<'b>), R::Error> {
-    match action {
-        Action::Transmit { frame, start, listen } => return transmit(radio, frame, start, listen).await,
-        Action::Receive { start, window, keep_listening } => {
-            return receive(radio, buffer, start, window, keep_listening).await;
-        }
-        Action::WaitUntil(instant) => {
-            let now = radio.now().await?;
-            let micros = left_of(radio, now, instant.since(now)).await?;
-            delay.delay_us(micros).await;
-        }
-        Action::Sleep { from, duration } => {
-            let micros = left_of(radio, from, duration).await?;
-            delay.delay_us(micros).await;
-        }
-        Action::Compensate => {
-            radio.compensate().await?;
-        }
-        Action::Report(_) => return Ok((radio.now().await?, Event::Reported)),
-    }
-    Ok((radio.now().await?, Event::Woken))
-}
-
-/// [`Action::Transmit`].
-pub(crate) async fn transmit<'b, R: Radio>(
-    radio: &mut R,
-    frame: &[u8],
-    start: Start,
-    listen: bool,
-) -> Result<(RadioInstant, Event<'b>), R::Error> {
-    let event = match radio.transmit(frame, start, listen).await {
-        Ok(departure) => return Ok((departure, Event::Sent(departure))),
-        Err(TransmitError::Late) => Event::Late,
-        Err(TransmitError::TooLong | TransmitError::NoConfirmation) => Event::NotSent,
-        Err(TransmitError::Radio(error)) => return Err(error),
-    };
-    Ok((radio.now().await?, event))
-}
-
-/// [`Action::Receive`].
-pub(crate) async fn receive<'b, R: Radio>(
-    radio: &mut R,
-    buffer: &'b mut [u8; MAX_FRAME],
-    start: Start,
-    window: RadioDuration,
-    keep_listening: bool,
-) -> Result<(RadioInstant, Event<'b>), R::Error> {
-    let event = match radio.receive(buffer, start, window, keep_listening).await {
-        Ok(frame) => return Ok((frame.rx_time, Event::Received(frame))),
-        Err(ReceiveError::Timeout) => Event::Timeout,
-        Err(ReceiveError::Late) => Event::Late,
-        Err(ReceiveError::Corrupt) => Event::Corrupt,
-        Err(ReceiveError::Radio(error)) => return Err(error),
-    };
-    Ok((radio.now().await?, event))
-}
-
-/// Switches the radio off, and answers how many microseconds are left of a wait of `duration` since `from`.
-pub(crate) async fn left_of<R: Radio>(
-    radio: &mut R,
-    from: RadioInstant,
-    duration: RadioDuration,
-) -> Result<u32, R::Error> {
-    radio.idle().await?;
-    let passed = radio.now().await?.since(from);
-    Ok(micros(RadioDuration::from_ticks(duration.ticks().saturating_sub(passed.ticks()))))
-}
-
-/// A microsecond begun is waited for, or a machine would be woken before its time again and again.
-fn micros(wait: RadioDuration) -> u32 {
-    u32::try_from(wait.as_micros()).map_or(0, |micros| micros.saturating_add(1))
 }

@@ -9,9 +9,9 @@ use core::future::{Future, pending};
 use embassy_futures::select::{Either, select};
 use embedded_hal_async::delay::DelayNs;
 
-use crate::exchange::{Action, Event, Guidance, Machine, Report, left_of, receive, transmit};
+use crate::exchange::{Action, Event, Guidance, Machine, Report};
 use crate::radio::MAX_FRAME;
-use crate::{Pace, Radio, RadioDuration, RadioInstant};
+use crate::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, Start, TransmitError};
 
 /// The first pause after a failure, and what it grows to, milliseconds: a chip that is back is used again within a
 /// second.
@@ -170,4 +170,50 @@ struct Wait {
     from: RadioInstant,
     duration: RadioDuration,
     may_sleep: bool,
+}
+
+/// [`Action::Transmit`].
+async fn transmit<'b, R: Radio>(
+    radio: &mut R,
+    frame: &[u8],
+    start: Start,
+    listen: bool,
+) -> Result<(RadioInstant, Event<'b>), R::Error> {
+    let event = match radio.transmit(frame, start, listen).await {
+        Ok(departure) => return Ok((departure, Event::Sent(departure))),
+        Err(TransmitError::Late) => Event::Late,
+        Err(TransmitError::TooLong | TransmitError::NoConfirmation) => Event::NotSent,
+        Err(TransmitError::Radio(error)) => return Err(error),
+    };
+    Ok((radio.now().await?, event))
+}
+
+/// [`Action::Receive`].
+async fn receive<'b, R: Radio>(
+    radio: &mut R,
+    buffer: &'b mut [u8; MAX_FRAME],
+    start: Start,
+    window: RadioDuration,
+    keep_listening: bool,
+) -> Result<(RadioInstant, Event<'b>), R::Error> {
+    let event = match radio.receive(buffer, start, window, keep_listening).await {
+        Ok(frame) => return Ok((frame.rx_time, Event::Received(frame))),
+        Err(ReceiveError::Timeout) => Event::Timeout,
+        Err(ReceiveError::Late) => Event::Late,
+        Err(ReceiveError::Corrupt) => Event::Corrupt,
+        Err(ReceiveError::Radio(error)) => return Err(error),
+    };
+    Ok((radio.now().await?, event))
+}
+
+/// Switches the radio off, and answers how many microseconds are left of a wait of `duration` since `from`.
+async fn left_of<R: Radio>(radio: &mut R, from: RadioInstant, duration: RadioDuration) -> Result<u32, R::Error> {
+    radio.idle().await?;
+    let passed = radio.now().await?.since(from);
+    Ok(micros(RadioDuration::from_ticks(duration.ticks().saturating_sub(passed.ticks()))))
+}
+
+/// A microsecond begun is waited for, or a machine would be woken before its time again and again.
+fn micros(wait: RadioDuration) -> u32 {
+    u32::try_from(wait.as_micros()).map_or(0, |micros| micros.saturating_add(1))
 }
