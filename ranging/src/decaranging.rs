@@ -35,11 +35,10 @@ use crate::{PhyConfig, RadioDuration, RxFrame};
 /// then.
 pub const INIT_DELAY: RadioDuration = RadioDuration::from_micros(150_000);
 
-/// A board corrects its antenna delays for temperature and supply after its first exchanges, once in so many from then on, …
+/// A board corrects its antenna delays for temperature and supply after so many exchanges at first, …
 const COMPENSATE_AFTER: u16 = 16;
+/// … and once in so many from then on.
 const COMPENSATE_EVERY: u16 = 256;
-/// … which takes less than this.
-const COMPENSATION: RadioDuration = RadioDuration::from_micros(3_000);
 
 /// What a board says with the messages of DecaRanging.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,6 +61,32 @@ const FLIGHTS_IN_SUM: i64 = 4;
 const DEVIATION_M: f32 = 0.612_372_4 * STAMP_DEVIATION_TICKS * METRES_PER_TICK as f32;
 /// Ranges whose mean is shown.
 const MEAN_OF: usize = 8;
+
+/// Exchanges until a board corrects its antenna delays again.
+#[derive(Clone, Debug)]
+struct Compensation {
+    due_in: u16,
+}
+
+impl Compensation {
+    const fn new() -> Self {
+        Self { due_in: COMPENSATE_AFTER }
+    }
+
+    /// One more exchange.
+    fn count(&mut self) {
+        self.due_in = self.due_in.saturating_sub(1);
+    }
+
+    /// Whether it is due: true once for each time.
+    fn take(&mut self) -> bool {
+        let is_due = self.due_in == 0;
+        if is_due {
+            self.due_in = COMPENSATE_EVERY;
+        }
+        is_due
+    }
+}
 
 /// The mean of the last eight ranges, metres.
 #[derive(Clone, Debug, Default)]

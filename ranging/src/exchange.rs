@@ -10,6 +10,9 @@ use crate::native::Rate;
 use crate::radio::Sensors;
 use crate::{Diagnostics, Pace, RadioDuration, RadioInstant, RxFrame, Start};
 
+/// How long [`Action::Compensate`] takes at most: twice what a DWM1001 needs.
+pub(crate) const COMPENSATION: RadioDuration = RadioDuration::from_micros(3_000);
+
 /// What became of the last action.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event<'b> {
@@ -178,7 +181,7 @@ pub trait Machine {
     ///
     /// `now` is in the radio's clock and may be up to a few milliseconds old: for a frame that came, its arrival serves; for one
     /// that left, its departure. Steps must follow each other within 8 s, or begin with [`Event::Started`] again: the clock
-    /// wraps after 17.2 s.
+    /// wraps after 17.2 s. After [`Action::Sleep`] the next step may come later.
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_>;
 
     /// Takes the antenna delay in force, before the step that tells of the start, and after [`Action::Compensate`]: what a frame says of its

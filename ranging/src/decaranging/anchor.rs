@@ -3,10 +3,7 @@
 use heapless::Vec;
 
 use super::known::{Exchange, Known, Later, Pending, Purpose, STOCK_MILLIS};
-use super::{
-    COMPENSATE_AFTER, COMPENSATE_EVERY, DEVIATION_M, FLIGHTS_IN_SUM, Software, bytes_on_air, flight, header,
-    least_reply, short,
-};
+use super::{Compensation, DEVIATION_M, FLIGHTS_IN_SUM, Software, bytes_on_air, flight, header, least_reply, short};
 use crate::exchange::{Action, Event, Link, Machine, Range, Report, Round};
 use crate::frame::decaranging::{
     Answer, Blink, Final, Frame, LONGEST_BYTES, Message, REPORT_FOLLOWS, Variant, delay_field,
@@ -57,8 +54,7 @@ pub struct Anchor {
     reply: RadioDuration,
     /// The tag whose response is leaving.
     responding: Option<u16>,
-    /// Exchanges until the radio is compensated again.
-    compensate_in: u16,
+    compensation: Compensation,
     tags: Vec<Known, MAX_TAGS>,
     link: Option<Link>,
     number: u16,
@@ -77,7 +73,7 @@ impl Anchor {
             bias: RangeBias::of(&config.phy),
             reply: RadioDuration::from_micros(reply.as_micros() as u32 + 1),
             responding: None,
-            compensate_in: COMPENSATE_AFTER,
+            compensation: Compensation::new(),
             tags: Vec::new(),
             link: None,
             number: 0,
@@ -215,7 +211,7 @@ impl Anchor {
         let diagnostics = frame.diagnostics;
         let distance_m = tof.metres() - self.bias.metres(diagnostics.rx_power_dbm);
         known.mean.add(distance_m);
-        self.compensate_in = self.compensate_in.saturating_sub(1);
+        self.compensation.count();
         known.ranged(&exchange);
         let report = match exchange.software {
             Software::Units => Some(tof.to_ticks()),
@@ -317,8 +313,7 @@ impl Machine for Anchor {
             known.paired = false;
             return Action::Report(Report::Link(Link::Lost(known.tag)));
         }
-        if self.compensate_in == 0 && earliest.is_none() {
-            self.compensate_in = COMPENSATE_EVERY;
+        if earliest.is_none() && self.compensation.take() {
             return Action::Compensate;
         }
         let window = earliest.map_or(LISTEN, |(_, spare)| spare.min(LISTEN));

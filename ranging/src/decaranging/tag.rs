@@ -2,11 +2,8 @@
 //! flight.
 
 use super::paired::Paired;
-use super::{
-    COMPENSATE_AFTER, COMPENSATE_EVERY, COMPENSATION, DEVIATION_M, FLIGHTS_IN_SUM, Mean, Software, bytes_on_air,
-    header, least_reply, short,
-};
-use crate::exchange::{Action, Event, Guidance, Link, Machine, Range, Report, Round};
+use super::{Compensation, DEVIATION_M, FLIGHTS_IN_SUM, Mean, Software, bytes_on_air, header, least_reply, short};
+use crate::exchange::{Action, COMPENSATION, Event, Guidance, Link, Machine, Range, Report, Round};
 use crate::frame::decaranging::{Answer, Blink, Final, Frame, LONGEST_BYTES, Message, REPORT_FOLLOWS, Variant};
 use crate::frame::{Address, FrameBuffer, Header};
 use crate::native::{Rate, Turnaround};
@@ -72,8 +69,7 @@ pub struct Tag {
     resp_rx: RadioInstant,
     /// The radio's raw temperature and voltage, which polls of the standard variant tell.
     readings: [u8; 2],
-    /// Polls until the radio is compensated again.
-    compensate_in: u16,
+    compensation: Compensation,
     link: Option<Link>,
     number: u16,
     /// Poll of the last exchange that was finished, of which no distance is known yet.
@@ -99,7 +95,7 @@ impl Tag {
             poll_tx: RadioInstant::default(),
             resp_rx: RadioInstant::default(),
             readings: [0; 2],
-            compensate_in: COMPENSATE_AFTER,
+            compensation: Compensation::new(),
             link: None,
             number: 0,
             finished: None,
@@ -235,10 +231,7 @@ impl Tag {
             // Between exchanges nothing hangs on the clock, but for a distance that comes later: a restart begins with the next poll or
             // blink.
             return match self.finished {
-                None if self.compensate_in == 0 && due.since(now) > COMPENSATION => {
-                    self.compensate_in = COMPENSATE_EVERY;
-                    Action::Compensate
-                }
+                None if due.since(now) > COMPENSATION && self.compensation.take() => Action::Compensate,
                 None => Action::Sleep { from: now, duration: due.since(now) },
                 Some(_) => Action::WaitUntil(due),
             };
@@ -261,7 +254,7 @@ impl Tag {
                 let next = due.plus(self.config.period);
                 let late = now.since(next) > RadioDuration::ZERO;
                 self.next = Some(if late { now.plus(self.config.period) } else { next });
-                self.compensate_in = self.compensate_in.saturating_sub(1);
+                self.compensation.count();
                 self.state = State::Polling;
             }
         }

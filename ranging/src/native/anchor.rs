@@ -3,14 +3,14 @@
 use heapless::Vec;
 
 use super::anchor_rounds::AnchorRounds;
-use super::compensation::{COMPENSATION, Compensation};
+use super::compensation::Compensation;
 use super::coordinator::{Coordinator, Heard};
 use super::layout::Scheme;
 use super::pace::Meter;
 use super::plan::Rate;
 use super::timing::{BEACON_SLOTS, Timing, end_of};
 use super::{Network, SHORTEST_WAIT, STAMP_DEVIATION_TICKS, spread};
-use crate::exchange::{Action, Event, Link, Machine, Range, Report, Round};
+use crate::exchange::{Action, COMPENSATION, Event, Link, Machine, Range, Report, Round};
 use crate::frame::native::{Beacon, FinalHeard, Frame, MAX_MEMBERS, Member, Message, Poll, Position, Response};
 use crate::frame::{BROADCAST, FrameBuffer};
 use crate::time::METRES_PER_TICK;

@@ -2,10 +2,7 @@
 //! minute. It hears nothing meanwhile, so nodes do it at different times.
 
 use super::spread;
-use crate::RadioDuration;
 
-/// How long it takes, twice what a DWM1001 needs.
-pub const COMPENSATION: RadioDuration = RadioDuration::from_micros(3_000);
 /// From one time to the next, superframes, of the first times …
 const SOON: u16 = 100;
 /// … which are so many, …

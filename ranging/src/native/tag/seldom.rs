@@ -2,7 +2,6 @@
 //! until its round and between its rounds, and where it may, its radio sleeps meanwhile and begins its clock anew.
 
 use super::super::SHORTEST_WAIT;
-use super::super::compensation::COMPENSATION;
 use super::super::layout::Scheme;
 use super::super::plan::{next_round, owned_slots, share_of};
 use super::super::search::{Next, Search};
@@ -10,7 +9,7 @@ use super::super::timing::{HOLDOVER_SUPERFRAMES, SUPERFRAME, Timing};
 use super::super::wakes::Slept;
 use super::super::watch::{Listening, Watched};
 use super::{Doing, Rate, Tag};
-use crate::exchange::Action;
+use crate::exchange::{Action, COMPENSATION};
 use crate::frame::native::{BEACON_BYTES, POLL_BYTES, Share};
 use crate::time::TICKS_PER_SECOND;
 use crate::{RadioDuration, RadioInstant, Start};
