@@ -83,6 +83,11 @@ impl Membership {
         if self.countdown == 0 { Some(&self.members) } else { self.former.as_ref().map(|(members, _)| members) }
     }
 
+    /// The list that counts now and goes on counting, as far as is known: no change has been announced.
+    pub fn settled(&self) -> Option<&Members> {
+        (self.countdown == 0).then_some(&self.members)
+    }
+
     /// The layout that counts now. Nobody follows a network in the middle of a change of its layout.
     pub fn layout_in_force(&self) -> Layout {
         self.former.as_ref().filter(|_| self.countdown > 0).map_or(self.layout, |(_, layout)| *layout)

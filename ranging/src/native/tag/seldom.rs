@@ -88,9 +88,8 @@ impl Tag {
     }
 
     /// The radio has slept, nobody knows for how long.
-    fn woke_early(&mut self, nap: Nap, now: RadioInstant) {
+    fn lose_time(&mut self, now: RadioInstant) {
         (self.slept, self.search) = (Slept::default(), Search::default());
-        self.anchors.sleep(nap.duration.ticks() as f32 / TICKS_PER_SECOND as f32);
         if let Some(network) = &mut self.network {
             network.sync.adrift = Some(now);
         }
@@ -98,14 +97,14 @@ impl Tag {
 
     /// The radio has slept: its clock has begun anew.
     pub(super) fn woke(&mut self, nap: Nap, now: RadioInstant) {
+        self.anchors.sleep(nap.duration.ticks() as f32 / TICKS_PER_SECOND as f32);
         if nap.is_cut {
-            return self.woke_early(nap, now);
+            return self.lose_time(now);
         }
         let once = Slept::once(nap.duration);
         let before = nap.from.plus(sum(nap.duration, self.wakes.late(once)));
         self.slept = self.slept.and(once);
         self.pulse_at = self.pulse_at.map(|pulse| now.plus(pulse.since(before)));
-        self.anchors.sleep(nap.duration.ticks() as f32 / TICKS_PER_SECOND as f32);
         if let Some(network) = &mut self.network {
             network.sync.rebase(before, now);
             network.sync.doubt = self.wakes.doubt(self.slept);
@@ -278,13 +277,7 @@ impl Tag {
         // After a nap the clock is in doubt: a round needs room for that, or a beacon before it.
         let doubt = if self.dozes { self.wakes.doubt(Slept::once(timing.superframe)) } else { network.sync.doubt };
         let number = phase.number.wrapping_add(1);
-        let owned = match network.sync.course.membership.in_force() {
-            Some(members) if network.sync.course.membership.countdown() == 0 => {
-                owned_slots(members, self.config.address, number, timing.round_slots)
-            }
-            Some(_) | None => 0,
-        };
-        let pulse = next_round(owned, &timing, timing.rounds(), self.round.asked(), doubt);
+        let pulse = network.round_in(1, self.config.address, self.round.asked(), doubt);
         let silent = network.sync.silent() + 1;
         let silent = if pulse.is_none() { silent.max(HOLDOVER_SUPERFRAMES) } else { silent };
         self.pulse_at = None;
@@ -305,10 +298,7 @@ impl Tag {
         let (lead, doubt) = (self.meter.lead(), self.wakes.doubt(Slept::once(LONGEST_HOLDOVER)));
         let network = self.network.as_mut().filter(|network| network.sync.silent() == 0)?;
         let (timing, phase) = (network.sync.course.timing, network.sync.course.phase);
-        let membership = &network.sync.course.membership;
-        let members = membership.in_force().filter(|_| membership.countdown() == 0)?;
-        let owned = owned_slots(members, self.config.address, phase.number.wrapping_add(turns), timing.round_slots);
-        let pulse = next_round(owned, &timing, timing.rounds(), self.round.asked(), doubt)?;
+        let pulse = network.round_in(turns, self.config.address, self.round.asked(), doubt)?;
         let begin = RadioDuration::from_ticks(i64::from(turns) * timing.superframe.ticks());
         if begin > LONGEST_HOLDOVER {
             return None;
@@ -362,10 +352,19 @@ impl Tag {
 }
 
 impl super::Followed {
+    /// From the beginning of the superframe in so many to the first pulse of a tag's round of so many anchors in it, as far as that is settled,
+    /// by a tag that may be off by `doubt`.
+    fn round_in(&self, superframes: u16, address: u16, anchors: usize, doubt: RadioDuration) -> Option<RadioDuration> {
+        let (course, timing) = (&self.sync.course, &self.sync.course.timing);
+        let number = course.phase.number.wrapping_add(superframes);
+        let owned = owned_slots(course.membership.settled()?, address, number, timing.round_slots);
+        next_round(owned, timing, timing.rounds(), anchors, doubt)
+    }
+
     /// In how many superframes a tag's next turn is, as far as that is settled.
     fn next_turn(&self, address: u16, rate: Rate) -> Option<u16> {
         let course = &self.sync.course;
-        let members = course.membership.in_force().filter(|_| course.membership.countdown() == 0)?;
+        let members = course.membership.settled()?;
         let share = share_of(rate, &course.timing);
         let place = members.iter().position(|member| member.tag == address && member.share == share)?;
         let (Share::OneIn(every), Rate::Every(period)) = (share, rate) else { return Some(1) };
