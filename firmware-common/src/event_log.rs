@@ -10,7 +10,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use ranging::exchange::Link;
 use telemetry::{
-    Condition, Counters, Difference, Fix, Hello, Message, MotionSensor, Queue, Range, Reset, Room, Sighting, State,
+    Condition, Counters, Difference, Fix, Hello, Message, Queue, Range, Reset, Room, Severity, Sighting, State,
 };
 
 use crate::Counts;
@@ -97,28 +97,14 @@ impl<M: RawMutex, const BYTES: usize> EventLog<M, BYTES> {
 
     /// A change of the node's state, now.
     pub fn state(&self, t_us: u64, is: Condition) {
-        match is {
-            Condition::NoRecord(_) | Condition::WrongRecord => {
+        match is.severity() {
+            Severity::Error => {
                 log!(error, StateLine(is));
             }
-            Condition::RadioFailed(_)
-            | Condition::NetworkFull
-            | Condition::ScannerRestarted(_)
-            | Condition::Unused(..)
-            | Condition::BeaconElsewhere(_)
-            | Condition::BeaconDoubled(_)
-            | Condition::MotionSensor(MotionSensor::Silent | MotionSensor::Foreign | MotionSensor::Endless) => {
+            Severity::Warning => {
                 log!(warn, StateLine(is));
             }
-            Condition::Searching
-            | Condition::Paired(_)
-            | Condition::Synchronised(_)
-            | Condition::Joined(_)
-            | Condition::Coordinating
-            | Condition::Following(_)
-            | Condition::Advertising
-            | Condition::BeaconBelieved(_)
-            | Condition::MotionSensor(MotionSensor::Ready) => {
+            Severity::Info => {
                 log!(info, StateLine(is));
             }
         }

@@ -18,6 +18,7 @@ mod wire;
 
 pub use decoder::{Counts, Decoder};
 pub use message::*;
+pub use names::Severity;
 pub use queue::Queue;
 pub use wire::{DecodeError, LONGEST_FRAME, MAX_FRAME, decode, encode};
 

@@ -72,7 +72,43 @@ impl Reason {
     }
 }
 
+/// How much a condition matters to a person.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Severity {
+    /// The node does not work.
+    Error,
+    /// Something is wrong, and the node goes on without it.
+    Warning,
+    /// It works.
+    Info,
+}
+
 impl Condition {
+    /// How much it matters.
+    pub fn severity(self) -> Severity {
+        match self {
+            Self::NoRecord(_) | Self::WrongRecord => Severity::Error,
+            Self::RadioFailed(_)
+            | Self::NetworkFull
+            | Self::ScannerRestarted(_)
+            | Self::Unused(..)
+            | Self::BeaconElsewhere(_)
+            | Self::BeaconDoubled(_)
+            | Self::MotionSensor(MotionSensor::Silent | MotionSensor::Foreign | MotionSensor::Endless) => {
+                Severity::Warning
+            }
+            Self::Searching
+            | Self::Paired(_)
+            | Self::Synchronised(_)
+            | Self::Joined(_)
+            | Self::Coordinating
+            | Self::Following(_)
+            | Self::Advertising
+            | Self::BeaconBelieved(_)
+            | Self::MotionSensor(MotionSensor::Ready) => Severity::Info,
+        }
+    }
+
     /// Its name, without what it carries.
     pub fn as_str(self) -> &'static str {
         match self {

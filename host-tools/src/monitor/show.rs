@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::time::Duration;
 
 use defmt_parser::Level;
-use telemetry::{Condition, Fix, Message, MotionSensor, Outcome};
+use telemetry::{Fix, Message, Outcome, Severity};
 
 use super::log::LogLine;
 use super::session::{Counts, Said};
@@ -130,24 +130,10 @@ fn colour(message: &Message) -> &'static str {
                 YELLOW
             }
         }
-        Message::State(state) => match state.is {
-            Condition::NoRecord(_) | Condition::WrongRecord => RED,
-            Condition::RadioFailed(_)
-            | Condition::NetworkFull
-            | Condition::ScannerRestarted(_)
-            | Condition::Unused(..)
-            | Condition::BeaconElsewhere(_)
-            | Condition::BeaconDoubled(_)
-            | Condition::MotionSensor(MotionSensor::Silent | MotionSensor::Foreign | MotionSensor::Endless) => YELLOW,
-            Condition::Searching
-            | Condition::Paired(_)
-            | Condition::Synchronised(_)
-            | Condition::Joined(_)
-            | Condition::Coordinating
-            | Condition::Following(_)
-            | Condition::Advertising
-            | Condition::BeaconBelieved(_)
-            | Condition::MotionSensor(MotionSensor::Ready) => CYAN,
+        Message::State(state) => match state.is.severity() {
+            Severity::Error => RED,
+            Severity::Warning => YELLOW,
+            Severity::Info => CYAN,
         },
     }
 }
