@@ -3,13 +3,13 @@
 use std::env::{self, consts::EXE_EXTENSION};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::sync::OnceLock;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use serde::de::DeserializeOwned;
 
-use crate::{root, succeed, target_directory};
+use crate::{cargo, printed, root, succeed, target_directory};
 
 /// What `baliza` prints with these arguments. It is built before the first run, and told of on standard error.
 pub fn baliza(arguments: impl IntoIterator<Item: AsRef<OsStr>>) -> Result<String> {
@@ -17,11 +17,7 @@ pub fn baliza(arguments: impl IntoIterator<Item: AsRef<OsStr>>) -> Result<String
     command.args(arguments).current_dir(root());
     let words: Vec<_> = command.get_args().map(|word| word.to_string_lossy().into_owned()).collect();
     eprintln!("baliza {}", words.join(" "));
-    let output = command.stderr(Stdio::inherit()).output()?;
-    if !output.status.success() {
-        bail!("{command:?}: {}", output.status);
-    }
-    Ok(String::from_utf8(output.stdout)?)
+    printed(&mut command)
 }
 
 /// The JSON that `baliza` prints.
@@ -33,9 +29,7 @@ pub fn json<T: DeserializeOwned>(arguments: impl IntoIterator<Item: AsRef<OsStr>
 pub fn binary() -> Result<PathBuf> {
     static BUILT: OnceLock<()> = OnceLock::new();
     if BUILT.get().is_none() {
-        let mut cargo = Command::new("cargo");
-        cargo.args(["build", "--release", "--package", "host-tools", "--bin", "baliza"]).current_dir(root());
-        succeed(&mut cargo)?;
+        succeed(cargo().args(["build", "--release", "--package", "host-tools", "--bin", "baliza"]))?;
         BUILT.get_or_init(|| ());
     }
     Ok(target_directory().join("release").join("baliza").with_extension(EXE_EXTENSION))

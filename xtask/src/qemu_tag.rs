@@ -3,16 +3,15 @@
 //!
 //! What the images put into RTT's channels arrives in files; `baliza monitor` reads log and telemetry from them as from a probe.
 
+use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
-use std::{env, fs};
 
 use anyhow::{Context, Result, ensure};
 use node_record::Solver;
 use telemetry::{Decoder, Message};
 
 use crate::chip::Chip;
-use crate::{firmware, qemu, root, target_directory};
+use crate::{cargo, firmware, qemu, target_directory};
 
 /// What the tag makes its positions by, one run after the other.
 const SOLVERS: [Solver; 2] = [Solver::Track, Solver::BWls];
@@ -94,12 +93,6 @@ fn desktop(solver: Solver) -> Result<Life> {
     let said = String::from_utf8(output.stdout).context("the tag prints no text")?;
     let digest = digest_in(&said).context("the tag prints no digest")?.to_owned();
     Ok(Life { messages: messages(&file)?, digest })
-}
-
-fn cargo() -> Command {
-    let mut command = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    command.current_dir(root());
-    command
 }
 
 /// Prints what a person at the probe would read, without the single ranges, and gives back its lines.

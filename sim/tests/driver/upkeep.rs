@@ -41,64 +41,55 @@ fn sleep_keeps_the_configuration_and_waking_restores_the_rest() {
     }
 }
 
-#[test]
-fn a_wait_is_slept_through_where_it_is_long_and_the_configuration_lets_it() {
-    for (sleeps, wait_ms, slept) in [(false, 100, false), (true, 6, false), (true, 100, true)] {
-        let (world, a, b) = two_nodes(0.0);
-        let (mut sender, mut receiver) =
-            (driver(a.peripherals(), Config { sleeps, ..fast() }), driver(b.peripherals(), fast()));
-        let clock = world.clone();
-        let (took_ms, heard) = run(
-            &world,
-            async move {
-                sender.restart().await.unwrap();
-                let before = clock.now();
-                assert_eq!(Restart::sleep(&mut sender, 1_000 * wait_ms, pending()).await, Ok(slept));
-                let took = clock.now().as_secs_f64() - before.as_secs_f64();
-                sender.transmit(b"awake", Start::Now, false).await.unwrap();
-                1e3 * took
-            },
-            async move {
-                receiver.init().await.unwrap();
-                hear(&mut receiver, Start::Now, us(500_000), false).await.map(|heard| heard.bytes)
-            },
-        );
-        // Awake in time: what waking takes is within the wait, less than a millisecond of it unused.
-        let expected_ms = if slept { 99.0..100.2 } else { 0.0..0.1 };
-        assert!(expected_ms.contains(&took_ms), "{took_ms} ms");
-        assert_eq!(heard, Ok(b"awake".to_vec()));
-        let statistics = a.chip_statistics();
-        assert_eq!((statistics.too_fast, statistics.not_idle), (0, 0));
-    }
-}
-
-#[test]
-fn a_sleep_may_be_cut_short() {
+/// Lets a chip sleep for so many microseconds, or until it is roused, and then send, which must be heard: whether it slept, and how long that
+/// took, milliseconds.
+fn sleep_and_send<F: Future<Output = ()> + 'static>(
+    sleeps: bool,
+    micros: u32,
+    roused: impl FnOnce(&World) -> F + 'static,
+) -> (bool, f64) {
     let (world, a, b) = two_nodes(0.0);
     let (mut sender, mut receiver) =
-        (driver(a.peripherals(), Config { sleeps: true, ..fast() }), driver(b.peripherals(), fast()));
+        (driver(a.peripherals(), Config { sleeps, ..fast() }), driver(b.peripherals(), fast()));
     let clock = world.clone();
-    let (took_ms, heard) = run(
+    let (sleep, heard) = run(
         &world,
         async move {
             sender.restart().await.unwrap();
             let before = clock.now();
-            let roused = clock.delay().pause_ms(20);
-            assert_eq!(Restart::sleep(&mut sender, 8_000_000, roused).await, Ok(true));
+            let slept = Restart::sleep(&mut sender, micros, roused(&clock)).await.unwrap();
             let took = clock.now().as_secs_f64() - before.as_secs_f64();
             sender.transmit(b"awake", Start::Now, false).await.unwrap();
-            1e3 * took
+            (slept, 1e3 * took)
         },
         async move {
             receiver.init().await.unwrap();
             hear(&mut receiver, Start::Now, us(500_000), false).await.map(|heard| heard.bytes)
         },
     );
-    // After 20 ms, 0.6 ms of the select line and 3 to 4 ms of the crystal.
-    assert!((23.0..25.0).contains(&took_ms), "{took_ms} ms");
     assert_eq!(heard, Ok(b"awake".to_vec()));
     let statistics = a.chip_statistics();
     assert_eq!((statistics.too_fast, statistics.not_idle), (0, 0));
+    sleep
+}
+
+#[test]
+fn a_wait_is_slept_through_where_it_is_long_and_the_configuration_lets_it() {
+    for (sleeps, wait_ms, expected) in [(false, 100, false), (true, 6, false), (true, 100, true)] {
+        let (slept, took_ms) = sleep_and_send(sleeps, 1_000 * wait_ms, |_| pending());
+        assert_eq!(slept, expected);
+        // Awake in time: what waking takes is within the wait, less than a millisecond of it unused.
+        let expected_ms = if slept { 99.0..100.2 } else { 0.0..0.1 };
+        assert!(expected_ms.contains(&took_ms), "{took_ms} ms");
+    }
+}
+
+#[test]
+fn a_sleep_may_be_cut_short() {
+    let (slept, took_ms) = sleep_and_send(true, 8_000_000, |world| world.delay().pause_ms(20));
+    assert!(slept);
+    // After 20 ms, 0.6 ms of the select line and 3 to 4 ms of the crystal.
+    assert!((23.0..25.0).contains(&took_ms), "{took_ms} ms");
 }
 
 #[test]
