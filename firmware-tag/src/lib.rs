@@ -139,12 +139,12 @@ pub async fn run<R: Restart, D: DelayNs + Clone>(
     delay: D,
     machine: impl Machine,
     locator: Locator<'_>,
-    pace: RateControl,
+    rates: RateControl,
     sink: impl Sink,
 ) -> Infallible {
     let channels = TaskChannels::<NoopRawMutex>::new();
     let ranging = ranging(radio, delay.clone(), machine, &channels, &sink);
-    join(ranging, engine(&channels, delay, locator, pace, &sink)).await.0
+    join(ranging, engine(&channels, delay, locator, rates, &sink)).await.0
 }
 
 /// Runs a tag as its record says, in one task, and tells the outside by its reporter: first who it is, and then for ever. `watch` sees
@@ -184,10 +184,10 @@ pub async fn engine<M: RawMutex>(
     channels: &TaskChannels<M>,
     delay: impl DelayNs,
     locator: Locator<'_>,
-    pace: RateControl,
+    rates: RateControl,
     sink: &impl Sink,
 ) -> Infallible {
-    watched_engine(channels, delay, locator, pace, sink, |_| ()).await
+    watched_engine(channels, delay, locator, rates, sink, |_| ()).await
 }
 
 /// The same, that shows each epoch before it is published.
@@ -195,7 +195,7 @@ async fn watched_engine<M: RawMutex>(
     channels: &TaskChannels<M>,
     mut delay: impl DelayNs,
     locator: Locator<'_>,
-    mut pace: RateControl,
+    mut rates: RateControl,
     sink: &impl Sink,
     mut watch: impl FnMut(&Epoch<'_>),
 ) -> Infallible {
@@ -213,14 +213,14 @@ async fn watched_engine<M: RawMutex>(
                 channels.begin(sink.now_us());
                 let epoch = tracker.follow(round.measured(), round.sounding.as_ref(), round.poll_us);
                 let position = epoch.outcome.as_ref().ok();
-                let was_shaken = pace.is_shaken();
-                let rate = pace.after(sink.now_us(), position);
+                let was_shaken = rates.is_shaken();
+                let rate = rates.after(sink.now_us(), position);
                 let position_m = position.map(|position| position.position_m);
                 channels.guide(Guidance { position_m, rate, turns, ..Guidance::NONE });
-                if let Some(rate) = rate.filter(|_| !pace.is_still()) {
+                if let Some(rate) = rate.filter(|_| !rates.is_still()) {
                     channels.rouse(rate);
                 }
-                if pace.is_shaken() && !was_shaken {
+                if rates.is_shaken() && !was_shaken {
                     sink.motion_sensor(MotionSensor::Endless);
                 }
                 watch(&epoch);
@@ -233,11 +233,11 @@ async fn watched_engine<M: RawMutex>(
                 }
             }
             Either4::Third(()) => {
-                let was_shaken = pace.is_shaken();
-                if let Some(rate) = pace.moved(sink.now_us()) {
+                let was_shaken = rates.is_shaken();
+                if let Some(rate) = rates.moved(sink.now_us()) {
                     channels.rouse(rate);
                 }
-                if was_shaken && !pace.is_shaken() {
+                if was_shaken && !rates.is_shaken() {
                     sink.motion_sensor(MotionSensor::Ready);
                 }
             }

@@ -223,15 +223,15 @@ mod tests {
         Position { position_m: [x, 1.0, 1.5], covariance_m2, used: 0b1111, quality: 1.0 }
     }
 
-    fn pace() -> RateControl {
+    fn rates() -> RateControl {
         RateControl::new(Rate::Greedy, Some(SLOW))
     }
 
     /// Lies at 0 from `from_s` on until it is still; when that was, seconds.
-    fn until_still(pace: &mut RateControl, from_s: f64) -> f64 {
+    fn until_still(rates: &mut RateControl, from_s: f64) -> f64 {
         let mut t_s = from_s;
         loop {
-            match pace.after((t_s * 1e6) as u64, Some(&at(0.0))) {
+            match rates.after((t_s * 1e6) as u64, Some(&at(0.0))) {
                 Some(rate) => {
                     assert_eq!(rate, SLOW);
                     return t_s;
@@ -244,128 +244,128 @@ mod tests {
 
     #[test]
     fn a_tag_that_lies_still_ranges_seldom_until_it_moves() {
-        let mut pace = pace();
-        let still_s = until_still(&mut pace, 1.0);
+        let mut rates = rates();
+        let still_s = until_still(&mut rates, 1.0);
         assert!((5.9..6.2).contains(&still_s), "{still_s}");
         // 9 cm are less than twice 5 cm, 12 cm more.
-        assert_eq!(pace.after(8_000_000, Some(&at(0.09))), None);
-        assert_eq!(pace.after(9_000_000, Some(&at(0.12))), Some(Rate::Greedy));
-        let still_s = until_still(&mut pace, 10.0);
+        assert_eq!(rates.after(8_000_000, Some(&at(0.09))), None);
+        assert_eq!(rates.after(9_000_000, Some(&at(0.12))), Some(Rate::Greedy));
+        let still_s = until_still(&mut rates, 10.0);
         assert!((14.9..16.2).contains(&still_s), "{still_s}");
     }
 
     #[test]
     fn a_tag_that_walks_is_never_still() {
-        let mut pace = pace();
+        let mut rates = rates();
         // 0.3 m/s, ten times a second and four hundred times.
         for (period_us, step_m) in [(100_000, 0.03), (2_500, 0.000_75)] {
             for step in 0..60_000_000 / period_us {
-                assert_eq!(pace.after(step * period_us, Some(&at(step_m * step as f32))), None);
+                assert_eq!(rates.after(step * period_us, Some(&at(step_m * step as f32))), None);
             }
         }
     }
 
     #[test]
     fn a_lost_round_is_nothing_and_two_are() {
-        let mut pace = pace();
-        until_still(&mut pace, 0.0);
-        assert_eq!(pace.after(20_000_000, None), None);
-        assert_eq!(pace.after(21_000_000, Some(&at(0.0))), None);
-        assert_eq!(pace.after(22_000_000, None), None);
-        assert_eq!(pace.after(23_000_000, None), Some(Rate::Greedy));
+        let mut rates = rates();
+        until_still(&mut rates, 0.0);
+        assert_eq!(rates.after(20_000_000, None), None);
+        assert_eq!(rates.after(21_000_000, Some(&at(0.0))), None);
+        assert_eq!(rates.after(22_000_000, None), None);
+        assert_eq!(rates.after(23_000_000, None), Some(Rate::Greedy));
     }
 
     #[test]
     fn without_a_still_rate_nothing_changes() {
-        let mut pace = RateControl::new(Rate::Greedy, None);
-        assert!((0..1000_u64).all(|step| pace.after(step * 100_000, Some(&at(0.0))).is_none()));
+        let mut rates = RateControl::new(Rate::Greedy, None);
+        assert!((0..1000_u64).all(|step| rates.after(step * 100_000, Some(&at(0.0))).is_none()));
     }
 
     /// Rounds each second with a position at x, and movements each half second, from `from_s` to `to_s`; when the rate changed, seconds.
-    fn shaken(pace: &mut RateControl, x: f32, from_s: u64, to_s: u64) -> Vec<(u64, Rate)> {
+    fn shaken(rates: &mut RateControl, x: f32, from_s: u64, to_s: u64) -> Vec<(u64, Rate)> {
         let mut changes = Vec::new();
         for second in from_s..to_s {
             let mut note = |rate: Option<Rate>| changes.extend(rate.map(|rate| (second, rate)));
-            note(pace.moved(second * 1_000_000));
-            note(pace.moved(second * 1_000_000 + 500_000));
-            note(pace.after(second * 1_000_000 + 600_000, Some(&at(x))));
+            note(rates.moved(second * 1_000_000));
+            note(rates.moved(second * 1_000_000 + 500_000));
+            note(rates.after(second * 1_000_000 + 600_000, Some(&at(x))));
         }
         changes
     }
 
     /// A tag with a sensor that has been still since 6 s.
     fn watched() -> RateControl {
-        let mut pace = pace();
-        assert_eq!(pace.moved(0), None);
-        until_still(&mut pace, 1.0);
-        pace
+        let mut rates = rates();
+        assert_eq!(rates.moved(0), None);
+        until_still(&mut rates, 1.0);
+        rates
     }
 
     #[test]
     fn a_movement_wakes_at_once_and_both_have_to_be_still() {
-        let mut pace = watched();
-        assert_eq!(pace.moved(20_000_000), Some(Rate::Greedy));
+        let mut rates = watched();
+        assert_eq!(rates.moved(20_000_000), Some(Rate::Greedy));
         // It goes on until 23 s, while positions stay: quiet five seconds later.
-        assert_eq!(pace.moved(23_000_000), None);
-        assert_eq!(pace.after(27_900_000, Some(&at(0.0))), None);
-        assert_eq!(pace.after(28_000_000, Some(&at(0.0))), Some(SLOW));
+        assert_eq!(rates.moved(23_000_000), None);
+        assert_eq!(rates.after(27_900_000, Some(&at(0.0))), None);
+        assert_eq!(rates.after(28_000_000, Some(&at(0.0))), Some(SLOW));
     }
 
     #[test]
     fn a_trolley_at_constant_speed_is_never_still_though_the_sensor_is_quiet() {
-        let mut pace = watched();
+        let mut rates = watched();
         // A creeping start that the sensor misses: positions see it.
-        assert_eq!(pace.after(20_000_000, Some(&at(0.3))), Some(Rate::Greedy));
+        assert_eq!(rates.after(20_000_000, Some(&at(0.3))), Some(Rate::Greedy));
         for step in 1..600_u64 {
-            assert_eq!(pace.after(20_000_000 + step * 100_000, Some(&at(0.3 + 0.03 * step as f32))), None);
+            assert_eq!(rates.after(20_000_000 + step * 100_000, Some(&at(0.3 + 0.03 * step as f32))), None);
         }
     }
 
     #[test]
     fn what_shakes_without_end_keeps_a_tag_awake_for_two_minutes() {
-        let mut pace = watched();
+        let mut rates = watched();
         // It has stayed since 1 s: still again from 121 s on.
-        assert_eq!(shaken(&mut pace, 0.0, 100, 200), [(100, Rate::Greedy), (121, SLOW)]);
-        assert!(pace.is_shaken());
+        assert_eq!(shaken(&mut rates, 0.0, 100, 200), [(100, Rate::Greedy), (121, SLOW)]);
+        assert!(rates.is_shaken());
         // No movement of those that go on wakes it, but positions do, and do not wait for two minutes again.
-        assert_eq!(shaken(&mut pace, 1.0, 200, 220), [(200, Rate::Greedy), (205, SLOW)]);
+        assert_eq!(shaken(&mut rates, 1.0, 200, 220), [(200, Rate::Greedy), (205, SLOW)]);
         // Quiet, it is believed again.
-        assert_eq!(pace.after(230_000_000, Some(&at(1.0))), None);
-        assert_eq!(pace.moved(231_000_000), Some(Rate::Greedy));
-        assert!(!pace.is_shaken());
+        assert_eq!(rates.after(230_000_000, Some(&at(1.0))), None);
+        assert_eq!(rates.moved(231_000_000), Some(Rate::Greedy));
+        assert!(!rates.is_shaken());
     }
 
     #[test]
     fn who_is_woken_in_vain_is_deaf_for_longer_each_time() {
-        let mut pace = watched();
+        let mut rates = watched();
         let mut now_us = 20_000_000;
         let mut deaf_s = Vec::new();
         for _ in 0..8 {
             // A knock each second that begins anew, as far as it is quiet for five seconds between.
             let asleep_us = now_us;
-            while pace.moved(now_us).is_none() {
+            while rates.moved(now_us).is_none() {
                 now_us += 6_000_000;
             }
             deaf_s.push((now_us - asleep_us) / 1_000_000);
             now_us += 5_000_000;
-            assert_eq!(pace.after(now_us, Some(&at(0.0))), Some(SLOW));
+            assert_eq!(rates.after(now_us, Some(&at(0.0))), Some(SLOW));
         }
         // 10, 20, 40 … 320 s from falling asleep, at knocks each 6 s.
         assert_eq!(deaf_s, [0, 12, 24, 42, 84, 162, 324, 324]);
         // Carried off and put down elsewhere, it hears the next knock.
-        assert_eq!(pace.after(now_us + 1_000_000, Some(&at(5.0))), Some(Rate::Greedy));
-        assert_eq!(pace.after(now_us + 6_000_000, Some(&at(5.0))), Some(SLOW));
-        assert_eq!(pace.moved(now_us + 11_000_000), Some(Rate::Greedy));
+        assert_eq!(rates.after(now_us + 1_000_000, Some(&at(5.0))), Some(Rate::Greedy));
+        assert_eq!(rates.after(now_us + 6_000_000, Some(&at(5.0))), Some(SLOW));
+        assert_eq!(rates.moved(now_us + 11_000_000), Some(Rate::Greedy));
     }
 
     #[test]
     fn without_positions_a_quiet_sensor_is_enough() {
-        let mut pace = watched();
+        let mut rates = watched();
         // Still it stays.
-        assert!((10..60_u64).all(|second| pace.after(second * 1_000_000, None).is_none()));
-        assert_eq!(pace.moved(60_000_000), Some(Rate::Greedy));
+        assert!((10..60_u64).all(|second| rates.after(second * 1_000_000, None).is_none()));
+        assert_eq!(rates.moved(60_000_000), Some(Rate::Greedy));
         let changes: Vec<_> =
-            (61..80_u64).filter_map(|second| Some((second, pace.after(second * 1_000_000, None)?))).collect();
+            (61..80_u64).filter_map(|second| Some((second, rates.after(second * 1_000_000, None)?))).collect();
         // Without a position since 21 s, and quiet five seconds after 60 s.
         assert_eq!(changes, [(65, SLOW)]);
     }

@@ -45,14 +45,14 @@ struct Shared {
 }
 
 impl Shared {
-    fn told(&self) -> TelemetrySink<'static, Guard, { node::TELEMETRY_BYTES }> {
+    fn sink(&self) -> TelemetrySink<'static, Guard, { node::TELEMETRY_BYTES }> {
         TelemetrySink::new(self.reporter, self.tag.report_ranges)
     }
 }
 
 #[embassy_executor::task]
 async fn ranging(radio: &'static mut Radio, delay: Delay, machine: &'static mut TagMachine, shared: Shared) {
-    firmware_tag::ranging(radio, delay, machine, shared.channels, &shared.told()).await;
+    firmware_tag::ranging(radio, delay, machine, shared.channels, &shared.sink()).await;
 }
 
 #[embassy_executor::task]
@@ -62,8 +62,8 @@ async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
         Locator::of(&shared.tag, shared.record, anchors).with_model(shared.model).with_surveyed(shared.surveyed);
     #[cfg(not(feature = "ble"))]
     let locator = Locator::new(shared.tag.height_m, anchors).by(shared.tag.solver).with_model(shared.model);
-    let pace = RateControl::of(&shared.tag);
-    firmware_tag::engine(shared.channels, embassy_time::Delay, locator, pace, &shared.told()).await;
+    let rates = RateControl::of(&shared.tag);
+    firmware_tag::engine(shared.channels, embassy_time::Delay, locator, rates, &shared.sink()).await;
 }
 
 /// Only where there is a rate for a tag that lies still.
@@ -71,7 +71,7 @@ async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
 async fn motion(parts: dwm1001::motion::Parts, shared: Shared) {
     let (bus, int1) = parts.into_bus_and_line();
     let sensor = Lis2dh12::new(bus, Sa0Pad::High, int1, embassy_time::Delay);
-    firmware_tag::motion::run(shared.channels, sensor, embassy_time::Delay, &shared.told()).await;
+    firmware_tag::motion::run(shared.channels, sensor, embassy_time::Delay, &shared.sink()).await;
 }
 
 #[cfg(feature = "ble")]
@@ -98,9 +98,9 @@ mod bluetooth {
                 return;
             }
         };
-        let (channels, told) = (shared.channels, shared.told());
-        let listening = scanner.listen(|heard| scan::hear(channels, &told, heard.data, heard.rssi));
-        let scanning = scan::run(channels, wanted.into(), Commanded(&scanner), embassy_time::Delay, &told);
+        let (channels, sink) = (shared.channels, shared.sink());
+        let listening = scanner.listen(|heard| scan::hear(channels, &sink, heard.data, heard.rssi));
+        let scanning = scan::run(channels, wanted.into(), Commanded(&scanner), embassy_time::Delay, &sink);
         join(listening, scanning).await;
     }
 }

@@ -89,8 +89,8 @@ async fn engine(
 ) {
     let (anchors, model) = known;
     let locator = Locator::new(tag.height_m, anchors).by(tag.solver).with_model(model);
-    let pace = RateControl::of(&tag);
-    firmware_tag::engine(channels, Delay, locator, pace, &sink).await;
+    let rates = RateControl::of(&tag);
+    firmware_tag::engine(channels, Delay, locator, rates, &sink).await;
 }
 
 #[embassy_executor::task]

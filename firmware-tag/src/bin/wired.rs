@@ -31,21 +31,21 @@ struct Shared {
 }
 
 impl Shared {
-    fn told(&self) -> TelemetrySink<'static, Guard, { node::TELEMETRY_BYTES }> {
+    fn sink(&self) -> TelemetrySink<'static, Guard, { node::TELEMETRY_BYTES }> {
         TelemetrySink::new(self.reporter, self.tag.report_ranges)
     }
 }
 
 #[embassy_executor::task]
 async fn ranging(radio: &'static mut Radio, delay: Delay, machine: &'static mut TagMachine, shared: Shared) {
-    firmware_tag::ranging(radio, delay, machine, shared.channels, &shared.told()).await;
+    firmware_tag::ranging(radio, delay, machine, shared.channels, &shared.sink()).await;
 }
 
 #[embassy_executor::task]
 async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
     let locator = Locator::new(shared.tag.height_m, anchors).by(shared.tag.solver);
-    let pace = RateControl::of(&shared.tag);
-    firmware_tag::engine(shared.channels, embassy_time::Delay, locator, pace, &shared.told()).await;
+    let rates = RateControl::of(&shared.tag);
+    firmware_tag::engine(shared.channels, embassy_time::Delay, locator, rates, &shared.sink()).await;
 }
 
 #[cfg_attr(target_arch = "arm", cortex_m_rt::entry)]

@@ -387,7 +387,7 @@ async fn live<R: Restart + 'static>(
     radio: R,
     delay: SimDelay,
     machine: impl Machine,
-    (locator, pace): (Locator<'_>, RateControl),
+    (locator, rates): (Locator<'_>, RateControl),
     sink: TagSink,
     (ears, sensor): (Option<Ears>, Option<Sensor>),
 ) -> Infallible {
@@ -402,7 +402,7 @@ async fn live<R: Restart + 'static>(
         }
         pending::<Infallible>().await
     };
-    let life = tag_tasks(radio, delay, machine, (locator, pace), (&channels, &sink), ears);
+    let life = tag_tasks(radio, delay, machine, (locator, rates), (&channels, &sink), ears);
     join(life, motion).await.0
 }
 
@@ -410,7 +410,7 @@ async fn tag_tasks<R: Restart + 'static>(
     radio: R,
     delay: SimDelay,
     machine: impl Machine,
-    (locator, pace): (Locator<'_>, RateControl),
+    (locator, rates): (Locator<'_>, RateControl),
     (channels, sink): (&Rc<TaskChannels<NoopRawMutex>>, &Rc<TagSink>),
     ears: Option<Ears>,
 ) -> Infallible {
@@ -418,7 +418,7 @@ async fn tag_tasks<R: Restart + 'static>(
     let background = delay.for_background();
     let Some(Ears { air, address, path, plan, known, levels }) = ears else {
         let ranging = firmware_tag::ranging(radio, delay, machine, channels, &**sink);
-        return join(ranging, firmware_tag::engine(channels, background, locator, pace, &**sink)).await.0;
+        return join(ranging, firmware_tag::engine(channels, background, locator, rates, &**sink)).await.0;
     };
     let world = sink.notebook.world.clone();
     let scanner = {
@@ -430,7 +430,7 @@ async fn tag_tasks<R: Restart + 'static>(
     let surveyed = Surveyed::of(models, &known, |condition| sink.unused(condition));
     let locator = locator.with_beacons(KnownBeacons::new(&known, None)).with_surveyed(&surveyed);
     let ranging = firmware_tag::ranging(radio, delay, machine, channels, &**sink);
-    let engine = firmware_tag::engine(channels, background.clone(), locator, pace, &**sink);
+    let engine = firmware_tag::engine(channels, background.clone(), locator, rates, &**sink);
     join3(ranging, engine, scan::run(channels, plan, scanner, background, &**sink)).await.0
 }
 
@@ -500,8 +500,8 @@ impl Firmware for TagFirmware {
                     });
                     let places: Vec<_> = places.collect();
                     let locator = locator(&settings, &places, model);
-                    let pace = RateControl::new(native::Rate::Every(period), None);
-                    live(radio, delay, machine, (locator, pace), sink, (ears, None)).await
+                    let rates = RateControl::new(native::Rate::Every(period), None);
+                    live(radio, delay, machine, (locator, rates), sink, (ears, None)).await
                 }
             }
         }

@@ -48,14 +48,14 @@ struct Shared {
 }
 
 impl Shared {
-    fn told(&self) -> TelemetrySink<'static, Guard, { node::TELEMETRY_BYTES }> {
+    fn sink(&self) -> TelemetrySink<'static, Guard, { node::TELEMETRY_BYTES }> {
         TelemetrySink::new(self.reporter, self.tag.report_ranges)
     }
 }
 
 #[embassy_executor::task]
 async fn ranging(radio: &'static mut Radio, machine: &'static mut TagMachine, shared: Shared) {
-    firmware_tag::ranging(radio, Delay, machine, shared.channels, &shared.told()).await;
+    firmware_tag::ranging(radio, Delay, machine, shared.channels, &shared.sink()).await;
 }
 
 #[embassy_executor::task]
@@ -63,8 +63,8 @@ async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
     let locator = Locator::of(&shared.tag, shared.record, anchors).with_model(shared.model);
     #[cfg(feature = "ble")]
     let locator = locator.with_surveyed(shared.surveyed);
-    let pace = RateControl::of(&shared.tag);
-    firmware_tag::engine(shared.channels, Delay, locator, pace, &shared.told()).await;
+    let rates = RateControl::of(&shared.tag);
+    firmware_tag::engine(shared.channels, Delay, locator, rates, &shared.sink()).await;
 }
 
 #[cfg(feature = "ble")]
@@ -91,9 +91,9 @@ mod bluetooth {
                 return;
             }
         };
-        let (channels, told) = (shared.channels, shared.told());
-        let listening = scanner.listen(|heard| scan::hear(channels, &told, heard.data, heard.rssi));
-        let scanning = scan::run(channels, wanted.into(), Commanded(&scanner), Delay, &told);
+        let (channels, sink) = (shared.channels, shared.sink());
+        let listening = scanner.listen(|heard| scan::hear(channels, &sink, heard.data, heard.rssi));
+        let scanning = scan::run(channels, wanted.into(), Commanded(&scanner), Delay, &sink);
         join(listening, scanning).await;
     }
 }
