@@ -7,38 +7,25 @@ use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 
-use air::{ANTENNA_DELAY, Air, Boxed, Owned, boxed};
+use air::anchors::{self, corner};
+use air::{ANTENNA_DELAY, Air, Boxed, Owned};
 use ranging::exchange::{Event, Link, Machine};
 use ranging::frame::native::{Beacon, Frame, Member, Message, Position, Request, Response, Share};
 use ranging::frame::{BROADCAST, FrameBuffer};
-use ranging::native::{
-    Anchor, AnchorConfig, Layout, Network, Rate, Refused, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig, Timing,
-};
+use ranging::native::{Layout, Network, Rate, Refused, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig, Timing};
 use ranging::{PhyConfig, RadioDuration, RadioInstant, Start};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
 /// Metres a second in air, and ticks a second.
 const METRES_PER_TICK: f64 = 299_702_547.0 / 63_897_600_000.0;
 
-fn corner(i: u16, anchors: u16) -> [f64; 3] {
-    let angle = f64::from(i) / f64::from(anchors) * std::f64::consts::TAU;
-    [10.0 * angle.cos(), 10.0 * angle.sin(), 2.0 + f64::from(i % 2)]
-}
-
 fn anchor(address: u16, position: [f64; 3], rounds: Option<Rate>) -> Boxed {
-    boxed(Anchor::new(AnchorConfig {
-        address,
-        network: NETWORK,
-        antenna_delay: ticks(ANTENNA_DELAY),
-        position_m: Some(position.map(|m| m as f32)),
-        rounds,
-    }))
+    anchors::anchor(NETWORK, address, position, rounds)
 }
 
 /// Anchors 1, 2, … on a circle of 10 m, their drifts ±20 ppm in turn.
 fn room(air: &mut Air, anchors: u16, rounds: Option<Rate>) -> Vec<usize> {
-    let drift = |i: u16| if i.is_multiple_of(2) { 20.0 } else { -20.0 };
-    (0..anchors).map(|i| air.add(corner(i, anchors), drift(i), anchor(i + 1, corner(i, anchors), rounds))).collect()
+    anchors::room(air, NETWORK, anchors, rounds)
 }
 
 /// A machine on the air, and a handle to ask it what it refused.

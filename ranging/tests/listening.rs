@@ -2,23 +2,13 @@
 
 mod air;
 
-use air::{ANTENNA_DELAY, Air, Boxed, boxed, mischief, moments};
+use air::{Air, Boxed, anchors, boxed, mischief, moments};
 use ranging::exchange::{Difference, Link};
 use ranging::frame::native::{Frame, Message};
-use ranging::native::{Anchor, AnchorConfig, Network, Rate, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig};
+use ranging::native::{Network, Rate, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig};
 use ranging::{PhyConfig, RadioDuration};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
-
-fn anchor(address: u16, position: [f64; 3], hz: u32) -> Boxed {
-    boxed(Anchor::new(AnchorConfig {
-        address,
-        network: NETWORK,
-        antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
-        position_m: Some(position.map(|m| m as f32)),
-        rounds: Some(Rate::Every(RadioDuration::from_micros(1_000_000 / hz))),
-    }))
-}
 
 fn listener() -> Boxed {
     boxed(TdoaTag::new(TdoaTagConfig { network: NETWORK, period: None }))
@@ -26,12 +16,11 @@ fn listener() -> Boxed {
 
 /// Anchors 1, 2, … on a circle of 10 m, their drifts ±20 ppm in turn, each asking so many times a second.
 fn room(air: &mut Air, anchors: u16, hz: u32) -> Vec<usize> {
-    let place = |i: u16| {
-        let angle = f64::from(i) / f64::from(anchors) * std::f64::consts::TAU;
-        [10.0 * angle.cos(), 10.0 * angle.sin(), 2.0 + f64::from(i % 2)]
-    };
-    let drift = |i: u16| if i.is_multiple_of(2) { 20.0 } else { -20.0 };
-    (0..anchors).map(|i| air.add(place(i), drift(i), anchor(i + 1, place(i), hz))).collect()
+    anchors::room(air, NETWORK, anchors, Some(times_a_second(hz)))
+}
+
+fn times_a_second(hz: u32) -> Rate {
+    Rate::Every(RadioDuration::from_micros(1_000_000 / hz))
 }
 
 /// Errors of all differences heard from then on and the deviations told of them, metres. This air has frames of one power everywhere, so that what the machine
@@ -158,7 +147,10 @@ fn a_restarted_anchor_is_heard_rightly_again() {
     let anchors = room(&mut air, 5, 10);
     let tag = air.add([1.0, 2.0, 1.0], 0.0, listener());
     air.run_until(2.0);
-    air.switch_on(anchors[2], anchor(3, [-8.090_169_943_749_473, 5.877_852_522_924_733, 2.0], 10));
+    air.switch_on(
+        anchors[2],
+        anchors::anchor(NETWORK, 3, [-8.090_169_943_749_473, 5.877_852_522_924_733, 2.0], Some(times_a_second(10))),
+    );
     air.run_until(5.0);
     let errors = errors(&air, tag, &anchors, 2.0);
     assert_honest(&errors);

@@ -5,6 +5,7 @@ mod air;
 use std::cell::RefCell;
 use std::rc::Rc;
 
+use air::anchors::{self, corner, drift};
 use air::{ANTENNA_DELAY, Air, Boxed, boxed, mischief, moments};
 use ranging::exchange::{Action, Event, Link, Machine, Range};
 use ranging::frame::native::{Asked, Distance, Frame, Message, Poll};
@@ -15,17 +16,7 @@ use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Star
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
 
 fn anchor(address: u16, position: [f64; 3]) -> Boxed {
-    anchor_of(NETWORK, address, position)
-}
-
-fn anchor_of(network: Network, address: u16, position: [f64; 3]) -> Boxed {
-    boxed(Anchor::new(AnchorConfig {
-        address,
-        network,
-        antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
-        position_m: Some(position.map(|m| m as f32)),
-        rounds: None,
-    }))
+    anchors::anchor(NETWORK, address, position, None)
 }
 
 fn tag(address: u16, rate: Rate) -> Boxed {
@@ -45,16 +36,7 @@ fn tag_of(network: Network, address: u16, rate: Rate) -> Boxed {
 
 /// Anchors 1, 2, … on a circle of 10 m, their drifts ±20 ppm in turn.
 fn room(air: &mut Air, anchors: u16) -> Vec<usize> {
-    (0..anchors).map(|i| air.add(corner(i, anchors), drift(i), anchor(i + 1, corner(i, anchors)))).collect()
-}
-
-fn corner(i: u16, anchors: u16) -> [f64; 3] {
-    let angle = f64::from(i) / f64::from(anchors) * std::f64::consts::TAU;
-    [10.0 * angle.cos(), 10.0 * angle.sin(), 2.0 + f64::from(i % 2)]
-}
-
-fn drift(i: u16) -> f64 {
-    if i.is_multiple_of(2) { 20.0 } else { -20.0 }
+    anchors::room(air, NETWORK, anchors, None)
 }
 
 /// Errors of a tag's ranges to the anchor of a node and address, metres.
@@ -366,7 +348,7 @@ fn neighbouring_networks_are_apart_by_pan() {
     let anchors = room(&mut air, 4);
     for i in 0..4 {
         let position = corner(i, 4).map(|m| m + 100.0);
-        air.add(position, drift(i + 1), anchor_of(other, i + 1, position));
+        air.add(position, drift(i + 1), anchors::anchor(other, i + 1, position, None));
     }
     let ours = air.add([1.0, 2.0, 1.0], 20.0, tag(0x100, Rate::Every(RadioDuration::from_micros(50_000))));
     let period = RadioDuration::from_micros(50_000);
@@ -391,7 +373,7 @@ fn slow_modes_work_too() {
         air.power_dbm = power;
         let place = |i: u16| corner(i, 4);
         let anchors: Vec<usize> =
-            (0..4).map(|i| air.add(place(i), drift(i), anchor_of(network, i + 1, place(i)))).collect();
+            (0..4).map(|i| air.add(place(i), drift(i), anchors::anchor(network, i + 1, place(i), None))).collect();
         let node = air.add([1.0, 2.0, 1.0], 20.0, tag_of(network, 0x100, Rate::Greedy));
         air.run_until(20.0);
         let rounds = air.rounds(node, 12.0);

@@ -2,30 +2,21 @@
 
 mod air;
 
-use air::{ANTENNA_DELAY, Air, Boxed, boxed, boxed_sleeper, moments};
+use air::anchors::{self, drift};
+use air::{Air, Boxed, boxed, boxed_sleeper, moments};
 use ranging::exchange::Link;
-use ranging::native::{Anchor, AnchorConfig, Network, Rate, Scheme, Tag, TagConfig};
+use ranging::native::{Network, Rate, Scheme, Tag, TagConfig};
 use ranging::{PhyConfig, RadioDuration};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
 
 fn anchor(i: u16) -> Boxed {
-    boxed(Anchor::new(AnchorConfig {
-        address: i + 1,
-        network: NETWORK,
-        antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
-        position_m: Some(corner(i).map(|m| m as f32)),
-        rounds: None,
-    }))
+    anchors::anchor(NETWORK, i + 1, corner(i), None)
 }
 
 fn corner(i: u16) -> [f64; 3] {
     let angle = f64::from(i) * std::f64::consts::FRAC_PI_4;
     [10.0 * angle.cos(), 10.0 * angle.sin(), 2.0 + f64::from(i % 2)]
-}
-
-fn drift(i: u16) -> f64 {
-    if i.is_multiple_of(2) { 20.0 } else { -20.0 }
 }
 
 fn room(air: &mut Air, anchors: u16) -> Vec<usize> {

@@ -2,8 +2,8 @@
 
 mod air;
 
-use air::{ANTENNA_DELAY, Air, boxed};
-use ranging::native::{Anchor, AnchorConfig, Network, Rate, Scheme, Tag, TagConfig};
+use air::{Air, anchors, boxed};
+use ranging::native::{Network, Rate, Scheme, Tag, TagConfig};
 use ranging::{PhyConfig, RadioDuration};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
@@ -12,17 +12,7 @@ const SPACING_US: u32 = 1_000;
 /// A greedy tag's rounds in three seconds, and the shortest time from the beginning of one of its frames to that of the next, seconds.
 fn rounds_and_spacing(anchors: u16, scheme: Scheme, is_spaced: bool) -> (usize, f64) {
     let mut air = Air::new(NETWORK.phy, 1);
-    for i in 0..anchors {
-        let position = [10.0 * f64::from(i), 5.0, 2.0];
-        let anchor = Anchor::new(AnchorConfig {
-            address: i + 1,
-            network: NETWORK,
-            antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
-            position_m: Some(position.map(|metres| metres as f32)),
-            rounds: None,
-        });
-        air.add(position, if i % 2 == 0 { 20.0 } else { -20.0 }, boxed(anchor));
-    }
+    anchors::room(&mut air, NETWORK, anchors, None);
     let config =
         TagConfig { address: 0x100, network: NETWORK, anchors: 8, rate: Rate::Greedy, scheme, tell_distances: false };
     let mut tag = Tag::new(config);

@@ -4,6 +4,8 @@
 //! snap to 512 ticks, a start too near is late, a receiver hears one frame at a time and hands it over after reading it.
 #![allow(dead_code, reason = "each test file uses a part of it")]
 
+pub mod anchors;
+
 use std::collections::VecDeque;
 
 use rand::{Rng, SeedableRng};
