@@ -63,7 +63,7 @@ impl<M: RawMutex, const BYTES: usize> EventLog<M, BYTES> {
         self.hello(hello);
     }
 
-    /// What became of a round in which so many anchors answered. The log has a line of it, where the last such line is old enough.
+    /// The result of a round in which `answered` anchors answered. The log has a line of it, where the last such line is old enough.
     pub fn fix(&self, fix: Fix, answered: u8) {
         let _ = answered;
         if self.fix_lines.lock(|lines| lines.borrow_mut().is_due(fix.t_us)) {

@@ -1,7 +1,7 @@
 //! The motion sensor of a tag: it is set up once, and what it reports goes to the engine, which wakes the tag.
 //!
 //! It runs beside the engine, below ranging, and asks nothing of the sensor while that is quiet: whoever implements [`MotionSensor`] waits for
-//! a pin. A sensor that does not answer is told once, and the tag goes by its positions.
+//! a pin. A sensor that does not answer is reported once, and the tag goes by its positions.
 
 use embassy_futures::select::{Either, select};
 use embassy_sync::blocking_mutex::raw::RawMutex;

@@ -35,9 +35,9 @@ use crate::{PhyConfig, RadioDuration, RxFrame};
 /// then.
 pub const INIT_DELAY: RadioDuration = RadioDuration::from_micros(150_000);
 
-/// A board corrects its antenna delays for temperature and supply after so many exchanges at first, …
+/// A board corrects its antenna delays for temperature and supply after this number of exchanges at first, …
 const COMPENSATE_AFTER: u16 = 16;
-/// … and once in so many from then on.
+/// … and once in this number from then on.
 const COMPENSATE_EVERY: u16 = 256;
 
 /// What a board says with the messages of DecaRanging.

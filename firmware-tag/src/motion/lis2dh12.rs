@@ -1,4 +1,4 @@
-//! The LIS2DH12 as a motion sensor: what it is told once. Afterwards its line INT1 is high while it is accelerated, and its bus is silent.
+//! The LIS2DH12 as a motion sensor: it is configured once. Afterwards its line INT1 is high while it is accelerated, and its bus is silent.
 //!
 //! Registers are the driver's (`lis2dh`), what they do is the data sheet's (DocID025056) and AN5005's. Low-power mode, 10 Hz, ± 2 g: samples of 8
 //! bits, 16 mg each, at 3 µA. A high-pass filter of 0.08 Hz (HPCF 01 at 10 Hz) takes gravity away: a push of two seconds passes, and a change of
