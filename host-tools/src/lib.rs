@@ -1,40 +1,29 @@
 //! The library behind `baliza`: recordings in, positions, figures and pictures out.
 //!
-//! [`Recording::read`] takes the CSV files, [`Solver`] runs `positioning-core` on every epoch with the `f32` of the node,
-//! [`positions`] writes what comes out, [`Statistics`] condenses its errors, [`plot`] draws it. [`thesis`] is the benchmark on
-//! simulated ranges. Nothing here knows of arguments or prints: that is the binary's, one module a subcommand.
+//! | module | what is in it |
+//! |---|---|
+//! | [`files`] | CSV rows, recordings, positions, captures of beacons, [`UserError`] |
+//! | [`locate`] | recordings into positions, through `positioning-core` with the `f32` of a node; [`Statistics`] of their errors |
+//! | [`node`] | probe, serial port, stream of telemetry, log, recordings of nodes, config records |
+//! | [`survey`] | fingerprints, coverage, path loss, rooms, positions for anchors |
+//! | [`train`] | NLOS classifiers |
+//! | [`simulate`] | what `baliza simulate` writes |
+//! | [`plot`] | pictures |
+//! | [`research`] | papers done again on drawn data |
+//!
+//! Nothing here reads arguments or prints: the binary's module `cli` does, one file a subcommand.
 #![forbid(unsafe_code)]
 
-pub mod barral;
-pub mod ble;
-mod cholesky;
-pub mod decode;
-pub mod example;
-pub mod fusion;
-pub mod garcia;
-pub mod linde;
-pub mod monitor;
-pub mod nlos;
-pub mod output;
-pub mod place;
+pub mod files;
+pub mod locate;
+pub mod node;
 pub mod plot;
-pub mod positions;
-pub mod presence;
-pub mod probe;
-pub mod provision;
-mod random;
-pub mod recorder;
-mod recording;
+pub mod research;
 pub mod simulate;
-mod solve;
-mod statistics;
-mod table;
-pub mod thesis;
-pub mod track;
-mod user_error;
+pub mod survey;
+pub mod train;
 
-pub use recording::{Anchor, Epoch, Files, Measured, Place, Recording, by_time, read_anchors, read_truth};
-pub use solve::{Half, Height, NoPosition, Position, Setup, Solved, Solver, Space};
-pub use statistics::Statistics;
-pub use table::{Column, Row, Table};
-pub use user_error::UserError;
+pub use files::{
+    Anchor, Column, Epoch, Files, Measured, Place, Recording, Row, Table, UserError, by_time, read_anchors, read_truth,
+};
+pub use locate::{Half, Height, NoPosition, Position, Setup, Solved, Solver, Space, Statistics};

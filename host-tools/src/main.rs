@@ -4,8 +4,7 @@
 //! line says how; 1: anything else, with its causes.
 #![forbid(unsafe_code)]
 
-mod commands;
-mod progress;
+mod cli;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -27,29 +26,29 @@ const EXIT_CODES: &str = "Exit code: 0 done; 2 the input or the arguments are wr
 
 #[derive(Subcommand)]
 enum Command {
-    Solve(commands::solve::Arguments),
-    Track(commands::track::Arguments),
+    Solve(cli::solve::Arguments),
+    Track(cli::track::Arguments),
     #[command(subcommand)]
-    Bench(commands::bench::Command),
-    Plot(commands::plot::Arguments),
+    Bench(cli::bench::Command),
+    Plot(cli::plot::Arguments),
     #[command(subcommand)]
-    Nlos(commands::nlos::Command),
+    Nlos(cli::nlos::Command),
     #[command(subcommand)]
-    Survey(commands::survey::Command),
-    Coverage(commands::coverage::Arguments),
-    Place(commands::place::Arguments),
-    Presence(commands::presence::Arguments),
+    Survey(cli::survey::Command),
+    Coverage(cli::coverage::Arguments),
+    Place(cli::place::Arguments),
+    Presence(cli::presence::Arguments),
     #[command(subcommand)]
-    Ble(commands::ble::Command),
+    Ble(cli::ble::Command),
     #[command(subcommand)]
-    Calibrate(commands::calibrate::Command),
-    Simulate(commands::simulate::Arguments),
-    Example(commands::example::Arguments),
-    Provision(commands::provision::Arguments),
-    Monitor(commands::monitor::Arguments),
-    Decode(commands::decode::Arguments),
-    Record(commands::record::Arguments),
-    Replay(commands::replay::Arguments),
+    Calibrate(cli::calibrate::Command),
+    Simulate(cli::simulate::Arguments),
+    Example(cli::example::Arguments),
+    Provision(cli::provision::Arguments),
+    Monitor(cli::monitor::Arguments),
+    Decode(cli::decode::Arguments),
+    Record(cli::record::Arguments),
+    Replay(cli::replay::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -58,24 +57,24 @@ fn main() -> ExitCode {
         Err(error) => return refuse(&error),
     };
     let done = match arguments.command {
-        Command::Solve(arguments) => commands::solve::run(&arguments),
-        Command::Track(arguments) => commands::track::run(&arguments),
-        Command::Bench(command) => commands::bench::run(&command),
-        Command::Nlos(command) => commands::nlos::run(&command),
-        Command::Survey(command) => commands::survey::run(&command),
-        Command::Coverage(arguments) => commands::coverage::run(&arguments),
-        Command::Place(arguments) => commands::place::run(&arguments),
-        Command::Presence(arguments) => commands::presence::run(&arguments),
-        Command::Ble(command) => commands::ble::run(&command),
-        Command::Calibrate(command) => commands::calibrate::run(&command),
-        Command::Plot(arguments) => commands::plot::run(&arguments),
-        Command::Simulate(arguments) => commands::simulate::run(&arguments),
-        Command::Example(arguments) => commands::example::run(&arguments),
-        Command::Provision(arguments) => commands::provision::run(&arguments),
-        Command::Monitor(arguments) => commands::monitor::run(&arguments),
-        Command::Decode(arguments) => commands::decode::run(&arguments),
-        Command::Record(arguments) => commands::record::run(&arguments),
-        Command::Replay(arguments) => commands::replay::run(&arguments),
+        Command::Solve(arguments) => cli::solve::run(&arguments),
+        Command::Track(arguments) => cli::track::run(&arguments),
+        Command::Bench(command) => cli::bench::run(&command),
+        Command::Nlos(command) => cli::nlos::run(&command),
+        Command::Survey(command) => cli::survey::run(&command),
+        Command::Coverage(arguments) => cli::coverage::run(&arguments),
+        Command::Place(arguments) => cli::place::run(&arguments),
+        Command::Presence(arguments) => cli::presence::run(&arguments),
+        Command::Ble(command) => cli::ble::run(&command),
+        Command::Calibrate(command) => cli::calibrate::run(&command),
+        Command::Plot(arguments) => cli::plot::run(&arguments),
+        Command::Simulate(arguments) => cli::simulate::run(&arguments),
+        Command::Example(arguments) => cli::example::run(&arguments),
+        Command::Provision(arguments) => cli::provision::run(&arguments),
+        Command::Monitor(arguments) => cli::monitor::run(&arguments),
+        Command::Decode(arguments) => cli::decode::run(&arguments),
+        Command::Record(arguments) => cli::record::run(&arguments),
+        Command::Replay(arguments) => cli::replay::run(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

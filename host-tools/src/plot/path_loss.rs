@@ -6,7 +6,7 @@ use plotters::prelude::*;
 use super::axes::Axes;
 use super::drawing;
 use super::style::{INK, number, pen, stroke};
-use crate::ble::calibration::Calibrated;
+use crate::survey::calibration::Calibrated;
 
 /// Panels beside each other.
 const ACROSS: usize = 3;

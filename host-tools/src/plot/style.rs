@@ -160,7 +160,8 @@ pub fn number(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{fusion, linde};
+    use crate::research::fusion;
+    use crate::research::linde;
 
     #[test]
     fn the_curves_of_a_benchmark_are_told_apart() {

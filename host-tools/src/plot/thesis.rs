@@ -8,8 +8,8 @@ use positioning_core::Method;
 use super::axes::{Axes, LEFT};
 use super::style::{INK, pen, pixels, stroke, text};
 use super::{drawing, legend};
-use crate::thesis::Score;
-use crate::thesis::printed::{DDP_ANCHORS, printed};
+use crate::research::thesis::Score;
+use crate::research::thesis::printed::{DDP_ANCHORS, printed};
 
 /// Draws the scores of every method: a line ours, circles as printed.
 ///

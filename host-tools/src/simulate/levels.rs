@@ -7,8 +7,8 @@ use anyhow::{Context, Result};
 use sim::scenario::{Scenario, survey};
 
 use crate::UserError;
-use crate::presence::{Room, room_of};
-use crate::provision::levels::{Part, encode, read_map, read_rooms};
+use crate::node::provision::levels::{Part, encode, read_map, read_rooms};
+use crate::survey::presence::{Room, room_of};
 
 /// Places of a survey at most: receivers that are simulated at once.
 const MOST_PLACES: usize = 10_000;

@@ -6,7 +6,7 @@ use ranging::Diagnostics;
 use sim::scenario::{Epoch, Scenario, What};
 use telemetry::Sighting;
 
-use crate::positions::{CHIP_COLUMNS, COLUMNS, POWER_COLUMNS};
+use crate::files::positions::{CHIP_COLUMNS, COLUMNS, POWER_COLUMNS};
 
 type Writer = csv::Writer<Vec<u8>>;
 

@@ -6,6 +6,7 @@
 //! [`survey_csv`] makes the survey that they come from.
 
 mod capture;
+pub mod example;
 mod levels;
 mod logbook;
 mod picture;

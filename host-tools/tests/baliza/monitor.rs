@@ -9,7 +9,7 @@ use rand_pcg::Pcg64;
 
 use crate::support::{Folder, Run};
 
-#[path = "../../src/monitor/testing.rs"]
+#[path = "../../src/node/monitor/testing.rs"]
 mod testing;
 
 use testing::{BUILD, OTHER_BUILD, elf, fix, frame, hello, told};

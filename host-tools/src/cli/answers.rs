@@ -1,0 +1,226 @@
+//! What a command that makes positions does with them: a file, a picture, a summary.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use anyhow::Result;
+use host_tools::files::output;
+use host_tools::files::positions;
+use host_tools::plot::{Dot, Picture, Track};
+use host_tools::{Epoch, Place, Solved, Statistics, UserError};
+
+use super::PictureFile;
+
+/// Where positions go.
+#[derive(clap::Args)]
+pub struct Answers {
+    /// Write the positions here and not to standard output
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Draw the positions, as .svg or .png
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+    /// Print JSON and no positions: a list, an object a method, with method, epochs, fixed, rmse_m, mae_m, p50_m, p90_m
+    /// (null without truth)
+    #[arg(long)]
+    json: bool,
+}
+
+/// Positions of all epochs, by a method.
+pub type ByMethod = Vec<(String, Vec<Solved>)>;
+
+/// What there is to tell.
+pub struct Told<'a> {
+    /// The epochs, one a position.
+    pub epochs: &'a [Epoch],
+    /// Names and places of what stands on the map.
+    pub anchors: Vec<(String, [f64; 2])>,
+    /// Both ends of every wall, metres.
+    pub walls_m: Vec<[[f64; 2]; 2]>,
+    /// Whether there was a truth.
+    pub with_errors: bool,
+    /// Whether to tell how the errors go with the uncertainties.
+    pub consistency: bool,
+    /// Of positions by beacons: how many neighbours each method has, where it has some.
+    pub neighbours: Option<Vec<Option<usize>>>,
+    /// The positions.
+    pub solved: &'a ByMethod,
+}
+
+/// Files that can be written.
+pub struct Checked<'a> {
+    answers: &'a Answers,
+    picture: Option<PictureFile<'a>>,
+}
+
+impl Answers {
+    /// Refuses files that could not be written, before any work is done for them.
+    pub fn check(&self) -> Result<Checked<'_>, UserError> {
+        if let Some(file) = &self.out {
+            output::check("--out", file)?;
+        }
+        let picture = PictureFile::plot(self.plot.as_deref())?;
+        Ok(Checked { answers: self, picture })
+    }
+}
+
+impl Checked<'_> {
+    /// Writes and prints it all.
+    pub fn give(&self, told: &Told) -> Result<()> {
+        let Answers { out, plot, json } = self.answers;
+        let mut summaries: Vec<_> = told
+            .solved
+            .iter()
+            .map(|(method, solved)| Summary::of(method, solved, told.consistency.then_some(told.epochs)))
+            .collect();
+        for (summary, k) in summaries.iter_mut().zip(told.neighbours.iter().flatten()) {
+            summary.by_beacons = Some(ByBeacons { k: *k, points: summary.epochs });
+        }
+        let picture = match self.picture {
+            Some(PictureFile { file, format }) => Some((file, format.encode(draw(told).to_svg()?)?)),
+            None => None,
+        };
+
+        if out.is_some() || !json {
+            let by_method = told.solved.iter().map(|(method, solved)| (method.as_str(), solved.as_slice()));
+            let csv = positions::to_csv(told.epochs, by_method, told.with_errors)?;
+            match out {
+                Some(file) => super::write(file, &csv)?,
+                None => super::print(&csv)?,
+            }
+        }
+        if let Some((file, bytes)) = &picture {
+            super::write(file, bytes)?;
+        }
+        if *json {
+            return super::print_json(&summaries);
+        }
+        let mut said = table(&summaries, told.solved);
+        for (what, file) in [("positions", out), ("picture", plot)] {
+            if let Some(file) = file {
+                let _ = writeln!(said, "{what}: {}", file.display());
+            }
+        }
+        super::tell(&said);
+        Ok(())
+    }
+}
+
+/// A place as seen from above, metres.
+pub fn flat(place: &Place) -> [f64; 2] {
+    [place.x_m, place.y_m]
+}
+
+fn draw(told: &Told) -> Picture {
+    Picture {
+        anchors: told.anchors.clone(),
+        beacons: Vec::new(),
+        walls_m: told.walls_m.clone(),
+        truth_m: vec![told.epochs.iter().filter_map(|epoch| epoch.truth.as_ref().map(flat)).collect()],
+        tracks: told
+            .solved
+            .iter()
+            .map(|(method, solved)| Track {
+                method: method.clone(),
+                dots: solved
+                    .iter()
+                    .filter_map(|solved| solved.outcome.as_ref().ok())
+                    .map(|position| Dot { at_m: flat(&position.place), sigma_m: Some(flat(&position.sigma)) })
+                    .collect(),
+                errors_m: solved.iter().filter_map(|solved| solved.error_m).collect(),
+            })
+            .collect(),
+    }
+}
+
+/// What `--json` prints of a method.
+#[derive(Debug, serde::Serialize)]
+struct Summary {
+    method: String,
+    #[serde(flatten)]
+    by_beacons: Option<ByBeacons>,
+    epochs: usize,
+    fixed: usize,
+    rmse_m: Option<f64>,
+    mae_m: Option<f64>,
+    p50_m: Option<f64>,
+    p90_m: Option<f64>,
+    #[serde(flatten)]
+    consistency: Option<Consistency>,
+}
+
+/// What only positions by beacons tell.
+#[derive(Debug, serde::Serialize)]
+struct ByBeacons {
+    k: Option<usize>,
+    points: usize,
+}
+
+/// How the horizontal errors go with the uncertainties.
+#[derive(Debug, serde::Serialize)]
+struct Consistency {
+    /// The share of the errors inside the 1σ ellipse: 0.39 where the covariance is right.
+    inside_1_sigma: f64,
+    /// The mean of the squared errors in units of their covariance: 2 where the covariance is right.
+    nees: f64,
+}
+
+impl Consistency {
+    fn of(solved: &[Solved], epochs: &[Epoch]) -> Option<Self> {
+        let positions = solved.iter().zip(epochs);
+        let squares: Vec<f64> = positions
+            .filter_map(|(solved, epoch)| Some(solved.outcome.as_ref().ok()?.normalised_square(epoch.truth.as_ref()?)))
+            .filter(|square| square.is_finite())
+            .collect();
+        let count = squares.len() as f64;
+        let inside = squares.iter().filter(|square| **square <= 1.0).count() as f64;
+        (!squares.is_empty())
+            .then(|| Self { inside_1_sigma: inside / count, nees: squares.iter().sum::<f64>() / count })
+    }
+}
+
+impl Summary {
+    fn of(method: &str, solved: &[Solved], epochs: Option<&[Epoch]>) -> Self {
+        let errors: Vec<f64> = solved.iter().filter_map(|solved| solved.error_m).collect();
+        let figures = Statistics::of(&errors);
+        let of = |figure: fn(&Statistics) -> f64| figures.as_ref().map(figure);
+        Self {
+            method: method.to_owned(),
+            by_beacons: None,
+            epochs: solved.len(),
+            fixed: solved.iter().filter(|solved| solved.outcome.is_ok()).count(),
+            rmse_m: of(|figures| figures.rmse),
+            mae_m: of(|figures| figures.mae),
+            p50_m: of(|figures| figures.p50),
+            p90_m: of(|figures| figures.p90),
+            consistency: epochs.and_then(|epochs| Consistency::of(solved, epochs)),
+        }
+    }
+}
+
+/// The summaries for reading, with the reasons of what was not fixed.
+fn table(summaries: &[Summary], solved: &[(String, Vec<Solved>)]) -> String {
+    let mut text = format!(
+        "{:<16} {:>7} {:>7} {:>8} {:>8} {:>8} {:>8}\n",
+        "method", "epochs", "fixed", "rmse_m", "mae_m", "p50_m", "p90_m"
+    );
+    for (summary, (_, solved)) in summaries.iter().zip(solved) {
+        let _ = write!(text, "{:<16} {:>7} {:>7}", summary.method, summary.epochs, summary.fixed);
+        for figure in [summary.rmse_m, summary.mae_m, summary.p50_m, summary.p90_m] {
+            let _ = write!(text, " {:>8}", figure.map_or_else(|| "-".to_owned(), |metres| format!("{metres:.3}")));
+        }
+        if let Some(Consistency { inside_1_sigma, nees }) = summary.consistency {
+            let _ = write!(text, "  {:.0} % inside 1 sigma, NEES {nees:.2}", 100.0 * inside_1_sigma);
+        }
+        let mut reasons = BTreeMap::new();
+        for reason in solved.iter().filter_map(|solved| solved.outcome.as_ref().err()) {
+            *reasons.entry(reason.as_str()).or_insert(0_usize) += 1;
+        }
+        for (reason, count) in reasons {
+            let _ = write!(text, "  {count} {reason}");
+        }
+        text.push('\n');
+    }
+    text
+}

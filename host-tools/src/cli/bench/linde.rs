@@ -1,0 +1,43 @@
+//! `baliza bench linde`: levels and times of flight of four beacons in a room, beside the printed figures.
+
+use anyhow::Result;
+use host_tools::plot::{self, Track};
+use host_tools::research::linde::{self, Algorithm, Parameter, Scored};
+
+use super::Drawing;
+
+/// Four beacons in a room, by levels and by times of flight, by fingerprints and by multilateration
+///
+/// The study of feasibility in annex A of A. Linde Cerezo's thesis (Universitat Oberta de Catalunya, 2024), beside the figures it prints. The
+/// documentation of the library's module `linde` states what is printed of the simulation and what is assumed. The nonlinear form of
+/// multilateration, which keeps to the room, is not in the annex.
+///
+/// As JSON: a list of objects with parameter, noise, unit, algorithm, rmse_m, mae_m, answered, printed_rmse_m, printed_mae_m (5 is "> 5";
+/// null where the annex has no such row). The picture leaves out times by multilateration, which would flatten the rest.
+#[derive(clap::Args)]
+#[command(after_help = "Examples:\n  baliza bench linde\n  baliza bench linde --trials 500 --seed 7 --json\n  \
+                        baliza bench linde --plot linde.svg")]
+pub struct Arguments {
+    /// How many times each of the mesh's receivers measures
+    #[arg(long, default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    trials: u32,
+    #[command(flatten)]
+    drawing: Drawing,
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let shown = arguments.drawing.check()?;
+    let rows = linde::run(arguments.trials, arguments.drawing.seed)?;
+    let scores: Vec<_> = rows.iter().map(|(score, _)| score).collect();
+    shown.show(&scores, || linde::to_markdown(&rows), || draw(&rows))
+}
+
+/// The distribution of the errors; times by multilateration would flatten the rest.
+fn draw(rows: &[Scored]) -> Result<String> {
+    let named = rows.iter().zip(linde::ROWS).map(|((_, errors_m), (parameter, algorithm, _))| {
+        let track = Track { method: linde::name(parameter, algorithm), dots: Vec::new(), errors_m: errors_m.clone() };
+        (track, matches!((parameter, algorithm), (Parameter::Tof(_), Algorithm::Multilateration)))
+    });
+    let drawn = named.filter(|(_, far)| !far).map(|(track, _)| track);
+    plot::distribution(&drawn.collect::<Vec<_>>())
+}

@@ -1,0 +1,143 @@
+//! `baliza ble map`: a map of levels for nodes.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use anyhow::Result;
+use host_tools::files::beacons::read_stays;
+use host_tools::files::output;
+use host_tools::survey::fingerprint::{Comparison, Grid, Making, Maps, Setup, held_out, spread};
+use host_tools::{Statistics, UserError};
+use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map, MapError};
+
+use super::fingerprint::Averages;
+use super::{Place, survey_of};
+use crate::cli::progress::Progress;
+use crate::cli::{print_json, tell, write};
+
+/// Points of larger surveys are found block by block.
+const MOST_FOLDS: usize = 64;
+
+/// Make a map of levels for nodes, and say how good it is
+///
+/// Of a survey, a lattice of levels between its points; with --beacons and --walls one that is predicted where the survey is thin: path
+/// loss along rays through walls, and what the points say beside. --survey-points takes only so many points, spread evenly, and tells how
+/// well the others are found; without it, each point is found by the others, of more than 64 points each block of them by the other blocks.
+#[derive(clap::Args)]
+#[command(after_help = "Examples:\n  baliza ble map --fingerprints fingerprints.csv --out room.map\n  \
+                        baliza ble map --fingerprints fingerprints.csv --out room.map --survey-points 8 --beacons beacons.csv --walls walls.csv")]
+pub struct Arguments {
+    /// The survey: CSV with point,x_m,y_m,beacon,rssi_dbm
+    #[arg(long, value_name = "FILE")]
+    fingerprints: PathBuf,
+    /// Where the map goes
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// The surveyed points themselves, for the k nearest, and no lattice
+    #[arg(long, conflicts_with_all = ["points", "step_m", "beacons"])]
+    surveyed: bool,
+    /// The most points of the lattice
+    #[arg(long, value_name = "N", default_value_t = MAX_NODE_POINTS as u16, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    points: u16,
+    /// The step of the lattice, metres, 0.05 to 10 [default: as small as the number of points allows]
+    #[arg(long, value_name = "M", value_parser = clap::value_parser!(f64))]
+    step_m: Option<f64>,
+    /// Take only so many points of the survey
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    survey_points: Option<u16>,
+    /// How levels of one point are averaged
+    #[arg(long, value_name = "HOW", default_value = "power")]
+    average: Averages,
+    #[command(flatten)]
+    place: Place,
+    /// Print JSON: beacons, points, bytes, step_m, survey_points, found_points, mae_m, rmse_m (null where no point was left to be found)
+    #[arg(long)]
+    json: bool,
+}
+
+/// What is printed.
+#[derive(serde::Serialize)]
+struct Summary {
+    beacons: Vec<String>,
+    points: usize,
+    bytes: usize,
+    step_m: Option<f64>,
+    survey_points: usize,
+    found_points: usize,
+    mae_m: Option<f64>,
+    rmse_m: Option<f64>,
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    output::check("--out", &arguments.out)?;
+    if arguments.step_m.is_some_and(|step_m| !(0.05..=10.0).contains(&step_m)) {
+        return Err(UserError::flag("--step-m", "must be from 0.05 to 10").into());
+    }
+    let stays = read_stays(&arguments.fingerprints)?;
+    let average = arguments.average.into();
+    let survey = survey_of(&arguments.fingerprints, &stays, average)?;
+    let plan = arguments.place.read()?;
+    let plan = (!plan.beacons.is_empty()).then_some(&plan);
+    let grid = Grid { most: Some(arguments.points.into()), step_m: arguments.step_m };
+
+    let kept = arguments.survey_points.map(|count| spread(&survey, count.into()));
+    let is_kept = |point: usize| kept.as_ref().is_none_or(|kept| kept.contains(&point));
+    let thin = survey.only(is_kept);
+    let comparison =
+        if arguments.surveyed { Comparison::Nearest { k: 5, weighted: true } } else { Comparison::Process };
+    let (making, setup) = (Making { grid, plan }, Setup { average, ..Setup::default() });
+    let wrong = |fault: MapError| UserError::line(&arguments.fingerprints, 1, fault.to_string());
+    let maps = Maps::of(&thin, making, &[comparison], None).map_err(wrong)?;
+    let bytes = maps.bytes(comparison).unwrap_or_default();
+    let (map, _) = Map::decode(bytes)?;
+
+    let folds = stays.len().min(MOST_FOLDS);
+    let fold = |point: usize| match kept {
+        Some(_) => (!is_kept(point)).then_some(0),
+        None => Some(point * folds / stays.len()),
+    };
+    let progress = Progress::new(if kept.is_some() { 1 } else { folds });
+    let errors: Vec<f64> = if stays.len() > 1 {
+        let held = held_out(&stays, making, &setup, &[comparison], fold, || progress.step()).map_err(wrong)?;
+        held.solved.into_iter().flatten().filter_map(|solved| solved.error_m).collect()
+    } else {
+        Vec::new()
+    };
+    drop(progress);
+    let figures = Statistics::of(&errors);
+    write(&arguments.out, bytes)?;
+    let summary = Summary {
+        points: map.points(),
+        bytes: bytes.len(),
+        step_m: map.has_deviations().then(|| map.unit()),
+        survey_points: thin.spots.len(),
+        found_points: errors.len(),
+        mae_m: figures.as_ref().map(|figures| figures.mae),
+        rmse_m: figures.as_ref().map(|figures| figures.rmse),
+        beacons: survey.beacons,
+    };
+    if arguments.json {
+        return print_json(&summary);
+    }
+    tell(&summary.text(arguments));
+    Ok(())
+}
+
+impl Summary {
+    fn text(&self, arguments: &Arguments) -> String {
+        let mut text = format!("map: {}, {} points, {} bytes\n", arguments.out.display(), self.points, self.bytes);
+        if let Some(step_m) = self.step_m {
+            let _ = writeln!(text, "a lattice of {step_m} m over {} surveyed points", self.survey_points);
+        }
+        let _ = writeln!(text, "beacons in their order: {}", self.beacons.join(", "));
+        if let Some((mae_m, rmse_m)) = self.mae_m.zip(self.rmse_m) {
+            let which = match arguments.survey_points {
+                Some(_) => "the other points",
+                None if self.found_points <= MOST_FOLDS => "each point, by the others",
+                None => "each block of points, by the others",
+            };
+            let _ = writeln!(text, "{which}: {} found, MAE {mae_m:.2} m, RMSE {rmse_m:.2} m", self.found_points);
+        }
+        text
+    }
+}

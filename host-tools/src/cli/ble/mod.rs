@@ -1,0 +1,138 @@
+//! `baliza ble`: positions from the levels of Bluetooth beacons.
+
+mod fingerprint;
+mod map;
+mod rooms;
+mod solve;
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use host_tools::files::beacons::{Beacon, Capture, Stay, read_beacons, read_walls};
+use host_tools::survey::fingerprint::{Average, Plan, Survey};
+use host_tools::{Epoch, UserError};
+use positioning_core::ble::fingerprint::MAX_BEACONS;
+
+/// Positions from the levels of Bluetooth beacons
+#[derive(clap::Subcommand)]
+pub enum Command {
+    Rooms(rooms::Arguments),
+    Solve(solve::Arguments),
+    Fingerprint(fingerprint::Arguments),
+    Map(map::Arguments),
+}
+
+pub fn run(command: &Command) -> Result<()> {
+    match command {
+        Command::Rooms(arguments) => rooms::run(arguments),
+        Command::Solve(arguments) => solve::run(arguments),
+        Command::Fingerprint(arguments) => fingerprint::run(arguments),
+        Command::Map(arguments) => map::run(arguments),
+    }
+}
+
+/// Names of beacons or rooms, with commas.
+#[derive(Clone, Debug)]
+struct Names(Vec<String>);
+
+impl Names {
+    fn parse(text: &str) -> Result<Self, String> {
+        let names: Vec<String> = text.split(',').map(|name| name.trim().to_owned()).collect();
+        match names.iter().enumerate().find(|(at, name)| name.is_empty() || names[..*at].contains(name)) {
+            Some((_, name)) if name.is_empty() => Err("a name is empty".to_owned()),
+            Some((_, name)) => Err(format!("{name:?} stands twice")),
+            None => Ok(Self(names)),
+        }
+    }
+
+    /// The names, which must be so many.
+    fn of(&self, flag: &'static str, what: &str, count: usize) -> Result<Vec<String>, UserError> {
+        let names = self.0.len();
+        if names == count {
+            Ok(self.0.clone())
+        } else {
+            Err(UserError::flag(flag, format!("{names} names of {count} {what}")))
+        }
+    }
+}
+
+/// The bytes of a map or a model.
+fn read_bytes(file: &Path) -> Result<Vec<u8>, UserError> {
+    std::fs::read(file).map_err(|error| UserError::file(file, format!("cannot open it: {error}")))
+}
+
+/// Names in a sentence.
+fn listed(names: BTreeSet<&str>) -> String {
+    names.into_iter().collect::<Vec<_>>().join(", ")
+}
+
+fn heard(captures: &[Capture]) -> BTreeSet<&str> {
+    captures.iter().flat_map(|capture| &capture.samples).map(|sample| sample.beacon.as_str()).collect()
+}
+
+/// Tells of beacons that were heard and are none of these.
+fn tell_strange(known: &[impl AsRef<str>], captures: &[Capture], place: &str) {
+    let known: BTreeSet<&str> = known.iter().map(AsRef::as_ref).collect();
+    let strange: BTreeSet<&str> = heard(captures).difference(&known).copied().collect();
+    if !strange.is_empty() {
+        super::tell(&format!("heard, but not on {place}: {}\n", listed(strange)));
+    }
+}
+
+/// Tells of what was heard and is not on the map, and of what is on the map and was never heard.
+fn tell_unknown(beacons: &[Beacon], captures: &[Capture]) {
+    let names: Vec<&str> = beacons.iter().map(|beacon| beacon.name.as_str()).collect();
+    tell_strange(&names, captures, "the map");
+    let (known, heard) = (BTreeSet::from_iter(names), heard(captures));
+    let mute: BTreeSet<&str> = known.difference(&heard).copied().collect();
+    if !mute.is_empty() {
+        super::tell(&format!("on the map, but never heard: {}\n", listed(mute)));
+    }
+    let usual = beacons.iter().filter(|beacon| beacon.rssi_1m_dbm.is_none() || beacon.path_loss_exponent.is_none());
+    let usual: BTreeSet<&str> = usual.map(|beacon| beacon.name.as_str()).collect();
+    if !usual.is_empty() {
+        super::tell(&format!("path loss not known, taken to be usual: {}\n", listed(usual)));
+    }
+}
+
+/// What is known of a place beside its survey.
+#[derive(clap::Args)]
+struct Place {
+    /// Beacons whose places are known: CSV with beacon,x_m,y_m; levels are then expected to follow path loss from them
+    #[arg(long, value_name = "FILE")]
+    beacons: Option<PathBuf>,
+    /// Walls, which nobody walks through, which take from the levels of --beacons and are drawn: CSV with the corners of an outline,
+    /// x_m,y_m, or with x1_m,y1_m,x2_m,y2_m and, where known, attenuation_db
+    #[arg(long, value_name = "FILE")]
+    walls: Option<PathBuf>,
+}
+
+impl Place {
+    fn read(&self) -> Result<Plan, UserError> {
+        let beacons = self.beacons.as_deref().map(read_beacons).transpose()?.unwrap_or_default();
+        Ok(Plan { beacons, walls: self.walls.as_deref().map(read_walls).transpose()?.unwrap_or_default() })
+    }
+}
+
+/// The survey of a file's stays; one that makes no map is refused.
+fn survey_of(file: &Path, stays: &[Stay], average: Average) -> Result<Survey, UserError> {
+    let survey = Survey::of(stays, average);
+    let names = survey.beacons.len();
+    if names > MAX_BEACONS {
+        return Err(UserError::line(file, 1, format!("{names} beacons; a map has at most {MAX_BEACONS}")));
+    }
+    if survey.spots.iter().flat_map(|spot| &spot.levels).all(Option::is_none) {
+        return Err(UserError::line(file, 1, "no point hears any beacon"));
+    }
+    if survey.spots.len() > usize::from(u16::MAX) {
+        return Err(UserError::line(file, 1, format!("{} points; a map has at most {}", survey.spots.len(), u16::MAX)));
+    }
+    Ok(survey)
+}
+
+/// A capture as the files of positions and the pictures know it.
+fn epoch(capture: &Capture) -> Epoch {
+    let truth = capture.truth_m.map(|[x_m, y_m]| host_tools::Place { x_m, y_m, z_m: None });
+    Epoch { name: capture.name.clone(), t_s: capture.t_s, ranges: Vec::new(), truth }
+}

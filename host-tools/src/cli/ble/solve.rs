@@ -1,0 +1,132 @@
+//! `baliza ble solve`: positions from beacons whose places and path losses are known.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use host_tools::Epoch;
+use host_tools::files::beacons::{read_beacons, read_captures, read_walls};
+use host_tools::locate::ble::{Kernel, Setup, Solver};
+use positioning_core::ble::beacon_monitor::{BeaconHealth, News};
+
+use crate::cli::answers::{Answers, ByMethod, Told};
+use crate::cli::recorded::{CornersM, finite};
+use crate::cli::tell;
+
+/// Positions by path loss: least squares, the posterior mean, a particle filter, the tag's engine
+///
+/// The rows of one `epoch` make one position; of a file of stays (`point,x_m,y_m,…`) all rows of one point, whose place is its truth.
+/// Positions are in the plane. What beacons.csv does not know of a beacon's path loss is taken to be usual; `baliza calibrate path-loss`
+/// finds it. A beacon whose levels contradict the others, because it was moved, say, is named by the engine.
+#[derive(clap::Args)]
+#[command(after_help = "Examples:\n  baliza ble solve --beacons beacons.csv --rssi rssi.csv --truth truth.csv\n  \
+                        baliza ble solve --beacons beacons.csv --rssi targets.csv --plot room.png --json")]
+pub struct Arguments {
+    /// Beacons: CSV with beacon,x_m,y_m and, where known, z_m,rssi_1m_dbm,path_loss_exponent,deviation_db
+    #[arg(long, value_name = "FILE")]
+    beacons: PathBuf,
+    /// Levels heard: CSV with epoch,t_s,beacon,rssi_dbm, or a file of stays at known points
+    #[arg(long, value_name = "FILE")]
+    rssi: PathBuf,
+    /// Where the tag truly was: CSV with epoch,t_s,x_m,y_m; gives the errors
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+    /// Walls, which are drawn, and barriers for particles: CSV with the corners of an outline, x_m,y_m, or with x1_m,y1_m,x2_m,y2_m
+    #[arg(long, value_name = "FILE")]
+    walls: Option<PathBuf>,
+    /// What a wall takes from a signal, dB, where the file of walls does not say; for posterior and particle-filter
+    #[arg(long, value_name = "DB", default_value_t = 0.0, value_parser = decibels, requires = "walls")]
+    wall_db: f64,
+    /// How levels become a position: a name, several with commas, or all
+    #[arg(long, value_name = "METHOD", default_value = "all", value_parser = Kernels::parse)]
+    method: Kernels,
+    /// The window of integration, milliseconds: 200 in a room, 500 over a floor
+    #[arg(long, value_name = "MS", default_value_t = 500, value_parser = clap::value_parser!(u32).range(10..=60_000))]
+    window_ms: u32,
+    /// The tag's height, metres: heights of beacons (z_m) count
+    #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = finite)]
+    height_m: Option<f64>,
+    /// Where the tag can be at all, metres: all but weighted-linear stay inside [default: of posterior and particle-filter, the
+    /// box around the beacons]
+    #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = CornersM::parse)]
+    area: Option<CornersM>,
+    /// How far the receiver's levels may be off from those of the calibration, all alike, dB (standard deviation)
+    #[arg(long, value_name = "DB", allow_negative_numbers = true, default_value_t = 2.0, value_parser = decibels)]
+    offset_db: f64,
+    /// Seed of the particles: equal seeds give equal positions
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    #[command(flatten)]
+    answers: Answers,
+}
+
+/// Methods asked for.
+#[derive(Clone, Debug)]
+struct Kernels(Vec<Kernel>);
+
+impl Kernels {
+    fn parse(text: &str) -> Result<Self, String> {
+        if text == "all" {
+            return Ok(Self(Kernel::ALL.to_vec()));
+        }
+        let known = || Kernel::ALL.map(Kernel::as_str).join(", ");
+        let find = |name: &str| {
+            let found = Kernel::ALL.into_iter().find(|kernel| kernel.as_str() == name.trim());
+            found.ok_or_else(|| format!("there is no method {name:?}; there are {}", known()))
+        };
+        text.split(',').map(find).collect::<Result<_, _>>().map(Self)
+    }
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let answers = arguments.answers.check()?;
+    let beacons = read_beacons(&arguments.beacons)?;
+    let captures = read_captures(&arguments.rssi, arguments.truth.as_deref())?;
+    let walls = arguments.walls.as_deref().map(read_walls).transpose()?.unwrap_or_default();
+    super::tell_unknown(&beacons, &captures);
+    let solver = Solver::new(
+        &beacons,
+        &walls,
+        Setup {
+            window_s: f64::from(arguments.window_ms) / 1000.0,
+            height_m: arguments.height_m,
+            area_m: arguments.area.map(|CornersM(corners)| corners),
+            offset_db: arguments.offset_db,
+            wall_db: arguments.wall_db,
+            seed: arguments.seed,
+        },
+    );
+    let mut solved = ByMethod::new();
+    let mut news = Vec::new();
+    for kernel in &arguments.method.0 {
+        let (positions, told) = solver.solve(*kernel, &captures);
+        solved.push((kernel.as_str().to_owned(), positions));
+        news.extend(told);
+    }
+    let epochs: Vec<Epoch> = captures.iter().map(super::epoch).collect();
+    answers.give(&Told {
+        epochs: &epochs,
+        anchors: beacons.iter().map(|beacon| (beacon.name.clone(), beacon.position_m)).collect(),
+        walls_m: walls.iter().map(|wall| wall.ends_m).collect(),
+        with_errors: captures.iter().any(|capture| capture.truth_m.is_some()),
+        consistency: true,
+        neighbours: Some(vec![None; solved.len()]),
+        solved: &solved,
+    })?;
+    for News { beacon, standing, seconds } in news {
+        let name = beacons.get(beacon).map_or("?", |beacon| &beacon.name);
+        let found = match standing {
+            BeaconHealth::Agrees => "is believed again",
+            BeaconHealth::Elsewhere => {
+                "contradicts the others and is left out: it stands elsewhere, or sends at another power"
+            }
+            BeaconHealth::TwoPlaces => "is left out: two senders have its identity",
+        };
+        tell(&format!("engine: after {seconds} s beacon {name} {found}\n"));
+    }
+    Ok(())
+}
+
+pub fn decibels(text: &str) -> Result<f64, String> {
+    let decibels = finite(text)?;
+    if (0.0..=100.0).contains(&decibels) { Ok(decibels) } else { Err("it must be from 0 to 100".to_owned()) }
+}

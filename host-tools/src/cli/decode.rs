@@ -1,0 +1,108 @@
+//! `baliza decode`: any stream of bytes as the telemetry in it.
+
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use host_tools::files::output::{self, Growing};
+use host_tools::node::decode::Stream;
+
+use super::stream::{Input, Writing, catch_ctrl_c, feed_stdout, stream_of};
+
+/// Decode telemetry: what nodes say, from any stream of bytes
+///
+/// Messages go to standard output or --out, a count of what came and what was lost to standard error. Whatever the bytes are, the
+/// next whole frame is found; a stream that holds something else too (defmt frames, a boot loader's text) may do so.
+/// docs/wire-format.md has the format.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// The stream, or a folder that record made
+    #[arg(long, value_name = "FILE")]
+    file: Option<PathBuf>,
+    /// The same, without its flag
+    #[arg(value_name = "FILE", conflicts_with = "file")]
+    stream: Option<PathBuf>,
+    /// Read standard input, which is what happens without a file too
+    #[arg(long, conflicts_with_all = ["file", "stream"])]
+    stdin: bool,
+    #[command(flatten)]
+    writing: Writing,
+    /// Write the messages here and not to standard output
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Print JSON and no messages: what came, by kind, and what was lost, by what was wrong with it
+    #[arg(long)]
+    json: bool,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  baliza decode telemetry.bin
+  baliza decode telemetry.bin --format csv > positions.csv
+  baliza decode telemetry.bin --json
+  cat /dev/ttyACM0 | baliza decode";
+
+/// Where messages go.
+enum Sink {
+    Nowhere,
+    Stdout,
+    File(Growing),
+}
+
+impl Sink {
+    /// False where nobody reads on.
+    fn take(&mut self, bytes: &[u8]) -> Result<bool> {
+        match self {
+            Self::Nowhere => Ok(true),
+            Self::Stdout => feed_stdout(bytes),
+            Self::File(file) => file.write_all(bytes).map(|()| true).context("cannot write the messages"),
+        }
+    }
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let lines = arguments.writing.lines()?;
+    if let Some(file) = &arguments.out {
+        output::check("--out", file)?;
+    }
+    let input = Input::open(arguments.file.as_deref().or(arguments.stream.as_deref()).map(stream_of).as_deref())?;
+    let mut sink = match &arguments.out {
+        Some(file) => Sink::File(Growing::create(file).with_context(|| format!("cannot write {}", file.display()))?),
+        None if arguments.json => Sink::Nowhere,
+        None => Sink::Stdout,
+    };
+    catch_ctrl_c()?;
+    // A bar among the messages is in their way.
+    let shown = matches!(sink, Sink::Stdout) && std::io::stdout().is_terminal();
+    let progress = if shown { None } else { input.progress() };
+
+    let mut stream = Stream::default();
+    let mut read_on = sink.take(&lines.header()?)?;
+    let mut text = Vec::new();
+    while read_on && let Some(bytes) = input.next()? {
+        text.clear();
+        for byte in &bytes {
+            if let Some((stamp, message)) = stream.feed(*byte)
+                && !matches!(sink, Sink::Nowhere)
+            {
+                lines.append(&mut text, stamp, &message)?;
+            }
+        }
+        read_on = sink.take(&text)?;
+        if let Some(progress) = &progress {
+            progress.advance(bytes.len() as u64);
+        }
+    }
+    drop(progress);
+
+    if let (Sink::File(growing), Some(file)) = (sink, &arguments.out) {
+        growing.finish().with_context(|| format!("cannot write {}", file.display()))?;
+    }
+    let summary = stream.summary();
+    if arguments.json {
+        return super::print_json(&summary);
+    }
+    super::tell(&summary.told());
+    Ok(())
+}

@@ -1,0 +1,261 @@
+//! `baliza monitor`: what a node says, as it says it.
+
+use std::io::{BufWriter, ErrorKind, IsTerminal, Stdout, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant, SystemTime};
+
+use anyhow::{Context, Result};
+use clap::ValueEnum;
+use host_tools::UserError;
+use host_tools::node::decode::{Stream, Timeline};
+use host_tools::node::monitor::{
+    Channel, Event, Files, Image, Limits, Lines, Listener, Patience, Piped, Reload, Said, Session, Source, json,
+    listen, summary,
+};
+use host_tools::node::recorder::Recorder;
+use indicatif::{ProgressBar, ProgressDrawTarget};
+
+use super::stream::{self, STOP, SourceArguments, TableName, catch_ctrl_c};
+
+/// Show what a node says: its log and its telemetry, in the order of its clock
+///
+/// By probe (the default), serial port, standard input or from files. With --elf, the very ELF file that was flashed, the log is
+/// shown too; without it telemetry alone. Unplugging, resets and new images are survived. Ctrl-C ends it, with a count of what
+/// came and what was lost.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// The ELF file that was flashed: target/firmware/…elf
+    #[arg(long, value_name = "FILE")]
+    elf: Option<PathBuf>,
+    #[command(flatten)]
+    source: SourceArguments,
+    /// Reset the node first, to see it start
+    #[arg(long, conflicts_with_all = ["serial", "stdin", "file"])]
+    reset: bool,
+    /// The log's stream beside --file, where it has a file of its own
+    #[arg(long, value_name = "FILE", requires_all = ["file", "elf"])]
+    defmt_file: Option<PathBuf>,
+    /// How it is written
+    #[arg(long, value_name = "FORMAT", default_value = "text")]
+    format: Format,
+    /// Which messages are the rows (--format csv) [default: positions]
+    #[arg(long, value_name = "TABLE")]
+    table: Option<TableName>,
+    /// Record as well, as `baliza record` does, into this folder
+    #[arg(long, value_name = "FOLDER")]
+    record: Option<PathBuf>,
+    /// Show where in the sources each line of the log is said
+    #[arg(long)]
+    places: bool,
+    /// End after so many positions
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    fixes: Option<u64>,
+}
+
+const EXAMPLES: &str = "Examples:
+  baliza monitor --elf target/firmware/tag-dwm1001.elf
+  baliza monitor --serial /dev/ttyACM0 --elf target/firmware/tag-esp32c3-ble.elf
+  baliza monitor --file telemetry.bin --defmt-file log.bin --elf target/firmware/tag-simulated-arm.elf";
+
+/// `--format`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// A line for a person, in colours on a terminal
+    Text,
+    /// One object of JSON a line: messages as decode writes them, and lines of the log
+    Jsonl,
+    /// The rows of one table
+    Csv,
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    if arguments.table.is_some() && arguments.format != Format::Csv {
+        return Err(UserError::flag("--table", "only with --format csv").into());
+    }
+    let image = arguments.elf.as_deref().map(Image::read).transpose()?;
+    let (source, patience) = source(arguments, image.as_ref())?;
+    let mut source = Tee { source, recording: None };
+    if let Some(folder) = &arguments.record {
+        source.recording = Some((Recorder::create(folder, &[])?, Stream::default()));
+    }
+    catch_ctrl_c()?;
+    let limits = Limits { time: arguments.source.seconds, fixes: arguments.fixes };
+    let mut session = Session::new(image, reload(arguments.elf.as_deref()), patience);
+    let mut screen = Screen::new(arguments, patience.host.is_some());
+    let begun = Instant::now();
+    let heard = screen.begin().and_then(|()| listen(&mut source, &mut session, &mut screen, limits, &STOP).map(drop));
+    screen.end()?;
+    if let (Some((recorder, _)), Some(folder)) = (source.recording, &arguments.record) {
+        recorder.finish().with_context(|| format!("cannot write the recording into {}", folder.display()))?;
+    }
+    // A failure is one line, and follows.
+    if heard.is_ok() {
+        super::tell(&format!("{}\n", summary(&session.counts(), begun.elapsed())));
+    }
+    heard
+}
+
+fn source(arguments: &Arguments, image: Option<&Image>) -> Result<(Box<dyn Source>, Patience)> {
+    if let Some(file) = arguments.source.file() {
+        let log = arguments.defmt_file.as_deref();
+        let patience = if log.is_some() { Patience::FILES } else { Patience::MIXTURE };
+        return Ok((Box::new(Files::open(&file, log)?), patience));
+    }
+    if arguments.source.stdin {
+        return Ok((Box::new(Piped::new(std::io::stdin())), Patience::LIVE));
+    }
+    Ok((arguments.source.live(image, arguments.reset), Patience::LIVE))
+}
+
+/// A source whose telemetry is recorded as well, if asked for.
+struct Tee {
+    source: Box<dyn Source>,
+    recording: Option<(Recorder, Stream)>,
+}
+
+impl Source for Tee {
+    fn next(&mut self, patience: Duration) -> Result<Option<Event>> {
+        let event = self.source.next(patience)?;
+        if let Some((recorder, stream)) = &mut self.recording {
+            match &event {
+                Some(Event::Bytes(Channel::Telemetry, bytes)) => {
+                    recorder.bytes(bytes).context("cannot write telemetry.bin")?;
+                    for byte in bytes {
+                        if let Some((stamp, message)) = stream.feed(*byte) {
+                            recorder.message(stamp, &message).context("cannot write the recording")?;
+                        }
+                    }
+                }
+                Some(Event::Lost(_)) => stream.interrupted(),
+                _ => {}
+            }
+        }
+        Ok(event)
+    }
+}
+
+/// Reads the ELF file again, where it has changed since the last time.
+fn reload(file: Option<&Path>) -> Reload {
+    let changed = |file: &Path| -> Option<SystemTime> { std::fs::metadata(file).ok()?.modified().ok() };
+    let mut read = file.and_then(changed);
+    Box::new(move |image| {
+        let now = changed(&image.file);
+        if now == read {
+            return None;
+        }
+        read = now;
+        Some(Image::read(&image.file))
+    })
+}
+
+/// How what the node says is written.
+enum Writing {
+    Text(Lines),
+    Json,
+    Csv(stream::Lines, Timeline),
+}
+
+/// Standard output for what the node says, standard error for everything else.
+struct Screen {
+    writing: Writing,
+    out: BufWriter<Stdout>,
+    /// Hidden unless standard error is a terminal.
+    bar: ProgressBar,
+    /// Positions counted, when, and how many a second there were before.
+    rate: (u64, Duration, f64),
+}
+
+impl Screen {
+    fn new(arguments: &Arguments, live: bool) -> Self {
+        let writing = match arguments.format {
+            Format::Text => {
+                let plain = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+                Writing::Text(Lines::new(std::io::stdout().is_terminal() && !plain, arguments.places))
+            }
+            Format::Jsonl => Writing::Json,
+            Format::Csv => Writing::Csv(stream::Lines::csv(arguments.table), Timeline::default()),
+        };
+        let bar = if live {
+            ProgressBar::new_spinner()
+        } else {
+            ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden())
+        };
+        Self { writing, out: BufWriter::new(std::io::stdout()), bar, rate: (0, Duration::ZERO, 0.0) }
+    }
+
+    fn begin(&mut self) -> Result<()> {
+        match &self.writing {
+            Writing::Csv(lines, _) => read_on(self.out.write_all(&lines.header()?)).map(drop),
+            Writing::Text(_) | Writing::Json => Ok(()),
+        }
+    }
+
+    fn end(&mut self) -> Result<()> {
+        self.bar.finish_and_clear();
+        read_on(self.out.flush()).map(drop)
+    }
+
+    /// What is written for what is said; empty where it is of no concern.
+    fn text(&mut self, said: &Said) -> Result<Vec<u8>> {
+        match &mut self.writing {
+            Writing::Text(lines) => Ok(lines.line(said).unwrap_or_default().into_bytes()),
+            Writing::Json => {
+                let mut line = json(said).context("cannot write JSON")?;
+                line.push(b'\n');
+                Ok(line)
+            }
+            Writing::Csv(lines, timeline) => {
+                let mut row = Vec::new();
+                if let Said::Message(message) = said {
+                    lines.append(&mut row, timeline.place(message), message)?;
+                }
+                Ok(row)
+            }
+        }
+    }
+}
+
+/// Whether someone reads on: a reader that went away (`| head`) has what it wanted.
+fn read_on(written: std::io::Result<()>) -> Result<bool> {
+    match written {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
+        Err(error) => Err(error).context("cannot write to standard output"),
+    }
+}
+
+impl Listener for Screen {
+    fn said(&mut self, said: &Said) -> Result<bool> {
+        let text = self.text(said)?;
+        let (bar, out) = (&self.bar, &mut self.out);
+        if bar.is_hidden() || text.is_empty() {
+            return read_on(out.write_all(&text));
+        }
+        // A line and the bar may share the terminal.
+        read_on(bar.suspend(|| out.write_all(&text).and_then(|()| out.flush())))
+    }
+
+    fn note(&mut self, note: &str) {
+        self.bar.suspend(|| super::tell(&format!("{note}\n")));
+    }
+
+    fn status(&mut self, session: &Session, elapsed: Duration) -> Result<bool> {
+        let counts = session.counts();
+        let (fixes, since, _) = self.rate;
+        let span = elapsed.saturating_sub(since).as_secs_f64();
+        if span >= 1.0 {
+            self.rate = (counts.fixes, elapsed, (counts.fixes - fixes) as f64 / span);
+        }
+        let state = session.state().map_or_else(String::new, |state| format!(", {state}"));
+        self.bar.set_message(format!(
+            "{:.0} s, {} fixes, {:.1} fixes/s, {} frames lost{state}",
+            elapsed.as_secs_f64(),
+            counts.fixes,
+            self.rate.2,
+            counts.lost_frames() + counts.node_dropped
+        ));
+        self.bar.tick();
+        read_on(self.out.flush())
+    }
+}

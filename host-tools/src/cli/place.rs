@@ -1,0 +1,250 @@
+//! `baliza place`: where to put beacons or anchors.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::ValueEnum;
+use host_tools::UserError;
+use host_tools::files::beacons::{Beacon, read_beacons};
+use host_tools::plot::{Heat, heat};
+use host_tools::survey::coverage::bound::{Information, Noise, Station};
+use host_tools::survey::coverage::{Grid, USUAL_WALL_DB};
+use host_tools::survey::plan::{Found, Problem};
+
+use super::coverage::{barriers, positive};
+use super::recorded::{CornersM, finite};
+use super::{PictureFile, print, print_json};
+use crate::cli::progress::Progress;
+
+/// Find places for beacons or anchors that leave the least error over an area
+///
+/// The error is the least that levels (of beacons) or ranges (to anchors) allow, with what is known beforehand: the tag is within the area.
+/// Places are added one after the other, then exchanged while that helps.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Examples:\n  baliza place --count 5 --area 0,0,7,6.9 --candidates sockets.csv --plot places.svg\n  \
+                        baliza place --count 4 --kind anchors --area 0,0,22,7 --walls walls.csv --json\n  \
+                        baliza place --count 1 --fixed beacons.csv --area 0,0,12,15"
+)]
+pub struct Arguments {
+    /// How many are to be placed
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
+    count: u32,
+    /// What is placed
+    #[arg(long, value_name = "KIND", default_value = "beacons")]
+    kind: Kind,
+    /// Where one could be put: CSV with beacon,x_m,y_m and, where known, rssi_1m_dbm,path_loss_exponent [default: everywhere, by
+    /// --spacing-m]
+    #[arg(long, value_name = "FILE")]
+    candidates: Option<PathBuf>,
+    /// From one candidate to the next, metres
+    #[arg(long, value_name = "M", default_value_t = 1.0, value_parser = positive, conflicts_with = "candidates")]
+    spacing_m: f64,
+    /// Those that stand already: CSV with the same columns
+    #[arg(long, value_name = "FILE")]
+    fixed: Option<PathBuf>,
+    /// Walls: CSV with x1_m,y1_m,x2_m,y2_m and, where known, attenuation_db; or the corners of an outline, x_m,y_m
+    #[arg(long, value_name = "FILE")]
+    walls: Option<PathBuf>,
+    /// What a wall takes whose attenuation is not known, dB
+    #[arg(long, value_name = "DB", default_value_t = USUAL_WALL_DB, value_parser = positive)]
+    wall_db: f64,
+    /// Where tags are, metres [default: about walls, candidates and those that stand already]
+    #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = CornersM::parse)]
+    area: Option<CornersM>,
+    /// The side of a cell in which the error is looked at, metres
+    #[arg(long, value_name = "M", default_value_t = 0.5, value_parser = positive)]
+    cell_m: f64,
+    /// Weaker beacons are not heard, dBm
+    #[arg(long, value_name = "DBM", default_value_t = -90.0, allow_negative_numbers = true, value_parser = finite)]
+    sensitivity_dbm: f64,
+    /// Deviation of a range in sight, metres (anchors)
+    #[arg(long, value_name = "M", default_value_t = 0.1, value_parser = positive)]
+    range_sigma_m: f64,
+    /// What each wall between adds to it, metres (anchors)
+    #[arg(long, value_name = "M", default_value_t = 0.3, value_parser = positive)]
+    wall_sigma_m: f64,
+    /// Farther anchors are not heard, metres
+    #[arg(long, value_name = "M", default_value_t = 30.0, value_parser = positive)]
+    reach_m: f64,
+    /// Draw the error over the area with the places, as .svg or .png
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+    /// Print JSON: an object with kind, cells, candidates, before_m, error_mean_m, error_p50_m, error_p90_m, error_worst_m, exchanged,
+    /// places (name, x_m, y_m)
+    #[arg(long)]
+    json: bool,
+}
+
+/// `--kind`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Kind {
+    /// Bluetooth beacons: their levels
+    Beacons,
+    /// UWB anchors: ranges to them
+    Anchors,
+}
+
+/// A place that was chosen.
+#[derive(serde::Serialize)]
+struct Place {
+    name: String,
+    x_m: f64,
+    y_m: f64,
+}
+
+/// What `--json` prints.
+#[derive(serde::Serialize)]
+struct Document {
+    kind: &'static str,
+    cells: usize,
+    candidates: usize,
+    before_m: f64,
+    error_mean_m: f64,
+    error_p50_m: f64,
+    error_p90_m: f64,
+    error_worst_m: f64,
+    exchanged: usize,
+    places: Vec<Place>,
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let picture = PictureFile::plot(arguments.plot.as_deref())?;
+    let fixed = arguments.fixed.as_deref().map(read_beacons).transpose()?.unwrap_or_default();
+    let listed = arguments.candidates.as_deref().map(read_beacons).transpose()?;
+    let (walls, walls_core) = barriers(arguments.walls.as_deref(), arguments.wall_db)?;
+    let corners = match arguments.area {
+        Some(CornersM(corners)) => Some(corners),
+        None => {
+            let places = fixed.iter().chain(listed.iter().flatten()).map(|beacon| beacon.position_m);
+            Grid::about(places.chain(walls.iter().flat_map(|wall| wall.ends_m)), 0.0)
+        }
+    };
+    let corners =
+        corners.ok_or_else(|| UserError::flag("--area", "say where tags are, or give --walls or --candidates"))?;
+    let grid = Grid::over("--cell-m", corners, arguments.cell_m)?;
+    let candidates = match listed {
+        Some(listed) => listed,
+        None => lattice(corners, arguments.spacing_m)?,
+    };
+    let noise = match arguments.kind {
+        Kind::Beacons => Noise::Level { sensitivity_dbm: arguments.sensitivity_dbm },
+        Kind::Anchors => Noise::Range {
+            deviation_m: arguments.range_sigma_m,
+            wall_m: arguments.wall_sigma_m,
+            reach_m: arguments.reach_m,
+        },
+    };
+    let [least, greatest] = corners;
+    let area = Information::of_area([greatest[0] - least[0], greatest[1] - least[1]]);
+    let standing: Vec<_> = fixed.iter().map(Station::of).collect();
+    let known = |at: [f64; 2]| {
+        let told = standing.iter().filter_map(|station| station.information(at, &walls_core, noise));
+        told.fold(area, Information::and)
+    };
+    let told = |beacon: &Beacon| {
+        let station = Station::of(beacon);
+        grid.middles().map(|at| station.information(at, &walls_core, noise)).collect()
+    };
+    let problem =
+        Problem { known: grid.middles().map(known).collect(), candidates: candidates.iter().map(told).collect() };
+    let count = arguments.count as usize;
+    // Adding all, and one round of exchanges.
+    let progress = Progress::new(2 * count * candidates.len());
+    let found = problem.solve(count, || progress.step());
+    drop(progress);
+
+    let errors = problem.errors_m(&found.chosen);
+    let chosen: Vec<&Beacon> = found.chosen.iter().filter_map(|index| candidates.get(*index)).collect();
+    let document = document(arguments.kind, &errors, &found, &chosen, candidates.len());
+    if arguments.json {
+        print_json(&document)?;
+    } else {
+        print(table(&document, &found).as_bytes())?;
+    }
+    if let Some(picture) = picture {
+        let stations = fixed.iter().chain(chosen).map(|beacon| (beacon.name.clone(), beacon.position_m));
+        picture.write_and_tell(heat(&[Heat {
+            title: "least error of a position".to_owned(),
+            least_m: grid.least_m,
+            cell_m: grid.cell_m,
+            columns: grid.columns,
+            values: errors.into_iter().map(Some).collect(),
+            unit: "metres".to_owned(),
+            low_is_good: true,
+            walls_m: walls.iter().map(|wall| wall.ends_m).collect(),
+            stations: stations.collect(),
+            points_m: Vec::new(),
+        }])?)?;
+    }
+    Ok(())
+}
+
+/// Candidates everywhere, from border to border.
+fn lattice([least, greatest]: [[f64; 2]; 2], spacing_m: f64) -> Result<Vec<Beacon>, UserError> {
+    const MOST: usize = 1000;
+    let steps: [f64; 2] = std::array::from_fn(|axis| ((greatest[axis] - least[axis]) / spacing_m).round().max(1.0));
+    if (steps[0] + 1.0) * (steps[1] + 1.0) > MOST as f64 {
+        return Err(UserError::flag("--spacing-m", format!("more than {MOST} candidates: take a greater one")));
+    }
+    let along = |axis: usize, step: usize| least[axis] + (greatest[axis] - least[axis]) * step as f64 / steps[axis];
+    let [columns, rows] = steps.map(|steps| steps as usize);
+    let places = (0..=rows).flat_map(|row| (0..=columns).map(move |column| (column, row)));
+    let beacon = |(index, (column, row)): (usize, (usize, usize))| Beacon {
+        name: format!("{}", index + 1),
+        position_m: [along(0, column), along(1, row)],
+        height_m: None,
+        rssi_1m_dbm: None,
+        path_loss_exponent: None,
+        deviation_db: None,
+    };
+    Ok(places.enumerate().map(beacon).collect())
+}
+
+fn document(kind: Kind, errors: &[f64], found: &Found, chosen: &[&Beacon], candidates: usize) -> Document {
+    let mut sorted = errors.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let percentile = |share: f64| {
+        let at = ((sorted.len().max(1) - 1) as f64 * share).round() as usize;
+        sorted.get(at).copied().unwrap_or(f64::NAN)
+    };
+    Document {
+        kind: match kind {
+            Kind::Beacons => "beacons",
+            Kind::Anchors => "anchors",
+        },
+        cells: errors.len(),
+        candidates,
+        before_m: found.added_m.first().copied().unwrap_or(f64::NAN),
+        error_mean_m: found.error_m,
+        error_p50_m: percentile(0.5),
+        error_p90_m: percentile(0.9),
+        error_worst_m: percentile(1.0),
+        exchanged: found.exchanged,
+        places: chosen
+            .iter()
+            .map(|beacon| Place { name: beacon.name.clone(), x_m: beacon.position_m[0], y_m: beacon.position_m[1] })
+            .collect(),
+    }
+}
+
+fn table(document: &Document, found: &Found) -> String {
+    let mut text = format!("{:<12} {:>8} {:>8}   mean error when added\n", "place", "x_m", "y_m");
+    for (place, error_m) in document.places.iter().zip(found.added_m.iter().skip(1)) {
+        let _ = writeln!(text, "{:<12} {:>8.2} {:>8.2}   {error_m:.3} m", place.name, place.x_m, place.y_m);
+    }
+    let _ = writeln!(
+        text,
+        "{} candidates, {} cells: mean error {:.3} m (before {:.3} m), P50 {:.3} m, P90 {:.3} m, worst {:.3} m; {} exchanged",
+        document.candidates,
+        document.cells,
+        document.error_mean_m,
+        document.before_m,
+        document.error_p50_m,
+        document.error_p90_m,
+        document.error_worst_m,
+        document.exchanged
+    );
+    text
+}

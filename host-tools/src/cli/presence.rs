@@ -1,0 +1,165 @@
+//! `baliza presence`: in which room each position is.
+
+use std::collections::HashMap;
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use anyhow::Result;
+use host_tools::files::output;
+use host_tools::files::positions::{self, PositionRow};
+use host_tools::survey::presence::{Found, Room, follow, read_outlines, room_of};
+use host_tools::{Place, read_truth};
+use positioning_core::ble::rooms::Whereabouts;
+
+use super::{print, print_json, tell, write};
+
+/// Tell in which room each position is, by the rooms' outlines
+///
+/// A position near a wall is in both rooms, by its standard deviations. The answer is what a tag says of one position after the other: a
+/// room, `between` two, or `unknown`; it does not flap where somebody stands in a doorway.
+#[derive(clap::Args)]
+#[command(after_help = "Example:\n  baliza presence --positions positions.csv --outlines rooms.csv --truth truth.csv")]
+pub struct Arguments {
+    /// Positions as solve, track or ble write them: CSV with epoch,t_s,method,x_m,y_m,sigma_x_m,sigma_y_m
+    #[arg(long, value_name = "FILE")]
+    positions: PathBuf,
+    /// The corners of each room, in their order: CSV with room,x_m,y_m
+    #[arg(long, value_name = "FILE")]
+    outlines: PathBuf,
+    /// Where the tag truly was: CSV with epoch,t_s,x_m,y_m; gives how many are right
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+    /// Write the rooms here and not to standard output: CSV with epoch,t_s,method,room,probability,answer,between
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Print JSON and no rows: a list, an object a method, with method, positions, outside, in_room, between, unknown, changes, and with
+    /// truth judged, accuracy (of the most probable room), wrong (answers of another room)
+    #[arg(long)]
+    json: bool,
+}
+
+/// What is printed of a method.
+#[derive(Default, serde::Serialize)]
+struct Summary {
+    method: String,
+    positions: usize,
+    outside: usize,
+    in_room: usize,
+    between: usize,
+    unknown: usize,
+    changes: usize,
+    judged: Option<usize>,
+    accuracy: Option<f64>,
+    wrong: Option<usize>,
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    if let Some(file) = &arguments.out {
+        output::check("--out", file)?;
+    }
+    let rooms = read_outlines(&arguments.outlines)?;
+    let rows = positions::read(&arguments.positions)?;
+    let truth = arguments.truth.as_deref().map(read_truth).transpose()?;
+    let truth: Option<HashMap<String, Place>> = truth.map(|truth| truth.into_iter().collect());
+    let room_then = |epoch: &str| {
+        truth.as_ref().and_then(|truth| truth.get(epoch)).and_then(|at| room_of(&rooms, [at.x_m, at.y_m]))
+    };
+    let mut methods: Vec<String> = Vec::new();
+    for row in &rows {
+        if !methods.contains(&row.method) {
+            methods.push(row.method.clone());
+        }
+    }
+    let (mut writer, mut summaries) = (csv::Writer::from_writer(Vec::new()), Vec::new());
+    writer.write_record(["epoch", "t_s", "method", "room", "probability", "answer", "between"])?;
+    for method in methods {
+        let of_it: Vec<PositionRow> = rows.iter().filter(|row| row.method == method).cloned().collect();
+        let found = follow(&rooms, &of_it);
+        for (row, found) in of_it.iter().zip(&found) {
+            writer.write_record(fields(&rooms, row, found))?;
+        }
+        let truths = of_it.iter().map(|row| room_then(&row.epoch));
+        summaries.push(summary(method, &found, truth.is_some().then(|| truths.collect())));
+    }
+    let csv = writer.into_inner().map_err(|error| anyhow::Error::from(error.into_error()))?;
+    match &arguments.out {
+        Some(file) => write(file, &csv)?,
+        None if arguments.json => {}
+        None => print(&csv)?,
+    }
+    if arguments.json {
+        return print_json(&summaries);
+    }
+    tell(&table(&summaries));
+    Ok(())
+}
+
+fn fields(rooms: &[Room], row: &PositionRow, found: &Found) -> [String; 7] {
+    let name = |room: usize| rooms.get(room).map_or_else(String::new, |room| room.name.clone());
+    let (answer, between) = match found.answer {
+        Whereabouts::Room(room) => (name(usize::from(room)), String::new()),
+        Whereabouts::Between(one, other) => {
+            ("between".to_owned(), format!("{} {}", name(usize::from(one)), name(usize::from(other))))
+        }
+        Whereabouts::Unknown => ("unknown".to_owned(), String::new()),
+    };
+    let (room, probability) =
+        found.likeliest.map_or_else(Default::default, |(room, p)| (name(room), format!("{p:.3}")));
+    let time = row.t_s.map_or_else(String::new, |t_s| t_s.to_string());
+    [row.epoch.clone(), time, row.method.clone(), room, probability, answer, between]
+}
+
+fn summary(method: String, found: &[Found], truths: Option<Vec<Option<usize>>>) -> Summary {
+    let mut summary = Summary { method, positions: found.len(), ..Summary::default() };
+    let mut before = None;
+    for found in found {
+        summary.outside += usize::from(found.likeliest.is_none());
+        match found.answer {
+            Whereabouts::Room(room) => {
+                summary.in_room += 1;
+                summary.changes += usize::from(before.is_some_and(|before| before != room));
+                before = Some(room);
+            }
+            Whereabouts::Between(..) => summary.between += 1,
+            Whereabouts::Unknown => summary.unknown += 1,
+        }
+    }
+    if let Some(truths) = truths {
+        let judged: Vec<_> = found.iter().zip(truths).filter_map(|(found, truth)| Some((found, truth?))).collect();
+        let right =
+            judged.iter().filter(|(found, truth)| found.likeliest.is_some_and(|(room, _)| room == *truth)).count();
+        let wrong = judged
+            .iter()
+            .filter(|(found, truth)| matches!(found.answer, Whereabouts::Room(room) if usize::from(room) != *truth));
+        summary.wrong = Some(wrong.count());
+        summary.accuracy = (!judged.is_empty()).then(|| right as f64 / judged.len() as f64);
+        summary.judged = Some(judged.len());
+    }
+    summary
+}
+
+fn table(summaries: &[Summary]) -> String {
+    let mut text = String::new();
+    for summary in summaries {
+        let _ = write!(
+            text,
+            "{}: {} positions, {} outside of all rooms; answers: {} in a room, {} between, {} unknown, {} changes of room",
+            summary.method,
+            summary.positions,
+            summary.outside,
+            summary.in_room,
+            summary.between,
+            summary.unknown,
+            summary.changes
+        );
+        if let (Some(accuracy), Some(wrong)) = (summary.accuracy, summary.wrong) {
+            let _ = write!(
+                text,
+                "; the most probable room is right in {:.1} %, {wrong} answers are wrong",
+                100.0 * accuracy
+            );
+        }
+        text.push('\n');
+    }
+    text
+}

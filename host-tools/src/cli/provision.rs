@@ -1,0 +1,292 @@
+//! `baliza provision`: makes node records, shows and checks them, and moves them over a debug probe.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use clap::builder::PossibleValuesParser;
+use clap::builder::TypedValueParser;
+use host_tools::UserError;
+use host_tools::files::output;
+use host_tools::node::probe::ProbeArguments;
+use host_tools::node::provision::image::{Contents, Held, Image};
+use host_tools::node::provision::show::{self, Keys};
+use host_tools::node::provision::{EXAMPLE, Node, Site, transfer, warnings};
+use host_tools::train::Chosen;
+use node_record::{Board, MODELS_BYTES, Record};
+
+/// Tell nodes who they are: make their records, write, show and check them
+///
+/// A record is made from a TOML file, `--config`; --example prints one to begin with. It goes to a file, --out, for
+/// espflash, probe-rs or any other flasher; or over a debug probe into the board, --write. docs/provisioning.md has all
+/// keys.
+#[derive(clap::Args)]
+#[command(group = clap::ArgGroup::new("what").required(true).args(["config", "show", "read", "check", "example"]))]
+pub struct Arguments {
+    /// Makes records from this file
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Which node of the file, where there are several
+    #[arg(long, value_name = "NAME", requires = "config", conflicts_with = "all")]
+    node: Option<String>,
+    /// All nodes of the file, one record each, into the folder --out
+    #[arg(long, requires = "config", conflicts_with = "write")]
+    all: bool,
+    /// Where the record goes; a folder with --all
+    #[arg(long, value_name = "PATH", conflicts_with_all = ["show", "read", "check"])]
+    out: Option<PathBuf>,
+    /// As bytes, for the address that is told; or as Intel HEX, which has the addresses in it
+    #[arg(long, value_enum, default_value_t = Format::Bin, requires = "config")]
+    format: Format,
+    /// Writes the record over a debug probe, reads it back, compares, and starts the node anew
+    #[arg(long, requires = "config", conflicts_with = "out")]
+    write: bool,
+    /// The board; it counts more than what the file says
+    #[arg(long, value_name = "BOARD", value_parser = boards())]
+    board: Option<Board>,
+    /// Prints the record of a file as TOML
+    #[arg(long, value_name = "FILE")]
+    show: Option<PathBuf>,
+    /// Prints the record of the board at the debug probe as TOML
+    #[arg(long, requires = "board")]
+    read: bool,
+    /// Prints keys, too
+    #[arg(long, conflicts_with_all = ["config", "check", "example"])]
+    show_keys: bool,
+    /// Says in one line whether a file is a good record; exit code 2 where it is not
+    #[arg(long, value_name = "FILE")]
+    check: Option<PathBuf>,
+    /// Prints a file to begin with: four anchors, a tag and a beacon
+    #[arg(long)]
+    example: bool,
+    /// Prints one JSON document
+    #[arg(long, conflicts_with = "example")]
+    json: bool,
+    #[command(flatten)]
+    probe: ProbeArguments,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Format {
+    Bin,
+    Hex,
+}
+
+fn boards() -> impl TypedValueParser<Value = Board> {
+    PossibleValuesParser::new(Board::ALL.map(Board::name)).map(|name| {
+        // The parser lets no other through.
+        Board::from_name(&name).unwrap_or(Board::Dwm1001)
+    })
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    if let Some(file) = &arguments.config {
+        return make(arguments, file);
+    }
+    if let Some(file) = &arguments.show {
+        let held = Image::new(&read_file(file)?)
+            .map_err(|(line, what)| UserError::line(file, line, what))?
+            .read()
+            .map_err(|fault| UserError::file(file, fault.to_string()))?;
+        return print_record(arguments, &held);
+    }
+    if let Some(file) = &arguments.check {
+        return check(arguments, file);
+    }
+    if arguments.read {
+        return read(arguments);
+    }
+    match &arguments.out {
+        Some(file) => {
+            output::check("--out", file)?;
+            super::write(file, EXAMPLE.as_bytes())
+        }
+        None => super::print(EXAMPLE.as_bytes()),
+    }
+}
+
+/// `--config`: to files, to a board, or to standard output as it would be shown.
+fn make(arguments: &Arguments, file: &Path) -> Result<()> {
+    let site = Site::read(file)?;
+    if arguments.all {
+        return make_all(arguments, &site);
+    }
+    let node = site.node(arguments.node.as_deref())?;
+    let record = node.record_for(arguments.board)?;
+    if arguments.write {
+        write(arguments, node, board_of(arguments, node)?, &contents(node, record))?;
+        warn([node]);
+        return Ok(());
+    }
+    let Some(out) = &arguments.out else {
+        return Err(UserError::flag("--config", "say where the record goes: --out FILE, or --write").into());
+    };
+    output::check("--out", out)?;
+    let board = board_of(arguments, node)?;
+    let contents = contents(node, record);
+    super::write(out, &encoded(arguments.format, board, &contents)?)?;
+    warn([node]);
+    report(arguments, &[made(node, board, &contents, out)])
+}
+
+fn warn<'n>(nodes: impl IntoIterator<Item = &'n Node>) {
+    warnings(nodes).iter().for_each(|line| super::tell(&format!("warning: {line}\n")));
+}
+
+fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
+    let Some(folder) = &arguments.out else {
+        return Err(UserError::flag("--all", "say which folder the records go to: --out FOLDER").into());
+    };
+    let extension = match arguments.format {
+        Format::Bin => "bin",
+        Format::Hex => "hex",
+    };
+    // All of them, or none.
+    let mut files = Vec::new();
+    for node in &site.nodes {
+        let board = board_of(arguments, node)?;
+        let contents = contents(node, node.record_for(Some(board))?);
+        let file = folder.join(format!("{}.{extension}", node.name));
+        let bytes = encoded(arguments.format, board, &contents)?;
+        files.push((made(node, board, &contents, &file), file, bytes));
+    }
+    if folder.exists() && !folder.is_dir() {
+        return Err(UserError::flag("--out", format!("{} is no folder", folder.display())).into());
+    }
+    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    for (_, file, bytes) in &files {
+        super::write(file, bytes)?;
+    }
+    warn(&site.nodes);
+    let done: Vec<_> = files.into_iter().map(|(made, ..)| made).collect();
+    report(arguments, &done)
+}
+
+/// A file that was made.
+#[derive(serde::Serialize)]
+struct Made {
+    node: String,
+    board: &'static str,
+    file: String,
+    address: u32,
+    #[serde(skip)]
+    hint: String,
+}
+
+fn made(node: &Node, board: Board, contents: &Contents<'_>, file: &Path) -> Made {
+    let address = contents.address(board);
+    let name = file.display();
+    let hint = match board {
+        Board::Esp32C3 | Board::Esp32C6 | Board::Esp32 => format!("espflash write-bin 0x{address:X} {name}"),
+        Board::Dwm1001 | Board::Evk1000 => {
+            let chip = transfer::chip(board);
+            format!("probe-rs download --chip {chip} --binary-format bin --base-address 0x{address:X} {name}")
+        }
+    };
+    Made { node: node.name.clone(), board: board.name(), file: name.to_string(), address, hint }
+}
+
+fn report(arguments: &Arguments, files: &[Made]) -> Result<()> {
+    for made in files {
+        let hint = match arguments.format {
+            Format::Bin => &made.hint,
+            Format::Hex => "",
+        };
+        super::tell(&format!("{}: {} for {}", made.file, made.node, made.board));
+        super::tell(&if hint.is_empty() { "\n".to_owned() } else { format!("; to flash it: {hint}\n") });
+    }
+    if arguments.json { super::print_json(&files) } else { Ok(()) }
+}
+
+/// What a node gets: its record, and what goes beside it.
+fn contents<'a>(node: &'a Node, record: &'a Record) -> Contents<'a> {
+    Contents { record, model: node.model.as_ref().map(Chosen::bytes), levels: node.levels.as_deref() }
+}
+
+fn encoded(format: Format, board: Board, contents: &Contents<'_>) -> Result<Vec<u8>> {
+    match format {
+        Format::Bin => Ok(contents.binary(board)),
+        Format::Hex => Ok(contents.intel_hex(board).context("cannot write Intel HEX")?.into_bytes()),
+    }
+}
+
+/// The board that a node's record is for.
+fn board_of(arguments: &Arguments, node: &Node) -> Result<Board> {
+    arguments.board.or(node.board).ok_or_else(|| {
+        let what = format!("say what {} is built on, here or by `board` in the file", node.name);
+        UserError::flag("--board", what).into()
+    })
+}
+
+fn write(arguments: &Arguments, node: &Node, board: Board, contents: &Contents<'_>) -> Result<()> {
+    let mut session = arguments.probe.attach(Some(transfer::chip(board)))?;
+    let (addresses, sequence) = transfer::write(&mut session, board, contents)?;
+    let places = addresses.iter().map(|address| format!("0x{address:08X}")).collect::<Vec<_>>().join(" and ");
+    super::tell(&format!(
+        "{}: written at {places} with sequence {sequence}, compared, and the node started anew\n",
+        node.name
+    ));
+    if arguments.json {
+        super::print_json(&serde_json::json!({
+            "node": node.name, "board": board.name(), "addresses": addresses, "sequence": sequence,
+        }))?;
+    }
+    Ok(())
+}
+
+fn read(arguments: &Arguments) -> Result<()> {
+    let Some(board) = arguments.board else {
+        return Err(UserError::flag("--board", "say what the node is built on").into());
+    };
+    if !transfer::is_readable(board) {
+        let [address, _] = board.pages().addresses();
+        let bytes = 2 * board.pages().size + if board.pages().models.is_some() { MODELS_BYTES as u32 } else { 0 };
+        let what = format!(
+            "a probe does not read an ESP's flash: `espflash read-flash 0x{address:X} 0x{bytes:X} record.bin`, then \
+             --show record.bin"
+        );
+        return Err(UserError::flag("--read", what).into());
+    }
+    let mut session = arguments.probe.attach(Some(transfer::chip(board)))?;
+    let held = transfer::read(&mut session, board)?.with_context(|| format!("the {} at the probe", board.name()))?;
+    print_record(arguments, &held)
+}
+
+fn print_record(arguments: &Arguments, held: &Held) -> Result<()> {
+    let keys = if arguments.show_keys { Keys::Shown } else { Keys::Hidden };
+    if arguments.json {
+        super::print_json(&show::json(held, arguments.board, keys).context("cannot write JSON")?)
+    } else {
+        super::print(show::toml(held, arguments.board, keys).as_bytes())
+    }
+}
+
+fn check(arguments: &Arguments, file: &Path) -> Result<()> {
+    let checked = match Image::new(&read_file(file)?) {
+        Ok(image) => image.check().map_err(|what| UserError::file(file, what)),
+        Err((line, what)) => Err(UserError::line(file, line, what)),
+    };
+    let board = arguments.board.map(|board| (board, board.name()));
+    let checked = checked.and_then(|held| match board {
+        Some((board, name)) => match held.record.validate_for(board) {
+            Ok(()) => Ok(held),
+            Err(invalid) => Err(UserError::file(file, format!("a good record, but not for {name}: {invalid}"))),
+        },
+        None => Ok(held),
+    });
+    if arguments.json {
+        let said = checked.as_ref().map_or_else(ToString::to_string, show::summary);
+        let sequence = checked.as_ref().ok().map(|held| held.sequence);
+        let document = serde_json::json!({ "good": checked.is_ok(), "verdict": said, "sequence": sequence });
+        super::print_json(&document)?;
+    }
+    let held = checked?;
+    if !arguments.json {
+        super::print(format!("{}: good: {}\n", file.display(), show::summary(&held)).as_bytes())?;
+    }
+    Ok(())
+}
+
+fn read_file(file: &Path) -> Result<Vec<u8>> {
+    Ok(fs::read(file).map_err(|error| UserError::file(file, error.to_string()))?)
+}

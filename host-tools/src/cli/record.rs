@@ -1,0 +1,170 @@
+//! `baliza record`: what a node tells, as files.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
+use host_tools::node::decode::{Stream, Summary};
+use host_tools::node::monitor::{Channel, Event};
+use host_tools::node::recorder::{Recorded, Recorder};
+use host_tools::read_anchors;
+
+use super::stream::{Input, STOP, SourceArguments, catch_ctrl_c};
+
+/// Record what a node tells, for solve, plot and replay
+///
+/// By probe (the default), serial port, standard input or from a file. The folder gets anchors.csv, ranges.csv and positions.csv,
+/// rssi.csv where beacons were heard, and telemetry.bin, the bytes themselves. Ctrl-C ends a recording; the files appear at its
+/// end. Times run on where the node restarts, and an epoch is a round.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// The folder for the files; it is made where it does not exist
+    #[arg(long, value_name = "FOLDER")]
+    out: PathBuf,
+    #[command(flatten)]
+    source: SourceArguments,
+    /// Where anchors stand that do not say so themselves, by their short addresses: CSV with anchor,x_m,y_m,z_m
+    #[arg(long, value_name = "FILE")]
+    anchors: Option<PathBuf>,
+    /// Print JSON: what came and what was lost, as decode prints it, and the rows that were recorded
+    #[arg(long)]
+    json: bool,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  baliza record --out walk --chip nRF52832_xxAA
+  baliza record --out walk --serial /dev/ttyACM0 --seconds 60
+  baliza record --out walk --file telemetry.bin --anchors surveyed.csv
+  baliza solve --anchors walk/anchors.csv --ranges walk/ranges.csv";
+
+/// What `--json` prints.
+#[derive(serde::Serialize)]
+struct Document<'a> {
+    #[serde(flatten)]
+    summary: &'a Summary,
+    recorded: &'a Recorded,
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let anchors = match &arguments.anchors {
+        Some(file) => read_anchors(file)?,
+        None => Vec::new(),
+    };
+    let input = arguments.source.input()?;
+    let recorder = Recorder::create(&arguments.out, &anchors)?;
+    catch_ctrl_c()?;
+    let mut recording = Recording { recorder, stream: Stream::default() };
+    let until = Deadline { begun: Instant::now(), limit: arguments.source.seconds };
+    let heard = match input {
+        Some(input) => read(&input, &mut recording, &until),
+        None => listen(&arguments.source, &mut recording, &until),
+    };
+    let summary = recording.stream.summary();
+    // What came before a failure is worth its files.
+    if summary.bytes == 0 && heard.is_err() {
+        return heard;
+    }
+    let written = || format!("cannot write the recording into {}", arguments.out.display());
+    let recorded = recording.recorder.finish().with_context(written)?;
+    if arguments.json {
+        super::print_json(&Document { summary: &summary, recorded: &recorded })?;
+    } else {
+        super::tell(&told(arguments, &summary, &recorded));
+    }
+    heard
+}
+
+/// Takes what a file or a pipe has.
+fn read(input: &Input, recording: &mut Recording, until: &Deadline) -> Result<()> {
+    let progress = input.progress();
+    while !until.over()
+        && let Some(bytes) = input.next()?
+    {
+        recording.take(&bytes)?;
+        if let Some(progress) = &progress {
+            progress.advance(bytes.len() as u64);
+        }
+    }
+    Ok(())
+}
+
+/// Takes what a live node says, until it is enough.
+fn listen(source: &SourceArguments, recording: &mut Recording, until: &Deadline) -> Result<()> {
+    const PATIENCE: Duration = Duration::from_millis(50);
+    let mut source = source.live(None, false);
+    while !until.over() && !STOP.load(Ordering::Relaxed) {
+        match source.next(PATIENCE)? {
+            None => {}
+            Some(Event::Bytes(Channel::Telemetry, bytes)) => recording.take(&bytes)?,
+            // Its log and its boot loader's text are for `monitor`; what is in flash does not matter here.
+            Some(Event::Bytes(Channel::Log, _) | Event::Text(_) | Event::Flashed { .. } | Event::Restarted) => {}
+            Some(Event::Connected(to)) => super::tell(&format!("listening to {to}\n")),
+            Some(Event::Lost(why)) => {
+                recording.stream.interrupted();
+                super::tell(&format!("connection lost: {why}\n"));
+            }
+            Some(Event::Silent) => super::tell("the node runs, but has no RTT rings: is it one of our images?\n"),
+            Some(Event::End) => break,
+        }
+    }
+    Ok(())
+}
+
+/// When a recording ends by itself.
+struct Deadline {
+    begun: Instant,
+    limit: Option<Duration>,
+}
+
+impl Deadline {
+    fn over(&self) -> bool {
+        self.limit.is_some_and(|limit| self.begun.elapsed() >= limit)
+    }
+}
+
+struct Recording {
+    recorder: Recorder,
+    stream: Stream,
+}
+
+impl Recording {
+    fn take(&mut self, bytes: &[u8]) -> Result<()> {
+        self.recorder.bytes(bytes).context("cannot write telemetry.bin")?;
+        for byte in bytes {
+            if let Some((stamp, message)) = self.stream.feed(*byte) {
+                self.recorder.message(stamp, &message).context("cannot write a row")?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn told(arguments: &Arguments, summary: &Summary, recorded: &Recorded) -> String {
+    let mut text = summary.told();
+    let Recorded { positions, ranges, sightings, rooms, differences, anchors, left_out } = recorded;
+    let _ = writeln!(
+        text,
+        "recorded: {positions} rounds, {ranges} ranges to {anchors} anchors, {sightings} sightings, in {}",
+        arguments.out.display()
+    );
+    if *differences > 0 {
+        let _ = writeln!(text, "recorded: {differences} differences of arrivals");
+    }
+    if *rooms > 0 {
+        let _ = writeln!(text, "recorded: {rooms} times in which room");
+    }
+    if !left_out.is_empty() {
+        let count: u64 = left_out.values().sum();
+        let who: Vec<_> = left_out.keys().map(u16::to_string).collect();
+        let _ = writeln!(
+            text,
+            "left out: {count} ranges to {}, whose places nobody told; --anchors FILE gives them",
+            who.join(", ")
+        );
+    }
+    text
+}

@@ -1,0 +1,118 @@
+//! `baliza replay`: a recorded stream at its own pace.
+
+use std::path::PathBuf;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+use host_tools::node::decode::Stream;
+
+use super::stream::{Input, Writing, feed_stdout, stream_of};
+
+/// Play a recorded stream at its own pace
+///
+/// The times in the messages say when each is due. Messages go to standard output as decode writes them, or with --raw the
+/// bytes, as the node sent them. In the end standard error has a count of what came and what was lost.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// The stream, or a folder that record made
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// How many times as fast as it was recorded
+    #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = speed)]
+    speed: f64,
+    /// Write the bytes and not what they say
+    #[arg(long, conflicts_with_all = ["format", "table"])]
+    raw: bool,
+    #[command(flatten)]
+    writing: Writing,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  baliza replay recording --speed 10
+  baliza replay telemetry.bin --raw | baliza monitor --stdin";
+
+fn speed(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if (0.001..=1e6).contains(&number) => Ok(number),
+        Ok(_) | Err(_) => Err(format!("{text:?} is not a number from 0.001 to 1000000")),
+    }
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let lines = arguments.writing.lines()?;
+    let input = Input::open(Some(&stream_of(&arguments.file)))?;
+    let mut stream = Stream::default();
+    let mut clock = Clock { speed: arguments.speed, begun: Instant::now(), first_t_s: None, last_t_s: f64::INFINITY };
+    // What is due, and after it the bytes that have not become a message.
+    let mut due = if arguments.raw { Vec::new() } else { lines.header()? };
+    let mut bytes = Vec::new();
+    while let Some(chunk) = input.next()? {
+        for byte in chunk {
+            bytes.push(byte);
+            let Some((stamp, message)) = stream.feed(byte) else { continue };
+            if let Some(wait) = clock.until(stamp.t_s) {
+                if !feed_stdout(&due)? {
+                    return Ok(());
+                }
+                due.clear();
+                thread::sleep(wait);
+            }
+            if arguments.raw {
+                due.append(&mut bytes);
+            } else {
+                lines.append(&mut due, stamp, &message)?;
+                bytes.clear();
+            }
+        }
+    }
+    if arguments.raw {
+        due.append(&mut bytes);
+    }
+    if feed_stdout(&due)? {
+        super::tell(&stream.summary().told());
+    }
+    Ok(())
+}
+
+/// A recorded pause longer than this is left out, seconds: nobody waits for a time that a node told wrongly.
+const LONGEST_PAUSE_S: f64 = 3600.0;
+
+/// Turns recorded times into waits.
+struct Clock {
+    speed: f64,
+    begun: Instant,
+    first_t_s: Option<f64>,
+    last_t_s: f64,
+}
+
+impl Clock {
+    /// How long it is to a recorded time, from the first one on; `None` where it has come.
+    fn until(&mut self, t_s: f64) -> Option<Duration> {
+        let first_t_s = self.first_t_s.get_or_insert(t_s);
+        let pause_s = t_s - std::mem::replace(&mut self.last_t_s, t_s);
+        if pause_s > LONGEST_PAUSE_S {
+            *first_t_s += pause_s;
+        }
+        // Beyond what a duration holds there is no end to wait for.
+        let due = Duration::try_from_secs_f64(((t_s - *first_t_s) / self.speed).max(0.0)).unwrap_or(Duration::MAX);
+        due.checked_sub(self.begun.elapsed()).filter(|wait| !wait.is_zero())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pauses_are_kept_and_absurd_ones_left_out() {
+        let mut clock = Clock { speed: 2.0, begun: Instant::now(), first_t_s: None, last_t_s: f64::INFINITY };
+        assert_eq!(clock.until(5.0), None);
+        // Half an hour at twice the speed: a quarter of one.
+        assert!(clock.until(1805.0).is_some_and(|wait| wait > Duration::from_secs(890)));
+        let after = clock.until(1.8e12).map_or(Duration::ZERO, |wait| wait);
+        assert!(after <= Duration::from_secs(900), "{after:?}");
+    }
+}

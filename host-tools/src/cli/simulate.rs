@@ -1,0 +1,510 @@
+//! `baliza simulate`: whole nodes over simulated chips and air.
+
+use std::fmt::Write as _;
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use clap::ValueEnum;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use firmware_common::lines::{RoomLine, StateLine};
+use host_tools::UserError;
+use host_tools::files::output;
+use host_tools::simulate::{Capture, Logbook, load_levels, picture, position_header, position_row, survey_csv};
+use host_tools::survey::presence::read_outlines;
+use host_tools::train::Chosen;
+use node_record::{Scheme, Solver};
+use positioning_core::Method;
+use positioning_core::engine::NodeMethod;
+use sim::BoardProfile;
+use sim::scenario::{BluetoothSummary, Cover, Epoch, Level, Mode, Record, Scenario, Simulation, Summary, What};
+use telemetry::Condition;
+
+use super::PictureFile;
+use crate::cli::progress::Progress;
+
+/// Simulate whole nodes: tags that range to anchors and find their positions
+///
+/// The firmware's own apps run, each over the driver on a simulated DW1000 behind SPI, with drifting clocks, walls,
+/// losses and collisions in between; beacons advertise beside them. Without --scenario, tags walk in a furnished room of 12 m by 8 m. Equal arguments
+/// print equal bytes. Positions go to standard output (on a terminal a table of some of them), a summary to standard
+/// error.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// What to simulate: a TOML file, as docs/scenarios.md describes it
+    #[arg(long, value_name = "FILE")]
+    scenario: Option<PathBuf>,
+    /// Anchors on the room's walls
+    #[arg(long, value_name = "N", default_value_t = 6, value_parser = count(), conflicts_with = "scenario")]
+    anchors: u16,
+    /// Walking tags; more than twenty fill more rooms, each with its share of the anchors and a network of its own
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = count(), conflicts_with = "scenario")]
+    tags: u16,
+    /// Simulated time, seconds [default: the scenario's, or 10]
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    seconds: Option<f64>,
+    /// Seed of everything random [default: the scenario's, or 1]
+    #[arg(long, value_name = "S")]
+    seed: Option<u64>,
+    /// Probability that a reception is lost, whatever its power
+    #[arg(long, value_name = "P", value_parser = probability)]
+    loss: Option<f64>,
+    /// How deep radios are simulated [default: the scenario's, or spi]
+    #[arg(long, value_name = "LEVEL")]
+    level: Option<LevelName>,
+    /// What the nodes run on that the scenario gives no board of their own: what code, bus and interrupts take, and what current
+    /// (instant: nothing but the bus) [default: the scenario's, or dwm1001]
+    #[arg(long, value_name = "BOARD", value_parser = board())]
+    board: Option<BoardProfile>,
+    /// How many times longer everything on the nodes takes than estimated, but the bytes on their buses [default: 1]
+    #[arg(long, value_name = "F", value_parser = slowdown)]
+    cpu_slowdown: Option<f64>,
+    /// Positions a second that each tag wants [default: as many as it can get]
+    #[arg(long, value_name = "HZ", value_parser = rate)]
+    rate: Option<f64>,
+    /// Solve each round by itself, by any method of `baliza solve` [default: the scenario's, or as the tag does: by a track]
+    #[arg(long, value_name = "METHOD")]
+    method: Option<Method>,
+    /// How tags make their rounds: one poll and a response of each anchor; or with a final too, whose arrival anchors tell in their
+    /// next responses [default: the scenario's, or single-sided]
+    #[arg(long, value_name = "SCHEME", value_parser = schemes())]
+    scheme: Option<Scheme>,
+    /// What the tags' records say that they make their positions by [default: the scenario's method, or track]
+    #[arg(long, value_name = "SOLVER", value_parser = solvers(), conflicts_with = "method")]
+    solver: Option<Solver>,
+    /// Let all ranges count alike, whatever their powers tell of the line of sight
+    #[arg(long)]
+    ignore_powers: bool,
+    /// A trained classifier that tells links without line of sight, in the tags: a file of `nlos train`. Where it asks for impulse
+    /// responses, tags read them, and --out has their features
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Which of the file's classifiers, where it has several
+    #[arg(long, value_name = "NAME", requires = "model")]
+    classifier: Option<String>,
+    /// How tags find themselves [default: the scenario's, or native]
+    #[arg(long, value_name = "MODE")]
+    mode: Option<ModeName>,
+    /// Solve in the plane at the tags' height (2) or in space (3) [default: the scenario's, or 2]
+    #[arg(long, value_name = "2|3", value_parser = clap::value_parser!(u8).range(2..=3))]
+    dims: Option<u8>,
+    /// The tags' height, metres (--dims 2) [default: the scenario's, or 1.2]
+    #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = height)]
+    height_m: Option<f32>,
+    /// A folder for anchors.csv, ranges.csv, truth.csv and positions.csv, as `baliza solve` reads and writes them; with beacons
+    /// also beacons.csv and rssi.csv
+    #[arg(long, value_name = "FOLDER")]
+    out: Option<PathBuf>,
+    /// Capture every frame on the air, for Wireshark
+    #[arg(long, value_name = "FILE")]
+    pcap: Option<PathBuf>,
+    /// Draw the tracks on the floor plan, as .svg or .png
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+    /// Survey the beacons instead, and write the stays (fingerprints.csv): what `baliza ble map` and `baliza ble rooms` make the map and the
+    /// rooms of that the scenario names
+    #[arg(long, value_name = "FILE", requires = "scenario", conflicts_with_all = ["out", "pcap", "plot", "json"])]
+    survey: Option<PathBuf>,
+    /// From one point of the survey to the next, metres, 0.1 to 100
+    #[arg(long, value_name = "M", default_value_t = 1.0, value_parser = step)]
+    survey_step_m: f64,
+    /// How long a stay is, seconds
+    #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = seconds)]
+    survey_stay_s: f64,
+    /// The rooms' outlines: CSV with room,x_m,y_m; points outside of all are left out
+    #[arg(long, value_name = "FILE", requires = "survey")]
+    survey_rooms: Option<PathBuf>,
+    /// Print JSON and no positions: tags, anchors, seconds, fixes, fixes_per_s, rmse_m, p50_m, p90_m, frames_sent,
+    /// frames_lost, collisions, airtime_share, tag_mean_current_ma, charge_per_fix_uc and tag_currents_ma (board and DW1000, from
+    /// the first position on; none with --level air); with beacons also bluetooth
+    #[arg(long)]
+    json: bool,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  baliza simulate
+  baliza simulate --solver b-wls --json
+  baliza simulate --tags 15 --anchors 16 --loss 0.1 --plot room.png
+  baliza simulate --tags 1 --anchors 4 --board esp32c3 --cpu-slowdown 2
+  baliza simulate --scenario office.toml --out run --pcap run.pcap
+  baliza simulate --scenario office.toml --model nlos.model --classifier skewness
+  baliza simulate --scenario examples/leaving.toml --plot leaving.png
+  baliza simulate --scenario examples/battery.toml --rate 0.1 --json
+  baliza simulate --scenario examples/fingerprints.toml --survey fingerprints.csv
+  baliza simulate --mode tdoa --tags 100 --anchors 8 --level air
+  baliza simulate --level air --tags 1000 --anchors 200 --rate 10 --json";
+
+/// The height of tags in the plane that nobody told, metres.
+const HEIGHT_M: f32 = 1.2;
+/// From one look at the simulation to the next, simulated seconds.
+const STEP_S: f64 = 0.1;
+/// From one row a tag of the table on a terminal to the next, seconds; and the tags that have rows.
+const ROW_S: f64 = 0.5;
+const ROW_TAGS: usize = 8;
+
+/// `--level`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum LevelName {
+    /// The driver on register-level chips behind SPI
+    Spi,
+    /// Radios straight on the air: for many nodes
+    Air,
+}
+
+/// `--mode`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum ModeName {
+    /// They ask anchors, and range to all that answer
+    Native,
+    /// They only hear anchors ask each other: by differences of arrival, any number of tags in one room
+    #[value(alias = "tdoa")]
+    Listening,
+}
+
+fn schemes() -> impl TypedValueParser<Value = Scheme> {
+    PossibleValuesParser::new(Scheme::ALL.map(Scheme::name))
+        .try_map(|name| Scheme::from_name(&name).ok_or("there is no such scheme"))
+}
+
+fn solvers() -> impl TypedValueParser<Value = Solver> {
+    PossibleValuesParser::new(Solver::ALL.map(Solver::name))
+        .try_map(|name| Solver::from_name(&name).ok_or("there is no such solver"))
+}
+
+/// As many as addresses allow, which begin at 1 and 4097.
+fn count() -> clap::builder::RangedI64ValueParser<u16> {
+    clap::value_parser!(u16).range(1..=4000)
+}
+
+fn number(text: &str, least: f64, greatest: f64) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if (least..=greatest).contains(&number) => Ok(number),
+        Ok(_) | Err(_) => Err(format!("{text:?} is not a number from {least} to {greatest}")),
+    }
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    number(text, 0.001, 1e6)
+}
+
+fn step(text: &str) -> Result<f64, String> {
+    number(text, 0.1, 100.0)
+}
+
+fn probability(text: &str) -> Result<f64, String> {
+    number(text, 0.0, 1.0)
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    number(text, 0.01, 1000.0)
+}
+
+fn board() -> impl TypedValueParser<Value = BoardProfile> {
+    PossibleValuesParser::new(BoardProfile::ALL.map(|board| board.name)).map(|name| {
+        // One of them.
+        BoardProfile::named(&name).unwrap_or(BoardProfile::DWM1001)
+    })
+}
+
+fn slowdown(text: &str) -> Result<f64, String> {
+    number(text, 0.001, 1000.0)
+}
+
+fn height(text: &str) -> Result<f32, String> {
+    number(text, -1e4, 1e4).map(|metres| metres as f32)
+}
+
+impl Arguments {
+    fn scenario(&self) -> Result<Scenario, UserError> {
+        let mut scenario = match &self.scenario {
+            Some(file) => read(file)?,
+            None => match self.mode {
+                Some(ModeName::Native) | None => Scenario::rooms(self.anchors.into(), self.tags.into()),
+                Some(ModeName::Listening) => Scenario::listening(self.anchors.into(), self.tags.into()),
+            },
+        };
+        if let (Some(_), Some(mode)) = (&self.scenario, self.mode) {
+            for network in &mut scenario.networks {
+                network.mode = match (mode, network.mode) {
+                    (ModeName::Native, _) => Mode::Native,
+                    (ModeName::Listening, mode @ Mode::Listening { .. }) => mode,
+                    (ModeName::Listening, Mode::Native | Mode::DecaRanging(_)) => Mode::LISTENING,
+                };
+            }
+        }
+        if let Some(file) = self.scenario.as_ref().filter(|_| self.survey.is_none()) {
+            load_levels(&mut scenario, file)?;
+        }
+        scenario.seconds = self.seconds.unwrap_or(scenario.seconds);
+        scenario.seed = self.seed.unwrap_or(scenario.seed);
+        scenario.loss = self.loss.unwrap_or(scenario.loss);
+        scenario.level = match self.level {
+            Some(LevelName::Spi) => Level::Spi,
+            Some(LevelName::Air) => Level::Air,
+            None => scenario.level,
+        };
+        if let Some(board) = self.board {
+            scenario.board = board.slowed(scenario.board.slowdown);
+        }
+        if let Some(times) = self.cpu_slowdown {
+            scenario.slow_down(times);
+        }
+        scenario.tag.rate_hz = self.rate.or(scenario.tag.rate_hz);
+        scenario.tag.method = match self.solver {
+            Some(solver) => firmware_tag::method(solver).map(NodeMethod::method),
+            None => self.method.or(scenario.tag.method),
+        };
+        scenario.tag.scheme = self.scheme.map_or(scenario.tag.scheme, ranging::native::Scheme::from);
+        let only_listen = scenario.networks.iter().any(|network| matches!(network.mode, Mode::Listening { .. }));
+        if self.solver.is_some_and(|solver| solver != Solver::Track) && only_listen {
+            return Err(UserError::flag("--solver", "tags that only listen have no ranges to solve: only track"));
+        }
+        scenario.tag.weigh_nlos &= !self.ignore_powers;
+        if let Some(file) = &self.model {
+            let chosen = Chosen::read(file, self.classifier.as_deref())?;
+            // It lives as long as the program: there is one.
+            scenario.tag.model = Some(chosen.bytes().to_vec().leak());
+        }
+        scenario.tag.height_m = match (self.dims, self.height_m) {
+            (Some(3), Some(_)) => return Err(UserError::flag("--height-m", "only with --dims 2")),
+            (Some(3), None) => None,
+            (_, Some(height_m)) => Some(height_m),
+            (Some(_), None) => scenario.tag.height_m.or(Some(HEIGHT_M)),
+            (None, None) => scenario.tag.height_m,
+        };
+        Ok(scenario)
+    }
+}
+
+fn read(file: &Path) -> Result<Scenario, UserError> {
+    let text =
+        std::fs::read_to_string(file).map_err(|error| UserError::file(file, format!("cannot read it: {error}")))?;
+    Scenario::parse(&text).map_err(|error| UserError::line(file, error.line as u64, error.message))
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let scenario = arguments.scenario()?;
+    if let Some(file) = &arguments.survey {
+        output::check("--survey", file)?;
+        let rooms = arguments.survey_rooms.as_deref().map(read_outlines).transpose()?;
+        let survey = survey_csv(&scenario, arguments.survey_step_m, arguments.survey_stay_s, rooms.as_deref())?;
+        super::write(file, &survey)?;
+        super::tell(&format!("survey: {}\n", file.display()));
+        return Ok(());
+    }
+    let drawing = PictureFile::plot(arguments.plot.as_deref())?;
+    if let Some(file) = &arguments.pcap {
+        output::check("--pcap", file)?;
+    }
+    if let Some(folder) = &arguments.out {
+        if folder.exists() && !folder.is_dir() {
+            return Err(UserError::flag("--out", format!("{} is not a folder", folder.display())).into());
+        }
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    }
+    let mut logbook = arguments.out.as_ref().map(|_| Logbook::new(&scenario)).transpose()?;
+    let mut drawn = Vec::new();
+    let mut show = Show::new(arguments.json, &scenario);
+    show.begin()?;
+
+    let mut simulation = Simulation::new(scenario);
+    let capture = arguments.pcap.as_ref().map(|_| Capture::of(&simulation));
+    let seconds = simulation.scenario().seconds;
+    let steps = (seconds / STEP_S).ceil() as usize;
+    let progress = Progress::new(steps);
+    for step in 1..=steps {
+        let records = simulation.run_until(seconds.min(step as f64 * STEP_S));
+        for record in &records {
+            if let Some(logbook) = &mut logbook {
+                logbook.take(record)?;
+            }
+        }
+        show.take(&records)?;
+        if drawing.is_some() {
+            drawn.extend(records);
+        }
+        progress.step();
+    }
+    drop(progress);
+
+    if let (Some(folder), Some(logbook)) = (&arguments.out, logbook) {
+        for (name, bytes) in logbook.finish()? {
+            super::write(&folder.join(name), &bytes)?;
+        }
+    }
+    if let (Some(file), Some(capture)) = (&arguments.pcap, capture) {
+        super::write(file, &capture.to_pcap()?)?;
+    }
+    if let Some(drawing) = drawing {
+        drawing.write(picture(simulation.scenario(), &drawn).to_svg()?)?;
+    }
+    let summary = simulation.summary();
+    if arguments.json {
+        return super::print_json(&summary);
+    }
+    let mut said = told(&summary);
+    for (what, file) in [("files", &arguments.out), ("capture", &arguments.pcap), ("picture", &arguments.plot)] {
+        if let Some(file) = file {
+            let _ = writeln!(said, "{what}: {}", file.display());
+        }
+    }
+    super::tell(&said);
+    Ok(())
+}
+
+/// What goes to standard output while the simulation runs.
+enum Show {
+    Nothing,
+    /// Every position, as a file.
+    Rows {
+        method: &'static str,
+    },
+    /// On a terminal: now and then a line a tag, and whatever changes.
+    Lines {
+        next_s: Vec<(u16, f64)>,
+    },
+}
+
+impl Show {
+    fn new(json: bool, scenario: &Scenario) -> Self {
+        if json {
+            Self::Nothing
+        } else if std::io::stdout().is_terminal() {
+            Self::Lines { next_s: scenario.tags.iter().take(ROW_TAGS).map(|tag| (tag.address, 0.0)).collect() }
+        } else {
+            Self::Rows { method: scenario.tag.method_name() }
+        }
+    }
+
+    fn begin(&self) -> Result<()> {
+        match self {
+            Self::Nothing => Ok(()),
+            Self::Rows { .. } => super::print(&row(&position_header())?),
+            Self::Lines { .. } => super::print(
+                format!(
+                    "{:>8} {:>6} {:>9} {:>9} {:>8} {:>9} {:>8} {:>8}\n",
+                    "t_s", "tag", "x_m", "y_m", "z_m", "sigma_m", "anchors", "error_m"
+                )
+                .as_bytes(),
+            ),
+        }
+    }
+
+    fn take(&mut self, records: &[Record]) -> Result<()> {
+        let mut text = Vec::new();
+        for record in records {
+            match (&mut *self, &record.what) {
+                (Self::Rows { method }, What::Epoch(epoch)) => {
+                    text.extend(row(&position_row(record.t_s, record.node, method, epoch))?);
+                }
+                (Self::Lines { next_s }, What::Epoch(epoch)) => {
+                    let due = next_s.iter_mut().find(|(tag, next)| *tag == record.node && record.t_s >= *next);
+                    if let Some((_, next)) = due {
+                        *next = (record.t_s / ROW_S).floor() * ROW_S + ROW_S;
+                        text.extend(line(record, epoch).into_bytes());
+                    }
+                }
+                (Self::Lines { .. }, What::Link(link)) => {
+                    text.extend(format!("{:>8.3} {:>6} {link:?}\n", record.t_s, record.node).into_bytes());
+                }
+                (Self::Lines { .. }, What::Fault(fault)) => {
+                    text.extend(format!("{:>8.3} {:>6} fault: {fault:?}\n", record.t_s, record.node).into_bytes());
+                }
+                (Self::Lines { .. }, What::RadioFailed(times)) => {
+                    text.extend(format!("{:>8.3} {:>6} radio failed: {times}\n", record.t_s, record.node).into_bytes());
+                }
+                (Self::Lines { .. }, What::Beacon(word)) => {
+                    text.extend(format!("{:>8.3} {:>6} {}\n", record.t_s, record.node, StateLine(*word)).into_bytes());
+                }
+                (Self::Lines { .. }, What::MotionSensor(state)) => {
+                    let line = StateLine(Condition::MotionSensor(*state));
+                    text.extend(format!("{:>8.3} {:>6} {line}\n", record.t_s, record.node).into_bytes());
+                }
+                (Self::Lines { .. }, What::Room(is)) => {
+                    text.extend(format!("{:>8.3} {:>6} {}\n", record.t_s, record.node, RoomLine(*is)).into_bytes());
+                }
+                (Self::Lines { .. }, What::Sighting(_))
+                | (Self::Nothing, _)
+                | (
+                    Self::Rows { .. },
+                    What::Link(_)
+                    | What::Fault(_)
+                    | What::RadioFailed(_)
+                    | What::Sighting(_)
+                    | What::Beacon(_)
+                    | What::MotionSensor(_)
+                    | What::Room(_),
+                ) => {}
+            }
+        }
+        super::print(&text)
+    }
+}
+
+fn row<T: AsRef<[u8]>>(fields: &[T]) -> Result<Vec<u8>> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(fields)?;
+    writer.into_inner().map_err(|error| anyhow::Error::from(error.into_error()))
+}
+
+fn line(record: &Record, epoch: &Epoch) -> String {
+    let mut text = format!("{:>8.3} {:>6} ", record.t_s, record.node);
+    match &epoch.outcome {
+        Ok(position) => {
+            let [x, y, z] = position.position_m;
+            let sigma = position.deviation_m().iter().map(|s| s * s).sum::<f32>().sqrt();
+            let _ = write!(text, "{x:>9.2} {y:>9.2} {z:>8.2} {sigma:>9.2} {:>8}", position.used.count_ones());
+        }
+        Err(reason) => {
+            let _ = write!(text, "no position: {reason}");
+        }
+    }
+    if let Some(error_m) = epoch.error_m() {
+        let _ = write!(text, " {error_m:>8.3}");
+    }
+    text.push('\n');
+    text
+}
+
+/// The summary for reading.
+fn told(summary: &Summary) -> String {
+    let metres = |figure: Option<f64>| figure.map_or_else(|| "-".to_owned(), |m| format!("{m:.3} m"));
+    let mut text = format!(
+        "{} tags, {} anchors, {} s: {} positions, {:.1} a second\n\
+         error: RMSE {}, half below {}, nine in ten below {}\n\
+         air: {} frames, {} receptions lost, {} frames collided, {:.1} % of the time\n",
+        summary.tags,
+        summary.anchors,
+        summary.seconds,
+        summary.fixes,
+        summary.fixes_per_s,
+        metres(summary.rmse_m),
+        metres(summary.p50_m),
+        metres(summary.p90_m),
+        summary.frames_sent,
+        summary.frames_lost,
+        summary.collisions,
+        100.0 * summary.airtime_share
+    );
+    if let Some(current_ma) = summary.tag_mean_current_ma {
+        let charge = summary.charge_per_fix_uc.map_or_else(|| "-".to_owned(), |charge_uc| format!("{charge_uc:.1} µC"));
+        let _ = writeln!(text, "supply of a tag: {current_ma:.3} mA in the mean, {charge} a position");
+    }
+    if let Some(bluetooth) = &summary.bluetooth {
+        let BluetoothSummary { beacons, adverts_sent, adverts_heard, adverts_lost, by_anchors, by_beacons } = bluetooth;
+        let _ = writeln!(
+            text,
+            "beacons: {beacons}; {adverts_sent} advertisements, {adverts_heard} receptions, {adverts_lost} lost"
+        );
+        for (by, Cover { fixes, rmse_m, p50_m, p90_m }) in [("anchors", by_anchors), ("beacons alone", by_beacons)] {
+            let [rmse, p50, p90] = [*rmse_m, *p50_m, *p90_m].map(metres);
+            let _ = writeln!(
+                text,
+                "by {by}: {fixes} positions; error: RMSE {rmse}, half below {p50}, nine in ten below {p90}"
+            );
+        }
+    }
+    text
+}

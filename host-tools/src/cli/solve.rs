@@ -1,0 +1,66 @@
+//! `baliza solve`: one fix an epoch, no memory between epochs.
+
+use anyhow::Result;
+use host_tools::{Recording, Setup, Solver};
+use positioning_core::Method;
+
+use super::answers::ByMethod;
+use super::recorded::Recorded;
+use crate::cli::progress::Progress;
+
+/// Solve every epoch of a recording on its own, as the tag's first fix does
+///
+/// Rows of one `epoch` in the file of ranges make one fix. The positions go to standard output or --out as CSV, a summary to
+/// standard error. An epoch without position is a row with empty coordinates and a reason.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    #[command(flatten)]
+    recorded: Recorded,
+    /// How ranges become a position: a name, several with commas, or all
+    #[arg(long, value_name = "METHOD", default_value = "robust", value_parser = Methods::parse, long_help = methods_help())]
+    method: Methods,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  baliza solve --anchors anchors.csv --ranges ranges.csv > positions.csv
+  baliza solve --anchors anchors.csv --ranges ranges.csv --truth truth.csv --plot room.png
+  baliza solve --anchors anchors.csv --ranges ranges.csv --truth truth.csv --dims 2 --height-from-truth --method all --json";
+
+/// `--method`: which ones.
+#[derive(Clone, Debug)]
+struct Methods(Vec<Method>);
+
+impl Methods {
+    fn parse(text: &str) -> Result<Self, positioning_core::UnknownMethod> {
+        match text {
+            "all" => Ok(Self(Method::ALL.to_vec())),
+            names => names.split(',').map(|name| name.trim().parse()).collect::<Result<_, _>>().map(Self),
+        }
+    }
+}
+
+fn methods_help() -> String {
+    let names = Method::ALL.map(Method::as_str).join(", ");
+    format!("How ranges become a position: a name, several with commas, or all. Names: {names}")
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    arguments.recorded.run(false, |recording, setup| solve(recording, &arguments.method.0, setup))
+}
+
+fn solve(recording: &Recording, methods: &[Method], setup: Setup) -> ByMethod {
+    let solver = Solver::new(&recording.anchors, setup);
+    let progress = Progress::new(methods.len() * recording.epochs.len());
+    let by = |method| {
+        let epochs = recording.epochs.iter();
+        epochs
+            .map(|epoch| {
+                progress.step();
+                solver.solve(method, epoch)
+            })
+            .collect()
+    };
+    methods.iter().map(|&method| (method.as_str().to_owned(), by(method))).collect()
+}

@@ -1,0 +1,225 @@
+//! What `monitor`, `record`, `decode` and `replay` share: where a stream comes from, how its messages are written, and Ctrl-C.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+use clap::ValueEnum;
+use host_tools::UserError;
+use host_tools::files::output;
+use host_tools::node::decode::{Chunks, Stamp, Table, json, open_stream};
+use host_tools::node::monitor::{Image, Pace, Port, Probed, Serial, Source};
+use host_tools::node::probe::ProbeArguments;
+use telemetry::Message;
+
+use crate::cli::progress::Progress;
+
+/// Where what a node says comes from: a probe, if nothing else is told.
+#[derive(Clone, Debug, clap::Args)]
+pub struct SourceArguments {
+    #[command(flatten)]
+    probe: ProbeArguments,
+    /// Listen to a serial port: telemetry, or what an ESP image mixes on its USB port
+    #[arg(long, value_name = "PORT", group = "source", conflicts_with_all = BY_PROBE)]
+    serial: Option<String>,
+    /// The serial port's bits a second
+    #[arg(long, value_name = "N", default_value_t = 115_200, requires = "serial", value_parser = clap::value_parser!(u32).range(1..))]
+    baud: u32,
+    /// Read standard input
+    #[arg(long, group = "source", conflicts_with_all = BY_PROBE)]
+    pub stdin: bool,
+    /// Read a stream from a file, or from a folder that record made
+    #[arg(long, value_name = "FILE", group = "source", conflicts_with_all = BY_PROBE)]
+    file: Option<PathBuf>,
+    /// End after so many seconds
+    #[arg(long, value_name = "N", value_parser = seconds)]
+    pub seconds: Option<Duration>,
+}
+
+const BY_PROBE: [&str; 3] = ["probe", "chip", "speed"];
+
+impl SourceArguments {
+    /// The stream's file, if one is to be read.
+    pub fn file(&self) -> Option<PathBuf> {
+        self.file.as_deref().map(stream_of)
+    }
+
+    /// The file or standard input; `None` where a live node is meant.
+    pub fn input(&self) -> Result<Option<Input>, UserError> {
+        match self.file() {
+            Some(file) => Input::open(Some(&file)).map(Some),
+            None if self.stdin => Input::open(None).map(Some),
+            None => Ok(None),
+        }
+    }
+
+    /// The live node, by serial port or probe. By probe its image is compared with what is in flash, and it can be reset first.
+    pub fn live(&self, image: Option<&Image>, reset: bool) -> Box<dyn Source> {
+        match &self.serial {
+            Some(name) => {
+                Box::new(Serial::new(Port { name: name.clone(), baud: self.baud }, name.clone(), Pace::default()))
+            }
+            None => {
+                let marks = image.map(|image| image.marks.clone());
+                Box::new(Probed::new(self.probe.clone(), marks, reset, Pace::default()))
+            }
+        }
+    }
+}
+
+/// A length of time from its seconds.
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds: f64 = text.parse().map_err(|_| format!("\"{text}\" is not a number"))?;
+    Duration::try_from_secs_f64(seconds).map_err(|error| error.to_string())
+}
+
+/// A stream in a file or on standard input.
+pub struct Input {
+    chunks: Chunks,
+    /// What is read, for errors.
+    name: String,
+    /// The file's length, bytes.
+    length: usize,
+}
+
+impl Input {
+    /// Of a file; without one, standard input.
+    pub fn open(file: Option<&Path>) -> Result<Self, UserError> {
+        let Some(path) = file else {
+            let chunks = Chunks::new(std::io::stdin());
+            return Ok(Self { chunks, name: "standard input".to_owned(), length: 0 });
+        };
+        let (file, length) = open_stream(path)?;
+        let length = usize::try_from(length).unwrap_or(usize::MAX);
+        Ok(Self { chunks: Chunks::new(file), name: path.display().to_string(), length })
+    }
+
+    /// A bar for the whole of a file.
+    pub fn progress(&self) -> Option<Progress> {
+        (self.length > 0).then(|| Progress::new(self.length))
+    }
+
+    /// The next bytes; `None` at the end, or after Ctrl-C.
+    pub fn next(&self) -> Result<Option<Vec<u8>>> {
+        self.chunks.next(&STOP).with_context(|| format!("cannot read {}", self.name))
+    }
+}
+
+/// Ctrl-C was pressed.
+pub static STOP: AtomicBool = AtomicBool::new(false);
+
+/// From now on Ctrl-C ends the reading and not the program, so that what came is written; pressed twice, it ends the program.
+pub fn catch_ctrl_c() -> Result<()> {
+    ctrlc::set_handler(|| {
+        if STOP.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    })
+    .context("cannot watch for Ctrl-C")
+}
+
+/// How messages are written.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct Writing {
+    /// How messages are written
+    #[arg(long, value_name = "FORMAT", default_value = "jsonl")]
+    format: Format,
+    /// Which messages are the rows (--format csv) [default: positions]
+    #[arg(long, value_name = "TABLE")]
+    table: Option<TableName>,
+}
+
+/// `--format`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// One object of JSON a line, every message
+    Jsonl,
+    /// The rows of one table
+    Csv,
+}
+
+/// `--table`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum TableName {
+    /// Positions and rounds without one, as solve writes them
+    Positions,
+    /// Ranges, as solve reads them
+    Ranges,
+    /// Differences of arrivals, of tags that only listen
+    Differences,
+    /// Advertisements heard
+    Rssi,
+    /// In which rooms a tag is
+    Rooms,
+}
+
+/// Makes text of messages.
+pub enum Lines {
+    Json,
+    Csv(Table),
+}
+
+impl Writing {
+    /// What the flags ask for; flags that do not go together are refused.
+    pub fn lines(self) -> Result<Lines, UserError> {
+        match (self.format, self.table) {
+            (Format::Jsonl, Some(_)) => Err(UserError::flag("--table", "only with --format csv")),
+            (Format::Jsonl, None) => Ok(Lines::Json),
+            (Format::Csv, table) => Ok(Lines::csv(table)),
+        }
+    }
+}
+
+impl Lines {
+    /// The rows of a table, of positions where none is named.
+    pub fn csv(table: Option<TableName>) -> Self {
+        Self::Csv(match table {
+            None | Some(TableName::Positions) => Table::Positions,
+            Some(TableName::Ranges) => Table::Ranges,
+            Some(TableName::Differences) => Table::Differences,
+            Some(TableName::Rssi) => Table::Rssi,
+            Some(TableName::Rooms) => Table::Rooms,
+        })
+    }
+
+    /// What stands before all messages.
+    pub fn header(&self) -> Result<Vec<u8>> {
+        match self {
+            Self::Json => Ok(Vec::new()),
+            Self::Csv(table) => row(&table.columns()),
+        }
+    }
+
+    /// Appends a message; nothing where it is of no concern.
+    pub fn append(&self, text: &mut Vec<u8>, stamp: Stamp, message: &Message) -> Result<()> {
+        match self {
+            Self::Json => {
+                text.extend(json(message).context("cannot write JSON")?);
+                text.push(b'\n');
+            }
+            Self::Csv(table) => {
+                if let Some(fields) = table.row(stamp, message) {
+                    text.extend(row(&fields)?);
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+fn row<T: AsRef<[u8]>>(fields: &[T]) -> Result<Vec<u8>> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(fields)?;
+    writer.into_inner().map_err(|error| anyhow::Error::from(error.into_error()))
+}
+
+/// Writes to standard output; false where nobody reads on.
+pub fn feed_stdout(bytes: &[u8]) -> Result<bool> {
+    output::feed_stdout(bytes).context("cannot write to standard output")
+}
+
+/// The file that is meant: of a folder that `record` made, its stream.
+pub fn stream_of(path: &Path) -> PathBuf {
+    if path.is_dir() { path.join("telemetry.bin") } else { path.to_owned() }
+}

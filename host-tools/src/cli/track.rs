@@ -1,0 +1,94 @@
+//! `baliza track`: the tag's own engine over the epochs in order.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::ValueEnum;
+use host_tools::by_time;
+use host_tools::locate::track::{Tracker, Weighting, settings};
+use host_tools::train::{Chosen, features_of};
+use positioning_core::nlos::{Classifier, Features, Model};
+
+use super::recorded::Recorded;
+use crate::cli::progress::Progress;
+
+/// Follow a tag through a recording, as the tag itself does: weighting, gates, filter
+///
+/// The epochs go through the engine of the tag in their order. The first one is solved by itself; from then on every range
+/// changes the track. The positions go to standard output or --out as CSV, a summary to standard error.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    #[command(flatten)]
+    recorded: Recorded,
+    /// What to make of the probability that a link is without line of sight, which comes from rx_power_dbm and fp_power_dbm,
+    /// or from --model
+    #[arg(long, value_name = "HOW", default_value = "weigh")]
+    nlos: Nlos,
+    /// A trained classifier that tells links without line of sight: a file of `nlos train`; where a range lacks what it
+    /// asks for, its powers tell
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Which of the file's classifiers, where it has several
+    #[arg(long, value_name = "NAME", requires = "model")]
+    classifier: Option<String>,
+    /// Tell also how the errors go with the uncertainties (in JSON: inside_1_sigma, nees)
+    #[arg(long, requires = "truth")]
+    consistency: bool,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  baliza track --anchors anchors.csv --ranges ranges.csv > positions.csv
+  baliza track --anchors anchors.csv --ranges ranges.csv --truth truth.csv --dims 2 --height-from-truth --consistency --json
+  baliza track --anchors anchors.csv --ranges ranges.csv --model nlos.model --classifier logistic";
+
+/// `--nlos`.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Nlos {
+    /// A range's variance grows with it
+    Weigh,
+    /// Ranges that are rather blocked are left out, but four are kept
+    Ignore,
+    /// Nothing
+    Alike,
+}
+
+/// Whether a reception tells what the classifier asks for; what only time tells, the track knows.
+fn could_tell(model: &Model<'_>, features: &Features) -> bool {
+    let mut could = true;
+    model.for_each_feature(&mut |feature| could &= features.get(feature).is_some() || feature.is_of_time());
+    could
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let weighting = match arguments.nlos {
+        Nlos::Weigh => Weighting::Weigh,
+        Nlos::Ignore => Weighting::Ignore,
+        Nlos::Alike => Weighting::Alike,
+    };
+    let chosen =
+        arguments.model.as_ref().map(|file| Chosen::read(file, arguments.classifier.as_deref())).transpose()?;
+    let model = chosen.as_ref().map(Chosen::model).transpose()?;
+    arguments.recorded.run(arguments.consistency, |recording, setup| {
+        if let Some(model) = &model
+            && recording
+                .epochs
+                .iter()
+                .flat_map(|epoch| &epoch.ranges)
+                .all(|range| !could_tell(model, &range.told.features))
+        {
+            let asked = features_of(model);
+            super::tell(&format!("no range of the recording tells what the classifier asks for: {asked}\n"));
+        }
+        let mut tracker =
+            Tracker::new(&recording.anchors, setup, settings(&setup, weighting, model.is_some()), model.as_ref());
+        let progress = Progress::new(recording.epochs.len());
+        let mut solved = vec![None; recording.epochs.len()];
+        for at in by_time(recording.epochs.iter().map(|epoch| epoch.t_s)) {
+            solved[at] = Some(tracker.follow(&recording.epochs[at]));
+            progress.step();
+        }
+        vec![("track".to_owned(), solved.into_iter().flatten().collect())]
+    })
+}

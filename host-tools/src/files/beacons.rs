@@ -1,0 +1,331 @@
+//! The files of Bluetooth beacons: `beacons.csv`, `fingerprints.csv`, `targets.csv`, `rssi.csv`, `walls.csv`.
+//!
+//! Text flows in, rows grouped by point or epoch in the file's order flow out. Levels are passed on as they were reported, also those
+//! that no receiver can have measured: judging them is `positioning_core::ble`'s, the same for files and for the air.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use crate::files::table::quoted;
+use crate::{Column, NoPosition, Place, Position, Row, Solved, Table, UserError, by_time, read_truth};
+
+/// A beacon, and what is known of its signal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Beacon {
+    /// What the other files call it.
+    pub name: String,
+    /// Where it is, metres.
+    pub position_m: [f64; 2],
+    /// Its height, metres.
+    pub height_m: Option<f64>,
+    /// Level at one metre, dBm.
+    pub rssi_1m_dbm: Option<f64>,
+    /// Path loss exponent.
+    pub path_loss_exponent: Option<f64>,
+    /// Standard deviation of a level about the path loss, dB.
+    pub deviation_db: Option<f64>,
+}
+
+/// One advertisement heard.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sample {
+    /// Who sent it.
+    pub beacon: String,
+    /// Its level as reported, dBm.
+    pub rssi_dbm: f64,
+    /// When it came, seconds; where the file does not say, the time of the row before it, and 0 at first.
+    pub t_s: f64,
+}
+
+/// Samples taken at a known point: a fingerprint, or a target to be found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stay {
+    /// What the file calls the point.
+    pub point: String,
+    /// The room that it is in.
+    pub room: Option<String>,
+    /// Where it is, metres.
+    pub position_m: [f64; 2],
+    /// What was heard there, in the file's order.
+    pub samples: Vec<Sample>,
+}
+
+/// Samples that make one position: an epoch of `rssi.csv`, or a stay whose point is not told to the solver.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Capture {
+    /// What the file calls it.
+    pub name: String,
+    /// The time of its first row, seconds.
+    pub t_s: Option<f64>,
+    /// Where it truly was, metres.
+    pub truth_m: Option<[f64; 2]>,
+    /// Whether it is a stay at a point: nothing joins it to the capture before it.
+    pub is_stay: bool,
+    /// What was heard, in the file's order.
+    pub samples: Vec<Sample>,
+}
+
+/// A wall.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wall {
+    /// Its ends, metres.
+    pub ends_m: [[f64; 2]; 2],
+    /// What it takes from a signal through it, dB.
+    pub attenuation_db: Option<f64>,
+}
+
+/// Reads `beacons.csv`: `beacon,x_m,y_m` and, where known, `z_m,rssi_1m_dbm,path_loss_exponent,deviation_db`.
+///
+/// # Errors
+/// The first line that is wrong: a beacon that stands twice, an exponent or a deviation that is not above 0.
+pub fn read_beacons(file: &Path) -> Result<Vec<Beacon>, UserError> {
+    let mut table = Table::open(file)?;
+    let (beacon, x, y) = (table.column("beacon")?, table.column("x_m")?, table.column("y_m")?);
+    let [z, level, exponent, deviation] =
+        ["z_m", "rssi_1m_dbm", "path_loss_exponent", "deviation_db"].map(|name| table.optional(name));
+    let mut beacons: Vec<Beacon> = Vec::new();
+    let mut lines: HashMap<String, u64> = HashMap::new();
+    while let Some(row) = table.next_row()? {
+        let name = row.some_text(beacon)?.to_owned();
+        if let Some(line) = lines.insert(name.clone(), row.line()) {
+            return Err(row.wrong(beacon, &format!("{} stands in line {line} already", quoted(&name))));
+        }
+        let (path_loss_exponent, deviation_db) = (row.number(exponent)?, row.number(deviation)?);
+        for (column, number) in [(exponent, path_loss_exponent), (deviation, deviation_db)] {
+            if number.is_some_and(|number| number <= 0.0) {
+                return Err(row.wrong(column, "is not above 0"));
+            }
+        }
+        let position_m = [row.some_number(x)?, row.some_number(y)?];
+        let (height_m, rssi_1m_dbm) = (row.number(z)?, row.number(level)?);
+        beacons.push(Beacon { name, position_m, height_m, rssi_1m_dbm, path_loss_exponent, deviation_db });
+    }
+    if beacons.is_empty() { Err(UserError::line(file, 1, "no beacons below the header")) } else { Ok(beacons) }
+}
+
+/// Reads `fingerprints.csv` or `targets.csv`: `point,x_m,y_m,beacon,rssi_dbm` and, where known, `t_s,room`. A row without a level says
+/// that the beacon was not heard.
+///
+/// # Errors
+/// The first line that is wrong: a point that is in two places or in two rooms.
+pub fn read_stays(file: &Path) -> Result<Vec<Stay>, UserError> {
+    let mut table = Table::open(file)?;
+    let (point, x, y) = (table.column("point")?, table.column("x_m")?, table.column("y_m")?);
+    let room = table.optional("room");
+    let signal = Signal::of(&table)?;
+    let (mut stays, mut by_name) = (Vec::<Stay>::new(), HashMap::<String, usize>::new());
+    while let Some(row) = table.next_row()? {
+        let name = row.some_text(point)?;
+        let position_m = [row.some_number(x)?, row.some_number(y)?];
+        let room_name = Some(row.text(room)).filter(|room| !room.is_empty());
+        let at = *by_name.entry(name.to_owned()).or_insert_with(|| {
+            let room = room_name.map(str::to_owned);
+            stays.push(Stay { point: name.to_owned(), room, position_m, samples: Vec::new() });
+            stays.len() - 1
+        });
+        let stay = &mut stays[at];
+        if stay.position_m != position_m {
+            let [x_m, y_m] = stay.position_m;
+            return Err(row.wrong(point, &format!("{} was at {x_m}, {y_m} before", quoted(name))));
+        }
+        if stay.room.as_deref() != room_name {
+            let before = stay.room.as_deref().unwrap_or("");
+            return Err(row.wrong(room, &format!("differs from {} of {} before", quoted(before), quoted(name))));
+        }
+        signal.read(&row, &mut stay.samples)?;
+    }
+    if stays.is_empty() { Err(UserError::line(file, 1, "no samples below the header")) } else { Ok(stays) }
+}
+
+/// Reads `rssi.csv`: `epoch,t_s,beacon,rssi_dbm`, or a file of stays, whose points are their truth. `truth` is `truth.csv`; epochs
+/// that it alone has are captures that heard nothing, and come last.
+///
+/// # Errors
+/// The first line that is wrong.
+pub fn read_captures(file: &Path, truth: Option<&Path>) -> Result<Vec<Capture>, UserError> {
+    let mut captures = if Table::open(file)?.optional("point").is_present() {
+        read_stays(file)?.into_iter().map(Capture::from).collect()
+    } else {
+        read_epochs(file)?
+    };
+    if let Some(truth) = truth {
+        let by_name: HashMap<String, usize> =
+            captures.iter().enumerate().map(|(at, capture)| (capture.name.clone(), at)).collect();
+        for (name, place) in read_truth(truth)? {
+            let truth_m = Some([place.x_m, place.y_m]);
+            match by_name.get(&name) {
+                Some(&at) => captures[at].truth_m = truth_m,
+                None => captures.push(Capture { name, t_s: None, truth_m, is_stay: false, samples: Vec::new() }),
+            }
+        }
+    }
+    Ok(captures)
+}
+
+fn read_epochs(file: &Path) -> Result<Vec<Capture>, UserError> {
+    let mut table = Table::open(file)?;
+    let epoch = table.column("epoch")?;
+    let signal = Signal::of(&table)?;
+    let (mut captures, mut by_name) = (Vec::<Capture>::new(), HashMap::<String, usize>::new());
+    while let Some(row) = table.next_row()? {
+        let (name, t_s) = (row.some_text(epoch)?, row.number(signal.time)?);
+        let at = *by_name.entry(name.to_owned()).or_insert_with(|| {
+            captures.push(Capture { name: name.to_owned(), t_s, truth_m: None, is_stay: false, samples: Vec::new() });
+            captures.len() - 1
+        });
+        signal.read(&row, &mut captures[at].samples)?;
+    }
+    if captures.is_empty() { Err(UserError::line(file, 1, "no samples below the header")) } else { Ok(captures) }
+}
+
+/// Reads `walls.csv`: the corners of an outline in their order, `x_m,y_m` (or `x,y`), each joined to the next; or walls one by
+/// one, `x1_m,y1_m,x2_m,y2_m`, where known with `attenuation_db`.
+///
+/// # Errors
+/// The first line that is wrong; fewer than two corners; an attenuation below 0.
+pub fn read_walls(file: &Path) -> Result<Vec<Wall>, UserError> {
+    let mut table = Table::open(file)?;
+    let mut walls = Vec::new();
+    if table.optional("x1_m").is_present() {
+        let [x1, y1, x2, y2] = ["x1_m", "y1_m", "x2_m", "y2_m"].map(|name| table.column(name));
+        let (x1, y1, x2, y2, attenuation) = (x1?, y1?, x2?, y2?, table.optional("attenuation_db"));
+        while let Some(row) = table.next_row()? {
+            let attenuation_db = row.number(attenuation)?;
+            if attenuation_db.is_some_and(|attenuation| attenuation < 0.0) {
+                return Err(row.wrong(attenuation, "is below 0"));
+            }
+            let ends_m = [[row.some_number(x1)?, row.some_number(y1)?], [row.some_number(x2)?, row.some_number(y2)?]];
+            walls.push(Wall { ends_m, attenuation_db });
+        }
+    } else {
+        let [x, y] = if table.optional("x").is_present() { ["x", "y"] } else { ["x_m", "y_m"] };
+        let (x, y) = (table.column(x)?, table.column(y)?);
+        let mut corner = None;
+        while let Some(row) = table.next_row()? {
+            let next = [row.some_number(x)?, row.some_number(y)?];
+            walls.extend(corner.replace(next).map(|corner| Wall { ends_m: [corner, next], attenuation_db: None }));
+        }
+    }
+    if walls.is_empty() { Err(UserError::line(file, 1, "no wall below the header")) } else { Ok(walls) }
+}
+
+/// The places of captures in a list, by their time; stays are in the file's order, as each may have a clock of its own.
+pub fn in_order(captures: &[Capture]) -> Vec<usize> {
+    if captures.iter().any(|capture| capture.is_stay) {
+        return (0..captures.len()).collect();
+    }
+    by_time(captures.iter().map(|capture| capture.t_s))
+}
+
+impl Capture {
+    /// Its outcome, with the error where the truth is known.
+    pub(crate) fn solved(&self, outcome: Result<Position, NoPosition>) -> Solved {
+        let truth = self.truth_m.map(|[x_m, y_m]| Place { x_m, y_m, z_m: None });
+        let error_m = outcome.ok().zip(truth).map(|(position, truth)| position.place.distance_m(&truth));
+        Solved { outcome, error_m }
+    }
+}
+
+impl From<Stay> for Capture {
+    fn from(stay: Stay) -> Self {
+        let t_s = stay.samples.first().map(|sample| sample.t_s);
+        Self { name: stay.point, t_s, truth_m: Some(stay.position_m), is_stay: true, samples: stay.samples }
+    }
+}
+
+/// The columns of what was heard.
+#[derive(Clone, Copy, Debug)]
+struct Signal {
+    beacon: Column,
+    level: Column,
+    time: Column,
+}
+
+impl Signal {
+    fn of(table: &Table) -> Result<Self, UserError> {
+        Ok(Self { beacon: table.column("beacon")?, level: table.column("rssi_dbm")?, time: table.optional("t_s") })
+    }
+
+    /// Adds the row's sample, where the row has a level.
+    fn read(&self, row: &Row, samples: &mut Vec<Sample>) -> Result<(), UserError> {
+        let beacon = row.some_text(self.beacon)?;
+        let (level, time) = (row.number(self.level)?, row.number(self.time)?);
+        if let Some(rssi_dbm) = level {
+            let t_s = time.or(samples.last().map(|sample| sample.t_s)).unwrap_or(0.0);
+            samples.push(Sample { beacon: beacon.to_owned(), rssi_dbm, t_s });
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use super::{read_beacons, read_captures, read_stays, read_walls};
+
+    /// Files in a folder that lives as long as the test.
+    fn files<const N: usize>(texts: [&str; N]) -> (tempfile::TempDir, [PathBuf; N]) {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let mut index = 0;
+        let files = texts.map(|text| {
+            index += 1;
+            let file = folder.path().join(format!("{index}.csv"));
+            std::fs::write(&file, text).expect("written");
+            file
+        });
+        (folder, files)
+    }
+
+    #[test]
+    fn rows_of_a_point_are_one_stay_wherever_they_stand() {
+        let (_folder, [file]) = files(["point,room,x_m,y_m,beacon,rssi_dbm,t_s\n\
+             p,hall,1,2,7,-60,0\nq,,3,4,8,-70,0.1\np,hall,1,2,8,,0.2\np,hall,1,2,7,-61,\n"]);
+        let stays = read_stays(&file).expect("read");
+        assert_eq!(stays.iter().map(|stay| stay.point.as_str()).collect::<Vec<_>>(), ["p", "q"]);
+        assert_eq!((stays[0].room.as_deref(), stays[1].room.as_deref()), (Some("hall"), None));
+        let heard: Vec<_> = stays[0].samples.iter().map(|s| (s.beacon.as_str(), s.rssi_dbm, s.t_s)).collect();
+        assert_eq!(heard, [("7", -60.0, 0.0), ("7", -61.0, 0.0)]);
+    }
+
+    #[test]
+    fn an_epoch_that_only_the_truth_knows_heard_nothing() {
+        let (_folder, [rssi, truth]) = files([
+            "epoch,t_s,beacon,rssi_dbm\n4,0.5,a,-60\n4,0.6,b,-70\n",
+            "epoch,t_s,x_m,y_m\n4,0.5,1,2\n5,1.0,3,4\n",
+        ]);
+        let captures = read_captures(&rssi, Some(&truth)).expect("read");
+        assert_eq!((captures[0].t_s, captures[0].truth_m, captures[0].samples.len()), (Some(0.5), Some([1.0, 2.0]), 2));
+        assert_eq!(
+            (captures[1].name.as_str(), captures[1].truth_m, captures[1].samples.len()),
+            ("5", Some([3.0, 4.0]), 0)
+        );
+    }
+
+    #[test]
+    fn an_outline_of_three_corners_is_two_walls() {
+        let (_folder, [outline, single]) =
+            files(["x,y\n0,0\n1,0\n1,2\n", "x1_m,y1_m,x2_m,y2_m,attenuation_db\n0,0,1,0,3.5\n"]);
+        let ends: Vec<_> = read_walls(&outline).expect("read").iter().map(|wall| wall.ends_m).collect();
+        assert_eq!(ends, [[[0.0, 0.0], [1.0, 0.0]], [[1.0, 0.0], [1.0, 2.0]]]);
+        assert_eq!(read_walls(&single).expect("read")[0].attenuation_db, Some(3.5));
+    }
+
+    #[test]
+    fn what_is_wrong_is_said_with_its_line() {
+        let (_folder, [moved, twice, exponent, corner]) = files([
+            "point,x_m,y_m,beacon,rssi_dbm\np,1,2,7,-60\np,1,3,7,-60\n",
+            "beacon,x_m,y_m\na,0,0\na,1,1\n",
+            "beacon,x_m,y_m,path_loss_exponent\na,0,0,0\n",
+            "x,y\n0,0\n",
+        ]);
+        let refused = |said: Result<(), crate::UserError>, ending: &str| {
+            let said = said.expect_err("wrong").to_string();
+            assert!(said.ends_with(ending), "{said}");
+        };
+        refused(read_stays(&moved).map(drop), "1.csv:3: point \"p\" was at 1, 2 before");
+        refused(read_beacons(&twice).map(drop), "2.csv:3: beacon \"a\" stands in line 2 already");
+        refused(read_beacons(&exponent).map(drop), "3.csv:2: path_loss_exponent is not above 0");
+        refused(read_walls(&corner).map(drop), "4.csv:1: no wall below the header");
+    }
+}

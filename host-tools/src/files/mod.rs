@@ -1,0 +1,13 @@
+//! Files: rows of CSV, recordings, positions, captures of beacons; what is written, and what a person is told when a file is wrong.
+
+pub mod beacons;
+pub mod output;
+pub mod positions;
+pub(crate) mod random;
+mod recording;
+mod table;
+mod user_error;
+
+pub use recording::{Anchor, Epoch, Files, Measured, Place, Recording, by_time, read_anchors, read_truth};
+pub use table::{Column, Row, Table};
+pub use user_error::UserError;

@@ -1,0 +1,225 @@
+//! Positions from the levels of beacons whose places and path losses are known: what `baliza ble solve` does.
+//!
+//! Captures flow in. A kernel without memory takes the mean of a capture's levels (14); one with memory goes through it window by
+//! window, as a tag does, and the capture's position is its last one. All is the tag's own code in the tag's own `f32`, about the middle
+//! of the beacons.
+
+mod follow;
+
+use positioning_core::ble::beacon_monitor::News;
+use positioning_core::ble::multilateration::{Heard, nonlinear, weighted_linear};
+use positioning_core::ble::path_loss::{PathLoss, Wall};
+use positioning_core::ble::posterior::{Belief, posterior};
+use positioning_core::ble::signal::level;
+use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, Side, SolveError};
+
+use self::follow::{Follower, Memory};
+use crate::files::beacons::{self as files, Beacon, Capture, Sample, in_order};
+use crate::{NoPosition, Place, Position, Solved};
+
+/// The most beacons that are followed.
+pub const MOST_BEACONS: usize = 64;
+
+/// How levels become a position.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kernel {
+    /// Weighted linear least squares (6).
+    WeightedLinear,
+    /// Nonlinear least squares in the levels.
+    Nonlinear,
+    /// The mean of where the tag may be.
+    Posterior,
+    /// The tag's engine: one beacon position a window.
+    Engine,
+    /// A particle filter over the levels' likelihood, window by window.
+    ParticleFilter,
+}
+
+impl Kernel {
+    /// All of them.
+    pub const ALL: [Self; 5] =
+        [Self::WeightedLinear, Self::Nonlinear, Self::Posterior, Self::ParticleFilter, Self::Engine];
+
+    /// Its name.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::WeightedLinear => "weighted-linear",
+            Self::Nonlinear => "nonlinear",
+            Self::Posterior => "posterior",
+            Self::Engine => "engine",
+            Self::ParticleFilter => "particle-filter",
+        }
+    }
+}
+
+/// How to solve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Setup {
+    /// The window of integration, seconds.
+    pub window_s: f64,
+    /// The tag's height, metres, where it is known; heights of beacons count only then.
+    pub height_m: Option<f64>,
+    /// Where the tag can be at all: least and greatest x and y, metres.
+    pub area_m: Option<[[f64; 2]; 2]>,
+    /// How far the receiver's own offset may be from none, dB.
+    pub offset_db: f64,
+    /// What a wall takes of which the file does not know it, dB.
+    pub wall_db: f64,
+    /// Seed of the particles' random numbers.
+    pub seed: u64,
+}
+
+/// Solves captures with the same beacons.
+#[derive(Debug)]
+pub struct Solver<'a> {
+    pub(super) beacons: &'a [Beacon],
+    pub(super) setup: Setup,
+    /// What is zero for the kernels, metres.
+    origin: [f64; 2],
+    /// Barriers for particles, and for signals what they take.
+    pub(super) walls: Vec<Wall<f32>>,
+}
+
+impl<'a> Solver<'a> {
+    /// A solver for these beacons, of which the first [`MOST_BEACONS`] count.
+    pub fn new(beacons: &'a [Beacon], walls: &[files::Wall], setup: Setup) -> Self {
+        let beacons = beacons.get(..MOST_BEACONS).unwrap_or(beacons);
+        let origin = std::array::from_fn(|axis| {
+            beacons.iter().map(|beacon| beacon.position_m[axis]).sum::<f64>() / beacons.len().max(1) as f64
+        });
+        let mut solver = Self { beacons, setup, origin, walls: Vec::new() };
+        let wall = |wall: &files::Wall| Wall {
+            ends: wall.ends_m.map(|end| solver.local(end)),
+            attenuation: wall.attenuation_db.unwrap_or(setup.wall_db) as f32,
+        };
+        solver.walls = walls.iter().map(wall).collect();
+        solver
+    }
+
+    /// The positions of all captures, in their order, and their errors where the truth is known; and what the engine came to believe of
+    /// beacons on the way, which it names by their places in the list.
+    pub fn solve(&self, kernel: Kernel, captures: &[Capture]) -> (Vec<Solved>, Vec<News>) {
+        let mut follower: Option<Follower> = None;
+        let mut position = |capture: &Capture| {
+            let memory = match kernel {
+                Kernel::WeightedLinear => return self.at_once(capture, weighted_linear),
+                Kernel::Nonlinear => {
+                    let offset = self.setup.offset_db as f32;
+                    return self.at_once(capture, |heard| nonlinear(heard, offset, &self.constraints()));
+                }
+                Kernel::Posterior => {
+                    let belief = Belief { offset_deviation: self.setup.offset_db as f32, ..Belief::default() };
+                    return self.at_once(capture, |heard| {
+                        posterior(heard, &self.reach(), self.attenuating(), &belief).map(|found| found.fix)
+                    });
+                }
+                Kernel::Engine => Memory::Engine,
+                Kernel::ParticleFilter => Memory::Particles,
+            };
+            let earlier = follower.take();
+            let learnt = earlier.as_ref().map(|earlier| earlier.learnt.clone());
+            let earlier = earlier.filter(|_| !capture.is_stay);
+            follower.insert(earlier.unwrap_or_else(|| Follower::new(self, memory, learnt))).follow(capture)
+        };
+        let mut solved = vec![None; captures.len()];
+        for at in in_order(captures) {
+            solved[at] = Some(captures[at].solved(position(&captures[at])));
+        }
+        (solved.into_iter().flatten().collect(), follower.map(|last| last.learnt.news).unwrap_or_default())
+    }
+
+    /// A kernel without memory over the means of a capture's levels.
+    fn at_once(
+        &self,
+        capture: &Capture,
+        kernel: impl FnOnce(&[Heard<f32, 2>]) -> Result<Fix<f32, 2>, SolveError>,
+    ) -> Result<Position, NoPosition> {
+        let scan = means(self.beacons, &capture.samples);
+        let mut heard: Vec<Heard<f32, 2>> = self.heard(&scan).into_iter().map(|(_, heard)| heard).collect();
+        loudest(&mut heard);
+        let fix = kernel(&heard).map_err(NoPosition::SolveError)?;
+        Ok(self.global(fix.position, &fix.covariance, fix.used.len()))
+    }
+
+    /// A scan with what is known of the beacons, and their places in the file.
+    pub(super) fn heard(&self, scan: &[Option<f32>]) -> Vec<(usize, Heard<f32, 2>)> {
+        let beacons = self.beacons.iter().zip(scan).enumerate();
+        beacons
+            .filter_map(|(index, (beacon, level))| {
+                let above = beacon.height_m.zip(self.setup.height_m).map_or(0.0, |(beacon, tag)| beacon - tag);
+                let (place, path_loss) = (self.local(beacon.position_m), path_loss(beacon));
+                Some((index, Heard { place, above: above as f32, level: (*level)?, path_loss }))
+            })
+            .collect()
+    }
+
+    /// The walls, where any takes something from a signal.
+    pub(super) fn attenuating(&self) -> &[Wall<f32>] {
+        if self.walls.iter().any(|wall| wall.attenuation > 0.0) { &self.walls } else { &[] }
+    }
+
+    pub(super) fn constraints(&self) -> Constraints<f32, 2> {
+        let area = self.setup.area_m.map(|corners| {
+            let [min, max] = corners.map(|corner| self.local(corner));
+            Area { min, max }
+        });
+        Constraints { side: Side::Unknown, area }
+    }
+
+    /// Where the tag can be: the known area, else among the beacons.
+    pub(super) fn reach(&self) -> Area<f32, 2> {
+        /// At least so large, metres.
+        const LEAST_M: f32 = 0.5;
+        self.constraints().area.unwrap_or_else(|| {
+            let places = self.beacons.iter().map(|beacon| self.local(beacon.position_m));
+            places.fold(Area { min: [-LEAST_M; 2], max: [LEAST_M; 2] }, |area, place| Area {
+                min: std::array::from_fn(|axis| area.min[axis].min(place[axis])),
+                max: std::array::from_fn(|axis| area.max[axis].max(place[axis])),
+            })
+        })
+    }
+
+    pub(super) fn local(&self, at_m: [f64; 2]) -> [f32; 2] {
+        std::array::from_fn(|axis| (at_m[axis] - self.origin[axis]) as f32)
+    }
+
+    pub(super) fn global(&self, at: [f32; 2], covariance: &[[f32; 2]; 2], used: usize) -> Position {
+        let [x_m, y_m] = std::array::from_fn(|axis| f64::from(at[axis]) + self.origin[axis]);
+        let [sigma_x, sigma_y] = [0, 1].map(|axis: usize| f64::from(covariance[axis][axis]).sqrt());
+        Position {
+            place: Place { x_m, y_m, z_m: None },
+            sigma: Place { x_m: sigma_x, y_m: sigma_y, z_m: None },
+            covariance_xy: covariance[0][1].into(),
+            used,
+        }
+    }
+}
+
+/// Of more levels than a kernel can take, the loudest.
+pub(super) fn loudest(heard: &mut Vec<Heard<f32, 2>>) {
+    if heard.len() > MAX_ANCHORS {
+        heard.sort_by(|a, b| b.level.total_cmp(&a.level));
+        heard.truncate(MAX_ANCHORS);
+    }
+}
+
+/// What is known of a beacon's path loss, and the usual for what is not.
+pub fn path_loss(beacon: &Beacon) -> PathLoss<f32> {
+    let usual = PathLoss::default();
+    let known = |value: Option<f64>, usual: f32| value.map_or(usual, |value| value as f32);
+    PathLoss {
+        level_1m: known(beacon.rssi_1m_dbm, usual.level_1m),
+        exponent: known(beacon.path_loss_exponent, usual.exponent),
+        deviation: known(beacon.deviation_db, usual.deviation),
+    }
+}
+
+/// The mean level of every beacon, by the beacons' order, dBm (14); what no receiver can have measured is left out.
+pub fn means(beacons: &[Beacon], samples: &[Sample]) -> Vec<Option<f32>> {
+    let mean = |beacon: &Beacon| {
+        let of_it = samples.iter().filter(|sample| sample.beacon == beacon.name);
+        let levels: Vec<f64> = of_it.filter_map(|sample| level(sample.rssi_dbm).ok()).collect();
+        (!levels.is_empty()).then(|| (levels.iter().sum::<f64>() / levels.len() as f64) as f32)
+    };
+    beacons.iter().map(mean).collect()
+}

@@ -1,0 +1,233 @@
+//! One fix an epoch, no memory between epochs: the tag's own solver, in the tag's own `f32`.
+//!
+//! Coordinates are taken relative to the middle of the anchors before they become `f32`, so that a site grid with its origin
+//! far away costs no digits.
+
+use positioning_core::ble::fingerprint;
+use positioning_core::engine::Missing;
+use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, Method, RangeSample, Side, SolveError, flatten};
+
+use crate::files::{Anchor, Epoch, Measured, Place};
+
+/// In which space to solve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Space {
+    /// In the plane; the tag's height says how far ranges reach in it.
+    Plane(Height),
+    /// In space; on which side of the anchors the tag is matters where they all lie on one plane. `None`: below, but the
+    /// uncertainty reaches to the image above.
+    Full(Option<Half>),
+}
+
+/// The tag's height, for the plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Height {
+    /// Not known: ranges are taken as if they were in the plane.
+    Unknown,
+    /// Always the same, metres.
+    Fixed(f64),
+    /// That of the truth, epoch by epoch.
+    FromTruth,
+}
+
+/// A side of the anchors' plane.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Half {
+    /// Lower than the anchors.
+    Below,
+    /// Higher than the anchors.
+    Above,
+}
+
+/// How to solve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Setup {
+    /// In which space.
+    pub space: Space,
+    /// Where the tag can be at all: least and greatest x and y, metres.
+    pub area_m: Option<[[f64; 2]; 2]>,
+}
+
+/// A position.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Position {
+    /// Where; in the plane without height.
+    pub place: Place,
+    /// Standard deviation of each coordinate, metres.
+    pub sigma: Place,
+    /// Covariance of x and y, m².
+    pub covariance_xy: f64,
+    /// How many anchors' ranges made it.
+    pub used: usize,
+}
+
+/// Why there is no position.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoPosition {
+    /// The solver found none.
+    SolveError(SolveError),
+    /// The truth of this epoch, from which the height should come, has none.
+    HeightUnknown,
+    /// The track has none.
+    Missing(Missing),
+    /// The map of levels has none for the scan.
+    Unmatched(fingerprint::NoPosition),
+}
+
+impl NoPosition {
+    /// The reason as files spell it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::SolveError(reason) => reason.as_str(),
+            Self::HeightUnknown => "height-unknown",
+            Self::Missing(reason) => reason.as_str(),
+            Self::Unmatched(reason) => reason.as_str(),
+        }
+    }
+}
+
+/// What became of an epoch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Solved {
+    /// The position, or why there is none.
+    pub outcome: Result<Position, NoPosition>,
+    /// Its distance from the truth, metres: in space where both have a height, else horizontal.
+    pub error_m: Option<f64>,
+}
+
+/// Solves epoch after epoch with the same anchors.
+#[derive(Debug)]
+pub struct Solver<'a> {
+    anchors: &'a [Anchor],
+    setup: Setup,
+    /// What is zero for the solver, metres.
+    origin: [f64; 3],
+}
+
+impl<'a> Solver<'a> {
+    /// A solver for these anchors.
+    pub fn new(anchors: &'a [Anchor], setup: Setup) -> Self {
+        Self { anchors, setup, origin: middle_m(anchors) }
+    }
+
+    /// The position of one epoch by `method`, and its error where the truth is known.
+    pub fn solve(&self, method: Method, epoch: &Epoch) -> Solved {
+        let outcome = match self.setup.space {
+            _ if epoch.ranges.is_empty() => Err(NoPosition::SolveError(SolveError::TooFewAnchors)),
+            Space::Plane(height) => self.in_plane(method, epoch, height),
+            Space::Full(half) => self.in_space(method, epoch, half),
+        };
+        let error_m = outcome.ok().zip(epoch.truth).map(|(position, truth)| position.place.distance_m(&truth));
+        Solved { outcome, error_m }
+    }
+
+    fn in_plane(&self, method: Method, epoch: &Epoch, height: Height) -> Result<Position, NoPosition> {
+        let tag_z = match height {
+            Height::Unknown => None,
+            Height::Fixed(z) => Some(z),
+            Height::FromTruth => Some(epoch.truth.and_then(|truth| truth.z_m).ok_or(NoPosition::HeightUnknown)?),
+        };
+        let sample = |measured: &Measured| {
+            let place = &self.anchors.get(measured.anchor)?.place;
+            let range = measured.range_m as f32;
+            let range = match tag_z {
+                Some(tag_z) => flatten(range, (place.z_m? - tag_z) as f32),
+                None => range,
+            };
+            let anchor = [self.local(0, place.x_m), self.local(1, place.y_m)];
+            Some(RangeSample { los: measured.line_of_sight, ..RangeSample::new(anchor, range) })
+        };
+        let area = self.setup.area_m.map(|corners| {
+            let [min, max] = corners.map(|[x, y]| [self.local(0, x), self.local(1, y)]);
+            Area { min, max }
+        });
+        let fix = solve(method, epoch.ranges.iter().filter_map(sample), &Constraints { side: Side::Unknown, area })?;
+        let [sigma_x, sigma_y] = fix.sigma().map(f64::from);
+        Ok(Position {
+            place: Place { x_m: self.global(0, fix.position[0]), y_m: self.global(1, fix.position[1]), z_m: None },
+            sigma: Place { x_m: sigma_x, y_m: sigma_y, z_m: None },
+            covariance_xy: fix.covariance[0][1].into(),
+            used: fix.used.len(),
+        })
+    }
+
+    fn in_space(&self, method: Method, epoch: &Epoch, half: Option<Half>) -> Result<Position, NoPosition> {
+        /// Farther below or above than any anchor, metres.
+        const AWAY_M: f32 = 1.0e4;
+        let sample = |measured: &Measured| {
+            let place = &self.anchors.get(measured.anchor)?.place;
+            let anchor = [self.local(0, place.x_m), self.local(1, place.y_m), self.local(2, place.z_m?)];
+            Some(RangeSample { los: measured.line_of_sight, ..RangeSample::new(anchor, measured.range_m as f32) })
+        };
+        let side = match half {
+            None => Side::Unknown,
+            Some(Half::Below) => Side::Of([0.0, 0.0, -AWAY_M]),
+            Some(Half::Above) => Side::Of([0.0, 0.0, AWAY_M]),
+        };
+        let area = self.setup.area_m.map(|[least, greatest]| Area {
+            min: [self.local(0, least[0]), self.local(1, least[1]), f32::NEG_INFINITY],
+            max: [self.local(0, greatest[0]), self.local(1, greatest[1]), f32::INFINITY],
+        });
+        let fix = solve(method, epoch.ranges.iter().filter_map(sample), &Constraints { side, area })?;
+        let [x_m, y_m, z_m] = std::array::from_fn(|axis| self.global(axis, fix.position[axis]));
+        let [sigma_x, sigma_y, sigma_z] = fix.sigma().map(f64::from);
+        Ok(Position {
+            place: Place { x_m, y_m, z_m: Some(z_m) },
+            sigma: Place { x_m: sigma_x, y_m: sigma_y, z_m: Some(sigma_z) },
+            covariance_xy: fix.covariance[0][1].into(),
+            used: fix.used.len(),
+        })
+    }
+
+    fn local(&self, axis: usize, coordinate: f64) -> f32 {
+        (coordinate - self.origin[axis]) as f32
+    }
+
+    fn global(&self, axis: usize, coordinate: f32) -> f64 {
+        f64::from(coordinate) + self.origin[axis]
+    }
+}
+
+/// The middle of the anchors, metres; zero along an axis of which nothing is known.
+pub(crate) fn middle_m(anchors: &[Anchor]) -> [f64; 3] {
+    let middle = |coordinate: fn(&Place) -> Option<f64>| {
+        let (least, greatest) = anchors
+            .iter()
+            .filter_map(|anchor| coordinate(&anchor.place))
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, greatest), c| (least.min(c), greatest.max(c)));
+        if least <= greatest { 0.5 * least + 0.5 * greatest } else { 0.0 }
+    };
+    [middle(|p| Some(p.x_m)), middle(|p| Some(p.y_m)), middle(|p| p.z_m)]
+}
+
+/// Solves with the shortest ranges where there are more than a fix can take: a blocked range is a long one.
+fn solve<const D: usize>(
+    method: Method,
+    samples: impl Iterator<Item = RangeSample<f32, D>>,
+    constraints: &Constraints<f32, D>,
+) -> Result<Fix<f32, D>, NoPosition> {
+    let mut samples: Vec<_> = samples.collect();
+    if samples.len() > MAX_ANCHORS {
+        samples.sort_by(|a, b| a.range.total_cmp(&b.range));
+        samples.truncate(MAX_ANCHORS);
+    }
+    positioning_core::solve(method, &samples, constraints).map_err(NoPosition::SolveError)
+}
+
+impl Position {
+    /// The squared horizontal error in units of its covariance: 2 in the mean where the covariance is right; the 1σ ellipse is
+    /// where it is 1. Not finite without a covariance.
+    pub fn normalised_square(&self, truth: &Place) -> f64 {
+        let (x, y) = (self.place.x_m - truth.x_m, self.place.y_m - truth.y_m);
+        let (xx, yy, xy) = (self.sigma.x_m.powi(2), self.sigma.y_m.powi(2), self.covariance_xy);
+        (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
+    }
+}
+
+impl Place {
+    /// The distance of two places, metres: in space where both have a height, else horizontal.
+    pub fn distance_m(&self, other: &Self) -> f64 {
+        let up = self.z_m.zip(other.z_m).map_or(0.0, |(one, other)| one - other);
+        ((self.x_m - other.x_m).powi(2) + (self.y_m - other.y_m).powi(2) + up.powi(2)).sqrt()
+    }
+}

@@ -1,0 +1,154 @@
+//! A recording through the tag's own engine, epoch after epoch in order of time, in the tag's own `f32`: what `baliza track` does.
+//!
+//! In flow the ranges with their times; what a recording tells of a reception becomes the probability that the link is
+//! without line of sight, by a trained model or by its powers. Out flows the position at the end of every epoch.
+
+use positioning_core::Side;
+use positioning_core::engine::{Dimensions, Engine, Measurement, Range, Settings};
+use positioning_core::nlos::{Model, NlosDetector, Reception};
+use positioning_core::{Area, Blocked, Noise};
+
+use crate::files::{Anchor, Epoch, Measured, Place};
+use crate::locate::solve::{Half, Height, NoPosition, Position, Setup, Solved, Space, middle_m};
+use crate::train::Told;
+
+/// Standard deviation of a DW1000 range's noise in line of sight, metres; what else it errs by, the engine knows.
+const DEVIATION_M: f32 = 0.03;
+/// Between epochs of which nobody noted the time, seconds.
+const USUAL_S: f64 = 0.1;
+/// The engine's time of the first epoch, seconds: times a little earlier are still times.
+const BEGIN_S: f64 = 3600.0;
+
+/// What is made of the powers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Weighting {
+    /// The variance of a range grows with the probability that its link is blocked.
+    Weigh,
+    /// Ranges that are rather blocked than not are left out, but four are kept.
+    Ignore,
+    /// Nothing: all ranges alike.
+    Alike,
+}
+
+/// The engine's settings for a recording; `trained` where a classifier tells blocked links, and not the powers alone.
+pub fn settings(setup: &Setup, weighting: Weighting, trained: bool) -> Settings<f32> {
+    let dimensions = match setup.space {
+        Space::Plane(_) => Dimensions::Plane { height: 0.0 },
+        Space::Full(half) => Dimensions::Space {
+            side: match half {
+                None => Side::Unknown,
+                Some(Half::Below) => Side::Of([0.0, 0.0, -1.0e4]),
+                Some(Half::Above) => Side::Of([0.0, 0.0, 1.0e4]),
+            },
+        },
+    };
+    let blocked = match weighting {
+        Weighting::Weigh => Blocked::Weigh,
+        Weighting::Ignore => Blocked::Ignore { threshold: 0.5, at_least: 4 },
+        Weighting::Alike => Blocked::Alike,
+    };
+    let noise = if trained { Noise::by_model() } else { Noise::by_powers() };
+    Settings { blocked, noise, ..Settings::track(dimensions) }
+}
+
+/// Follows a tag through a recording.
+pub struct Tracker<'a> {
+    anchors: &'a [Anchor],
+    setup: Setup,
+    engine: Engine<f32>,
+    judge: NlosDetector<'a>,
+    /// Where the tag was at the end of the last epoch, in the engine's frame, where that is known.
+    last: Option<[f32; 3]>,
+    /// What is zero for the engine, metres.
+    origin: [f64; 3],
+    /// The time of the first epoch, and of the last one, seconds.
+    times_s: Option<(f64, f64)>,
+}
+
+impl<'a> Tracker<'a> {
+    /// Beginning with the next epoch; without a model the powers tell blocked links.
+    pub fn new(anchors: &'a [Anchor], setup: Setup, mut settings: Settings<f32>, model: Option<&'a Model<'a>>) -> Self {
+        let origin = middle_m(anchors);
+        settings.area = setup.area_m.map(|[least, greatest]| {
+            let local = |axis: usize, coordinate: f64| (coordinate - origin[axis]) as f32;
+            Area {
+                min: [local(0, least[0]), local(1, least[1]), f32::NEG_INFINITY],
+                max: [local(0, greatest[0]), local(1, greatest[1]), f32::INFINITY],
+            }
+        });
+        let engine = Engine::new(settings);
+        Self {
+            anchors,
+            setup,
+            engine,
+            judge: NlosDetector::new(model.map(|model| model as _)),
+            last: None,
+            origin,
+            times_s: None,
+        }
+    }
+
+    /// The position at the end of the next epoch, and its error where the truth is known.
+    pub fn follow(&mut self, epoch: &Epoch) -> Solved {
+        let outcome = self.position(epoch);
+        let error_m = outcome.ok().zip(epoch.truth).map(|(position, truth)| position.place.distance_m(&truth));
+        Solved { outcome, error_m }
+    }
+
+    fn position(&mut self, epoch: &Epoch) -> Result<Position, NoPosition> {
+        let now_us = self.microseconds(epoch);
+        let in_space = match self.setup.space {
+            Space::Full(_) => true,
+            Space::Plane(height) => {
+                let height_m = match height {
+                    Height::Unknown => self.origin[2],
+                    Height::Fixed(z) => z,
+                    Height::FromTruth => epoch.truth.and_then(|truth| truth.z_m).ok_or(NoPosition::HeightUnknown)?,
+                };
+                self.engine.set_height((height_m - self.origin[2]) as f32);
+                false
+            }
+        };
+        for measured in &epoch.ranges {
+            if let Some(range) = self.range(now_us, measured) {
+                self.engine.step(now_us, &Measurement::Range(range));
+            }
+        }
+        let fix = self.engine.step(now_us, &Measurement::RoundEnd).fix.map_err(NoPosition::Missing);
+        self.last = fix.ok().map(|fix| fix.position);
+        let fix = fix?;
+        let [x_m, y_m, z_m] = std::array::from_fn(|axis| f64::from(fix.position[axis]) + self.origin[axis]);
+        let [sigma_x, sigma_y, sigma_z] = fix.sigma().map(f64::from);
+        Ok(Position {
+            place: Place { x_m, y_m, z_m: in_space.then_some(z_m) },
+            sigma: Place { x_m: sigma_x, y_m: sigma_y, z_m: in_space.then_some(sigma_z) },
+            covariance_xy: fix.covariance[0][1].into(),
+            used: fix.used.len(),
+        })
+    }
+
+    /// The time of an epoch.
+    fn microseconds(&mut self, epoch: &Epoch) -> u64 {
+        let (first, last) = self.times_s.unwrap_or_else(|| {
+            let begin = epoch.t_s.unwrap_or(0.0);
+            (begin, begin - USUAL_S)
+        });
+        let now = epoch.t_s.unwrap_or(last + USUAL_S);
+        self.times_s = Some((first, now));
+        // A float too large or negative becomes the largest or least integer.
+        ((now - first + BEGIN_S) * 1.0e6) as u64
+    }
+
+    fn range(&mut self, now_us: u64, measured: &Measured) -> Option<Range<f32>> {
+        let place = &self.anchors.get(measured.anchor)?.place;
+        let flat = self.setup.space == Space::Plane(Height::Unknown);
+        let z_m = if flat { self.origin[2] } else { place.z_m? };
+        let local = |axis: usize, coordinate: f64| (coordinate - self.origin[axis]) as f32;
+        let place = [local(0, place.x_m), local(1, place.y_m), local(2, z_m)];
+        let (anchor, distance) = (u16::try_from(measured.anchor).ok()?, measured.range_m as f32);
+        let Told { features, range_m, power_dbm } = measured.told;
+        let ends_m = self.last.map(|last| [last, place]);
+        let blocked = self.judge.blocked(now_us, anchor, &Reception { features, range_m, power_dbm, ends_m });
+        Some(Range { anchor, place, distance, deviation: DEVIATION_M, blocked, excess: None })
+    }
+}

@@ -1,0 +1,35 @@
+//! What a node says as one object of JSON: messages as `decode` writes them, and the log beside.
+
+use serde::Serialize;
+
+use super::session::Said;
+use crate::node::decode;
+
+/// What a node said as one line of JSON, without the line's end. Its `type` is a message's kind, or `log`, `text` (a boot loader's
+/// line) or `unreadable` (the log cannot be read from here on).
+///
+/// # Errors
+/// The serializer's.
+pub fn json(said: &Said) -> serde_json::Result<Vec<u8>> {
+    let object = match said {
+        Said::Message(message) => return decode::json(message),
+        Said::Log(line) => Object::Log {
+            t_s: line.t_us.map(|t_us| t_us as f64 / 1e6),
+            level: line.level.map(defmt_parser::Level::as_str),
+            text: &line.text,
+            file: line.place.as_ref().map(|place| place.file.as_str()),
+            line: line.place.as_ref().map(|place| place.line),
+        },
+        Said::Text(text) => Object::Text { text },
+        Said::Unreadable => Object::Unreadable,
+    };
+    serde_json::to_vec(&object)
+}
+
+#[derive(Serialize)]
+#[serde(tag = "type", rename_all = "kebab-case")]
+enum Object<'a> {
+    Log { t_s: Option<f64>, level: Option<&'static str>, text: &'a str, file: Option<&'a str>, line: Option<u64> },
+    Text { text: &'a str },
+    Unreadable,
+}

@@ -1,0 +1,227 @@
+//! What a tag gets of beacons' levels on the spot: a map of fingerprints and a model of rooms, from the files that `baliza ble` made,
+//! bound to the beacons that the tag is told of; and what a node has of them, in words.
+
+use std::fs;
+use std::path::Path;
+
+use node_record::{Beacon, BeaconModels, MODELS_BYTES, OfBeacons, decode_models, encode_models};
+use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map};
+use positioning_core::ble::rooms::{Classifier, Model, NodeModel};
+
+use super::calibrated::numbers;
+use super::document::{Field, Section};
+use crate::UserError;
+use crate::survey::rooms::ModelFile;
+
+/// The keys of a tag's section.
+pub(super) const KEYS: [&str; 2] = ["fingerprint_map", "room_model"];
+
+/// The files that a tag's section names, not yet bound to beacons.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Files {
+    map: Option<Named<Vec<u8>>>,
+    rooms: Option<Named<ModelFile>>,
+}
+
+/// A file's content, and the line that names it.
+#[derive(Clone, Debug)]
+struct Named<T> {
+    content: T,
+    line: u64,
+}
+
+/// One of the two.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The map of levels.
+    Map,
+    /// The model of rooms.
+    Rooms,
+}
+
+/// A beacon as a model calls it: its minor, and its major where the name has one.
+type Called = (Option<u16>, u16);
+
+impl Files {
+    /// Reads the files that the section names.
+    ///
+    /// # Errors
+    /// One cannot be read, is none, or none for a node.
+    pub(super) fn read(section: &Section<'_>) -> Result<Self, UserError> {
+        let [map, rooms] = KEYS.map(|key| section.optional(key));
+        let needs = |field: &Field<'_>, key: &'static str, why: &str| match section.optional(key) {
+            Some(_) => Ok(()),
+            None => Err(field.wrong(format!("{} without {key}: {why}", field.key))),
+        };
+        for field in [&map, &rooms].into_iter().flatten() {
+            needs(field, "scan_interval_ms", "the tag does not listen to beacons")?;
+            if let Some(solver) =
+                section.optional("solver").filter(|solver| solver.text("a solver").ok() != Some("track"))
+            {
+                return Err(solver.wrong(format!("solver with {}: beacons are heeded by a track alone", field.key)));
+            }
+            needs(field, "height_m", "beacons are heeded in the plane, at the height at which a tag is carried")?;
+        }
+        Ok(Self {
+            map: map.map(|field| named(&field, "ble map", read_map)).transpose()?,
+            rooms: rooms.map(|field| named(&field, "ble rooms", read_rooms)).transpose()?,
+        })
+    }
+
+    /// The models as a node has them, bound to these beacons; `None` without any. The error is of a line.
+    pub(super) fn bound(&self, beacons: &[Beacon]) -> Result<Option<Vec<u8>>, (u64, String)> {
+        let map = self.map.as_ref().map(|map| map.content.as_slice());
+        let rooms = self.rooms.as_ref().map(|rooms| &rooms.content);
+        if map.is_none() && rooms.is_none() {
+            return Ok(None);
+        }
+        encode(map, rooms, beacons).map(Some).map_err(|(part, what)| {
+            let [map_key, rooms_key] = KEYS;
+            let (line, key) = match part {
+                Part::Map => (self.map.as_ref().map(|map| map.line), map_key),
+                Part::Rooms => (self.rooms.as_ref().map(|rooms| rooms.line), rooms_key),
+            };
+            (line.unwrap_or(1), format!("{key} {what}"))
+        })
+    }
+}
+
+/// A map and a model of rooms as a node has them, bound to the beacons that it is told of. The error says what is wrong with which.
+///
+/// # Errors
+/// A beacon of theirs is not among those, or two may be it; or they are too long.
+pub fn encode(map: Option<&[u8]>, rooms: Option<&ModelFile>, beacons: &[Beacon]) -> Result<Vec<u8>, (Part, String)> {
+    let (mut of_map, mut of_rooms) = (Vec::new(), Vec::new());
+    if let Some(map) = map {
+        let identities: Vec<u16> = Map::decode(map).map(|(map, _)| map.identities().collect()).unwrap_or_default();
+        of_map =
+            bind(identities.into_iter().map(|minor| Some((None, minor))), beacons).map_err(|what| (Part::Map, what))?;
+    }
+    if let Some(rooms) = rooms {
+        of_rooms =
+            bind(rooms.names.beacons.iter().map(|name| called(name)), beacons).map_err(|what| (Part::Rooms, what))?;
+    }
+    let models = BeaconModels {
+        map: map.map(|model| OfBeacons { beacons: &of_map, model }),
+        rooms: rooms.map(|rooms| OfBeacons { beacons: &of_rooms, model: &rooms.model }),
+        room_names: &rooms.map(|rooms| rooms.names.rooms.join("\n")).unwrap_or_default(),
+    };
+    let bytes = encode_models(&models, &mut [0; MODELS_BYTES]).map(<[u8]>::to_vec);
+    bytes.ok_or_else(|| {
+        let size = |model: Option<OfBeacons<'_>>| model.map_or(0, |of| of.model.len());
+        let all = size(models.map) + size(models.rooms);
+        let part = if map.is_some() { Part::Map } else { Part::Rooms };
+        (part, format!("makes models of {all} bytes: a node has room for {MODELS_BYTES} in all"))
+    })
+}
+
+/// A map for a node, from a file of `baliza ble map`.
+///
+/// # Errors
+/// In words: the file cannot be read, or it is no map for a node.
+pub fn read_map(file: &Path) -> Result<Vec<u8>, String> {
+    let bytes = read(file)?;
+    let (map, rest) = Map::decode(&bytes).map_err(|fault| fault.to_string())?;
+    if !rest.is_empty() {
+        return Err(format!("a map, and {} bytes behind it", rest.len()));
+    }
+    if !map.has_deviations() {
+        return Err("a map of surveyed points: a tag wants a lattice, made without --surveyed".to_owned());
+    }
+    if map.points() > MAX_NODE_POINTS {
+        return Err(format!("a map of {} points: a tag has time for {MAX_NODE_POINTS}", map.points()));
+    }
+    Ok(bytes)
+}
+
+/// A model of rooms, from a file of `baliza ble rooms --out`.
+///
+/// # Errors
+/// In words: the file cannot be read, or it is none.
+pub fn read_rooms(file: &Path) -> Result<ModelFile, String> {
+    let read = ModelFile::parse(&read(file)?)?;
+    match NodeModel::decode(&read.model) {
+        Ok(_) => Ok(read),
+        Err(_) => Err("a model of the nearest fingerprints: a tag wants a machine, made by --method svm".to_owned()),
+    }
+}
+
+fn read(file: &Path) -> Result<Vec<u8>, String> {
+    fs::read(file).map_err(|error| format!("cannot open it: {error}"))
+}
+
+/// What the file that a field names holds; its path counts from the site's folder.
+fn named<T>(
+    field: &Field<'_>,
+    maker: &str,
+    read: impl FnOnce(&Path) -> Result<T, String>,
+) -> Result<Named<T>, UserError> {
+    let file = field.path(&format!("the name of a file of `baliza {maker} --out`"))?;
+    let content = read(&file).map_err(|what| field.wrong(format!("{}: {}: {what}", field.key, file.display())))?;
+    Ok(Named { content, line: field.line })
+}
+
+fn called(name: &str) -> Option<Called> {
+    numbers(name).map(|(major, minor)| (Some(major), minor)).or_else(|| Some((None, name.parse().ok()?)))
+}
+
+/// Major and minor of each beacon, as the node stores them.
+fn bind(called: impl Iterator<Item = Option<Called>>, beacons: &[Beacon]) -> Result<Vec<u8>, String> {
+    let mut bytes = Vec::new();
+    for called in called {
+        let Some((major, minor)) = called else {
+            return Err("has beacons whose names are no numbers: name them by major-minor in the survey".to_owned());
+        };
+        let name = major.map_or_else(|| minor.to_string(), |major| format!("{major}-{minor}"));
+        let is_it = |beacon: &&Beacon| beacon.minor == minor && major.is_none_or(|major| beacon.major == major);
+        let mut found = beacons.iter().filter(is_it);
+        match (found.next(), found.next()) {
+            (Some(beacon), None) => {
+                bytes.extend(beacon.major.to_le_bytes());
+                bytes.extend(beacon.minor.to_le_bytes());
+            }
+            (None, _) => {
+                return Err(format!("has beacon {name}, of which the tag is not told: list it as [[beacon]]"));
+            }
+            (Some(_), Some(_)) => {
+                return Err(format!("has beacon {name}, and the tag is told of two with that minor: change one"));
+            }
+        }
+    }
+    Ok(bytes)
+}
+
+/// What a region holds, in words: its map and its rooms, each where there is one, or why it is none.
+pub(super) fn words(region: &[u8]) -> [Option<String>; 2] {
+    parts(region).map(|part| part.map(|held| held.unwrap_or_else(|fault| format!("none: {fault}"))))
+}
+
+/// Whether a region, if there is something in it, is whole in all its parts; else what is not.
+pub(super) fn check(region: &[u8]) -> Result<(), String> {
+    let whole: Result<Vec<_>, _> = parts(region).into_iter().flatten().collect();
+    whole.map(drop).map_err(|fault| format!("the record is whole, but beside it is {fault}"))
+}
+
+/// The map and the rooms of a region, each where there is one, in words, or what is wrong with it.
+fn parts(region: &[u8]) -> [Option<Result<String, String>>; 2] {
+    let models = match decode_models(region) {
+        Ok(models) => models,
+        Err(_) => return [Some(Err("damaged models of beacons".to_owned())), None],
+    };
+    let beacons = |of: &OfBeacons<'_>| {
+        let names: Vec<_> = of.numbers().map(|(major, minor)| format!("{major}-{minor}")).collect();
+        format!("beacons {}", names.join(", "))
+    };
+    let map = models.map.map(|of| match Map::decode(of.model) {
+        Ok((map, _)) => Ok(format!("{} points, a lattice of {} m; {}", map.points(), map.unit::<f64>(), beacons(&of))),
+        Err(fault) => Err(fault.to_string()),
+    });
+    let rooms = models.rooms.map(|of| match Model::decode(of.model) {
+        Ok((model, _)) => {
+            let names = models.room_names.lines().collect::<Vec<_>>().join(", ");
+            Ok(format!("{} rooms: {names}; {}", model.rooms(), beacons(&of)))
+        }
+        Err(fault) => Err(fault.to_string()),
+    });
+    [map, rooms]
+}

@@ -1,0 +1,330 @@
+//! A record over a debug probe: into the flash of a board, and out of it.
+//!
+//! Both pages are read, the one that does not count is written, as the node itself would do it; then it is read back
+//! and compared, and the node starts anew. An ESP's flash is not in the chip's memory, so that probes write it without
+//! reading it: there the record goes into both pages, one after the other, and the chip compares it. What a tag knows of beacons' levels
+//! is written before its record; where the file has none, that of before is taken out.
+
+use std::time::Duration;
+
+use anyhow::{Context, Result, bail};
+use node_record::{Board, LoadError, MODELS_BYTES, Next, Role, next};
+use probe_rs::flashing::DownloadOptions;
+use probe_rs::{MemoryInterface, Session};
+
+use super::image::{self, Contents, Held};
+
+/// A chip's flash, by whole pages.
+pub trait Flash {
+    /// Reads from an address on.
+    ///
+    /// # Errors
+    /// The probe's.
+    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<()>;
+
+    /// Erases a page and writes it; the flash's own check finds what did not hold.
+    ///
+    /// # Errors
+    /// The probe's.
+    fn write_page(&mut self, address: u32, page: &[u8]) -> Result<()>;
+
+    /// Starts the node anew.
+    ///
+    /// # Errors
+    /// The probe's.
+    fn restart(&mut self) -> Result<()>;
+}
+
+impl Flash for Session {
+    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<()> {
+        self.core(0)?.read(address.into(), bytes)?;
+        Ok(())
+    }
+
+    fn write_page(&mut self, address: u32, page: &[u8]) -> Result<()> {
+        let mut loader = self.target().flash_loader();
+        loader.add_data(address.into(), page)?;
+        let mut options = DownloadOptions::default();
+        options.verify = true;
+        loader.commit(self, options)?;
+        Ok(())
+    }
+
+    fn restart(&mut self) -> Result<()> {
+        let mut core = self.core(0)?;
+        // What writes the flash left the core halted in it.
+        core.reset_and_halt(Duration::from_millis(500))?;
+        core.run()?;
+        Ok(())
+    }
+}
+
+/// The chip of a board, in probe-rs's words.
+pub const fn chip(board: Board) -> &'static str {
+    match board {
+        Board::Dwm1001 => "nRF52832_xxAA",
+        Board::Evk1000 => "STM32F105RC",
+        Board::Esp32C3 => "esp32c3",
+        Board::Esp32C6 => "esp32c6",
+        Board::Esp32 => "esp32",
+    }
+}
+
+/// Whether a probe reads the flash that the record is in.
+pub const fn is_readable(board: Board) -> bool {
+    match board {
+        Board::Dwm1001 | Board::Evk1000 => true,
+        Board::Esp32C3 | Board::Esp32C6 | Board::Esp32 => false,
+    }
+}
+
+/// Writes what a node is to hold, and restarts it; answers with the addresses of the record's pages that were written, and the record's
+/// sequence number.
+///
+/// # Errors
+/// The probe's; or the flash does not keep what was written.
+pub fn write(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -> Result<(Vec<u32>, u32)> {
+    write_levels(flash, board, contents)?;
+    let addresses = board.pages().addresses();
+    let (written, sequence) = if is_readable(board) {
+        let pages = read_pages(flash, board)?;
+        let Next { page: which, sequence } = next([&pages[0], &pages[1]]);
+        let image = contents.page(board, sequence);
+        flash
+            .write_page(addresses[which], &image)
+            .context("cannot write the flash; the record before is still there")?;
+        let back = read_pages(flash, board)?;
+        if back[which] != image {
+            bail!(
+                "the flash does not keep what was written at 0x{:08X}; the record before is still there",
+                addresses[which]
+            );
+        }
+        (vec![addresses[which]], sequence)
+    } else {
+        let sequence = 1;
+        for address in addresses {
+            let image = contents.page(board, sequence);
+            flash.write_page(address, &image).with_context(|| format!("cannot write the flash at 0x{address:X}"))?;
+        }
+        (addresses.to_vec(), sequence)
+    };
+    flash.restart().context("the record is written, but the node could not be started anew: reset it by hand")?;
+    Ok((written, sequence))
+}
+
+/// Writes a tag's models of beacons' levels, page by page; without any, only what stands there is made none. A page that is as it should
+/// be is left.
+fn write_levels(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -> Result<()> {
+    let (Some(address), Role::Tag(_)) = (board.pages().models_address(), &contents.record.role) else { return Ok(()) };
+    let size = board.pages().size as usize;
+    let mut region = contents.levels.unwrap_or_default().to_vec();
+    // Without its first page there is nothing.
+    region.resize(if region.is_empty() { size } else { MODELS_BYTES }, 0xFF);
+    let before = if is_readable(board) { read_levels(flash, board)? } else { Vec::new() };
+    let mut wrote = false;
+    for (index, page) in region.chunks(size).enumerate() {
+        if before.chunks(size).nth(index) != Some(page) {
+            let at = address + (index * size) as u32;
+            flash.write_page(at, page).with_context(|| format!("cannot write the flash at 0x{at:08X}"))?;
+            wrote = true;
+        }
+    }
+    if wrote && is_readable(board) && !read_levels(flash, board)?.starts_with(&region) {
+        bail!("the flash does not keep what was written at 0x{address:08X}: the map and the rooms of before are gone");
+    }
+    Ok(())
+}
+
+/// Reads the record that counts.
+///
+/// # Errors
+/// The probe's.
+pub fn read(flash: &mut impl Flash, board: Board) -> Result<Result<Held, LoadError>> {
+    let (pages, levels) = (read_pages(flash, board)?, read_levels(flash, board)?);
+    Ok(image::held([&pages[0], &pages[1]], &levels))
+}
+
+/// The region of beacons' levels; empty where the board has none.
+fn read_levels(flash: &mut impl Flash, board: Board) -> Result<Vec<u8>> {
+    let Some(address) = board.pages().models_address() else { return Ok(Vec::new()) };
+    let mut region = vec![0; MODELS_BYTES];
+    flash.read(address, &mut region).with_context(|| format!("cannot read the flash at 0x{address:08X}"))?;
+    Ok(region)
+}
+
+fn read_pages(flash: &mut impl Flash, board: Board) -> Result<[Vec<u8>; 2]> {
+    let size = board.pages().size as usize;
+    let mut pages = [vec![0; size], vec![0; size]];
+    for (address, page) in board.pages().addresses().into_iter().zip(&mut pages) {
+        flash.read(address, page).with_context(|| format!("cannot read the flash at 0x{address:08X}"))?;
+    }
+    Ok(pages)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::node::probe::knows;
+    use crate::node::provision::{EXAMPLE, Site};
+    use node_record::{BeaconModels, OfBeacons, Record, decode_models, encode_models};
+    use std::collections::BTreeMap;
+
+    #[derive(Clone, Default)]
+    struct Memory {
+        pages: BTreeMap<u32, Vec<u8>>,
+        writes: Vec<u32>,
+        restarts: usize,
+        /// Forgets a bit of what it is given.
+        worn: bool,
+        /// After so many pages the power fails, within the next one.
+        power: Option<usize>,
+    }
+
+    impl Flash for Memory {
+        fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<()> {
+            bytes.fill(0xFF);
+            for (at, page) in self.pages.range(address..address + bytes.len() as u32) {
+                let from = (at - address) as usize;
+                bytes[from..from + page.len()].copy_from_slice(page);
+            }
+            Ok(())
+        }
+
+        fn write_page(&mut self, address: u32, page: &[u8]) -> Result<()> {
+            if self.power == Some(self.writes.len()) {
+                // Erased, and half of it written.
+                self.pages.insert(address, [&page[..page.len() / 2], &vec![0xFF; page.len() / 2]].concat());
+                bail!("no power");
+            }
+            let mut page = page.to_vec();
+            page[40] ^= u8::from(self.worn);
+            self.pages.insert(address, page);
+            self.writes.push(address);
+            Ok(())
+        }
+
+        fn restart(&mut self) -> Result<()> {
+            self.restarts += 1;
+            Ok(())
+        }
+    }
+
+    fn records() -> Vec<Record> {
+        let site = Site::parse("site.toml".as_ref(), EXAMPLE).expect("the example is right");
+        site.nodes.iter().map(|node| node.record.clone()).collect()
+    }
+
+    fn of(record: &Record) -> Contents<'_> {
+        Contents { record, model: None, levels: None }
+    }
+
+    /// Models that fill more than a page, of this byte.
+    fn levels(byte: u8) -> Vec<u8> {
+        let map = Some(OfBeacons { beacons: &[], model: &[byte; 5000] });
+        let models = BeaconModels { map, ..BeaconModels::default() };
+        encode_models(&models, &mut [0; MODELS_BYTES]).expect("they fit").to_vec()
+    }
+
+    /// The byte of the models that a node would take from its flash.
+    fn taken(memory: &mut Memory, board: Board) -> Result<u8, LoadError> {
+        let mut region = vec![0; MODELS_BYTES];
+        memory.read(board.pages().models_address().expect("it has Bluetooth"), &mut region).unwrap();
+        decode_models(&region).map(|models| models.map.map_or(0, |map| map.model[0]))
+    }
+
+    #[test]
+    fn a_tags_models_go_with_its_record_and_go_when_it_has_none() {
+        let records = records();
+        let (anchor, tag) = (&records[0], &records[4]);
+        let levels = levels(7);
+        for (board, at) in [(Board::Dwm1001, 0x7C000), (Board::Esp32C6, 0xB000)] {
+            let mut memory = Memory::default();
+            write(&mut memory, board, &Contents { levels: Some(&levels), ..of(tag) }).unwrap();
+            assert_eq!((taken(&mut memory, board), &memory.writes[..2]), (Ok(7), &[at, at + 0x1000][..]));
+            if is_readable(board) {
+                let held = read(&mut memory, board).unwrap().unwrap();
+                assert!(held.levels.is_some_and(|region| region.starts_with(&levels)));
+                // What is there already is not written again.
+                memory.writes.clear();
+                write(&mut memory, board, &Contents { levels: Some(&levels), ..of(tag) }).unwrap();
+                assert_eq!(memory.writes, [0x7F000]);
+            }
+            write(&mut memory, board, &of(tag)).unwrap();
+            assert_eq!(taken(&mut memory, board), Err(LoadError::Missing));
+            // An anchor has no Bluetooth, and nobody looks there.
+            memory.writes.clear();
+            write(&mut memory, board, &of(anchor)).unwrap();
+            assert!(memory.writes.iter().all(|address| board.pages().addresses().contains(address)));
+        }
+    }
+
+    #[test]
+    fn a_power_cut_at_any_page_leaves_the_models_of_before_or_the_new_ones_or_none() {
+        let records = records();
+        let (tag, old, new) = (&records[4], levels(1), levels(2));
+        for board in [Board::Dwm1001, Board::Esp32C3] {
+            let mut memory = Memory::default();
+            write(&mut memory, board, &Contents { levels: Some(&old), ..of(tag) }).unwrap();
+            for levels in [Some(new.as_slice()), None] {
+                let mut pages = 0;
+                loop {
+                    let mut cut = memory.clone();
+                    cut.power = Some(memory.writes.len() + pages);
+                    if write(&mut cut, board, &Contents { levels, ..of(tag) }).is_ok() {
+                        break;
+                    }
+                    let found = taken(&mut cut, board);
+                    let fine = matches!(found, Ok(1 | 2) | Err(LoadError::Missing | LoadError::Corrupt));
+                    assert!(fine, "{board:?}, after {pages} pages: {found:?}");
+                    pages += 1;
+                }
+                assert!(pages >= 2, "{board:?}: {pages} pages");
+            }
+        }
+    }
+
+    #[test]
+    fn pages_take_turns() {
+        let (mut memory, records) = (Memory::default(), records());
+        let missing = read(&mut memory, Board::Dwm1001).unwrap();
+        assert_eq!(missing, Err(LoadError::Missing));
+        for (sequence, record) in (1..).zip(&records[..3]) {
+            let written = write(&mut memory, Board::Dwm1001, &of(record)).unwrap();
+            assert_eq!(written, (vec![[0x7F000, 0x7E000][sequence as usize % 2]], sequence));
+            let held = read(&mut memory, Board::Dwm1001).unwrap();
+            assert_eq!(held, Ok(Held { record: record.clone(), version: 2, sequence, model: None, levels: None }));
+        }
+        assert_eq!((memory.writes, memory.restarts), (vec![0x7E000, 0x7F000, 0x7E000], 3));
+    }
+
+    #[test]
+    fn an_esp_gets_the_record_into_both_pages() {
+        let (mut memory, records) = (Memory::default(), records());
+        assert_eq!(
+            write(&mut memory, Board::Esp32C3, &Contents { model: Some(&[1, 2]), ..of(&records[0]) }).unwrap(),
+            (vec![0x9000, 0xA000], 1)
+        );
+        assert_eq!(memory.pages[&0x9000], memory.pages[&0xA000]);
+        assert_eq!(memory.pages[&0x9000][node_record::MODEL_AT..][..3], [1, 2, 0xFF]);
+        assert_eq!(memory.restarts, 1);
+    }
+
+    #[test]
+    fn flash_that_does_not_hold_is_said_and_the_old_record_stays() {
+        let (mut memory, records) = (Memory::default(), records());
+        write(&mut memory, Board::Evk1000, &of(&records[0])).unwrap();
+        memory.worn = true;
+        let error = write(&mut memory, Board::Evk1000, &of(&records[1])).expect_err("a bit is wrong");
+        assert!(error.to_string().starts_with("the flash does not keep what was written at 0x0803F800"), "{error}");
+        assert_eq!(read(&mut memory, Board::Evk1000).unwrap().unwrap().record, records[0]);
+        assert_eq!(memory.restarts, 1);
+    }
+
+    #[test]
+    fn probe_rs_knows_the_boards_chips() {
+        for board in Board::ALL {
+            assert!(knows(chip(board)), "{board:?}");
+        }
+    }
+}

@@ -1,0 +1,257 @@
+//! What is drawn: a hall of 12 m × 8 m, a tag that walks in it at 1 m/s from one random place to the next, anchors and beacons on
+//! the walls, and what the tag measures five times a second.
+//!
+//! - Range of a direct link: distance, what calibration left of it for the whole walk, N(0, 0.03²) m, and noise N(0, σ²).
+//! - Range of a blocked link: the same, and an excess. Its distribution is exponential, of mean 1 m in the base case; it changes
+//!   with the place, with a length of correlation of 2 m (through a Gaussian field and its distribution function).
+//! - Power: log-distance, p₁ − 10 n log₁₀ d. The receiver believes −59 dBm and n = 2; each beacon has p₁ of N(−59, 2²) dBm and n of
+//!   N(2, 0.15²). Shadowing is a Gaussian field over the place for each beacon, 3 dB, with a length of correlation of
+//!   2 m; fading N(0, 2.5²) dB is new with each advertisement, ten a second, of which one in five is lost. A value is in whole dBm.
+//! - A range is lost with a probability of 0.05, over a blocked link of 0.2.
+
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+use crate::files::random::normal;
+
+/// The hall, metres.
+pub const HALL_M: [f64; 2] = [12.0, 8.0];
+/// The tag's height, metres: known.
+pub const HEIGHT_M: f64 = 1.2;
+/// What the receiver believes of every beacon: power at one metre, dBm, and path loss exponent.
+pub const BELIEVED: [f64; 2] = [-59.0, 2.0];
+/// Between two rounds, microseconds.
+pub const ROUND_US: u64 = 200_000;
+/// Places of anchors, metres; the first so many are there.
+const ANCHORS_M: [[f64; 3]; 4] = [[0.0, 0.0, 2.6], [12.0, 1.0, 2.4], [5.0, 8.0, 2.8], [12.0, 8.0, 2.2]];
+/// Beacons of which places are given.
+pub const MOST_BEACONS: usize = 8;
+/// Places of beacons, metres; the first so many are there.
+const BEACONS_M: [[f64; 3]; MOST_BEACONS] = [
+    [3.0, 0.0, 2.2],
+    [9.0, 0.0, 2.2],
+    [0.0, 5.0, 2.2],
+    [12.0, 5.0, 2.2],
+    [7.0, 8.0, 2.2],
+    [2.0, 8.0, 2.2],
+    [6.0, 0.0, 2.2],
+    [10.0, 8.0, 2.2],
+];
+/// Length of correlation of fields, metres.
+const LENGTH_M: f64 = 2.0;
+const SHADOWING_DB: f64 = 3.0;
+const FADING_DB: f64 = 2.5;
+/// Deviations of power at one metre, dB, and of the exponent.
+const CHANNEL_ERRORS: [f64; 2] = [2.0, 0.15];
+const LINK_SIGMA_M: f64 = 0.03;
+/// Advertisements between two rounds, and the probability that one is lost.
+const ADVERTS: usize = 2;
+const ADVERT_LOSS: f64 = 0.2;
+/// Probabilities that a range over a direct and over a blocked link is lost.
+const RANGE_LOSS: [f64; 2] = [0.05, 0.2];
+const SPEED_M_S: f64 = 1.0;
+/// The velocity follows what is wanted of it so late, seconds.
+const TURNING_S: f64 = 0.5;
+/// A goal is reached so near, metres.
+const NEAR_M: f64 = 0.5;
+/// No goal is nearer to a wall, metres.
+const MARGIN_M: f64 = 1.0;
+/// Waves of a field.
+const WAVES: usize = 40;
+
+/// What is there and how good it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Conditions {
+    /// Anchors, up to 4.
+    pub anchors: usize,
+    /// How many of them are blocked: the last ones.
+    pub blocked: usize,
+    /// Noise of a range, metres.
+    pub range_sigma_m: f64,
+    /// Mean excess of a blocked range, metres.
+    pub excess_m: f64,
+    /// Beacons, up to 8.
+    pub beacons: usize,
+}
+
+/// One round.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Round {
+    /// Its time, microseconds.
+    pub t_us: u64,
+    /// Where the tag is, metres.
+    pub at_m: [f64; 3],
+    /// Anchor, and range in metres.
+    pub ranges: Vec<(usize, f64)>,
+    /// Time in microseconds, beacon, and power in dBm.
+    pub powers: Vec<(u64, usize, f64)>,
+}
+
+/// The place of an anchor, metres.
+pub fn anchor_m(anchor: usize) -> [f64; 3] {
+    ANCHORS_M[anchor % ANCHORS_M.len()]
+}
+
+/// The place of a beacon, metres.
+pub fn beacon_m(beacon: usize) -> [f64; 3] {
+    BEACONS_M[beacon % BEACONS_M.len()]
+}
+
+/// A Gaussian field over the hall, of mean 0, variance 1 and the correlation exp(−d² ⁄ 2 l²): a sum of waves.
+struct Field(Vec<[f64; 3]>);
+
+impl Field {
+    fn draw(random: &mut impl Rng) -> Self {
+        let wave = |random: &mut _| {
+            [normal(random) / LENGTH_M, normal(random) / LENGTH_M, uniform(random) * std::f64::consts::TAU]
+        };
+        Self((0..WAVES).map(|_| wave(random)).collect())
+    }
+
+    fn at(&self, place: &[f64; 3]) -> f64 {
+        let sum: f64 = self.0.iter().map(|[x, y, phase]| (x * place[0] + y * place[1] + phase).cos()).sum();
+        sum * (2.0 / WAVES as f64).sqrt()
+    }
+}
+
+struct Link {
+    error_m: f64,
+    blocked: bool,
+    field: Field,
+}
+
+struct Beacon {
+    at_1m: f64,
+    exponent: f64,
+    field: Field,
+}
+
+/// Draws a walk of so many seconds.
+pub fn draw(conditions: &Conditions, seconds: u32, seed: u64) -> Vec<Round> {
+    let random = &mut Pcg64Mcg::seed_from_u64(seed);
+    let links: Vec<Link> = (0..conditions.anchors.min(ANCHORS_M.len()))
+        .map(|anchor| Link {
+            error_m: LINK_SIGMA_M * normal(random),
+            blocked: anchor + conditions.blocked >= conditions.anchors,
+            field: Field::draw(random),
+        })
+        .collect();
+    let beacons: Vec<Beacon> = (0..conditions.beacons.min(BEACONS_M.len()))
+        .map(|_| Beacon {
+            at_1m: BELIEVED[0] + CHANNEL_ERRORS[0] * normal(random),
+            exponent: BELIEVED[1] + CHANNEL_ERRORS[1] * normal(random),
+            field: Field::draw(random),
+        })
+        .collect();
+    let mut at_m = goal(random);
+    let mut towards = goal(random);
+    let mut velocity = [0.0; 3];
+    let step_s = ROUND_US as f64 * 1e-6 / ADVERTS as f64;
+    let rounds = u64::from(seconds) * 1_000_000 / ROUND_US;
+    (1..=rounds)
+        .map(|number| {
+            let t_us = number * ROUND_US;
+            let mut powers = Vec::new();
+            for advert in 1..=ADVERTS {
+                while distance(&at_m, &towards) < NEAR_M {
+                    towards = goal(random);
+                }
+                let wanted = SPEED_M_S / distance(&at_m, &towards);
+                for axis in 0..3 {
+                    velocity[axis] += (wanted * (towards[axis] - at_m[axis]) - velocity[axis]) * step_s / TURNING_S;
+                    at_m[axis] += velocity[axis] * step_s;
+                }
+                let heard_us = t_us - ROUND_US + ROUND_US * advert as u64 / ADVERTS as u64;
+                for (number, beacon) in beacons.iter().enumerate() {
+                    let power = beacon.power(random, &at_m, &beacon_m(number));
+                    if !random.random_bool(ADVERT_LOSS) {
+                        powers.push((heard_us, number, power));
+                    }
+                }
+            }
+            let ranges = links.iter().enumerate().filter_map(|(number, link)| {
+                let range = link.range(random, conditions, &at_m, &anchor_m(number));
+                let lost = random.random_bool(RANGE_LOSS[usize::from(link.blocked)]);
+                (!lost).then_some((number, range))
+            });
+            Round { t_us, at_m, ranges: ranges.collect(), powers }
+        })
+        .collect()
+}
+
+impl Link {
+    fn range(&self, random: &mut impl Rng, conditions: &Conditions, at_m: &[f64; 3], anchor_m: &[f64; 3]) -> f64 {
+        // A normal number's distribution function makes it uniform, the logarithm of that exponential.
+        let share = 0.5 * libm::erfc(self.field.at(at_m) / std::f64::consts::SQRT_2);
+        let excess = -conditions.excess_m * share.max(f64::MIN_POSITIVE).ln();
+        let noise = conditions.range_sigma_m * normal(random);
+        distance(at_m, anchor_m) + self.error_m + noise + if self.blocked { excess } else { 0.0 }
+    }
+}
+
+impl Beacon {
+    fn power(&self, random: &mut impl Rng, at_m: &[f64; 3], beacon_m: &[f64; 3]) -> f64 {
+        let loss = 10.0 * self.exponent * distance(at_m, beacon_m).log10();
+        (self.at_1m - loss + SHADOWING_DB * self.field.at(at_m) + FADING_DB * normal(random)).round()
+    }
+}
+
+fn goal(random: &mut impl Rng) -> [f64; 3] {
+    let [x, y] = HALL_M.map(|width| MARGIN_M + (width - 2.0 * MARGIN_M) * uniform(random));
+    [x, y, HEIGHT_M]
+}
+
+/// Metres.
+pub fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+}
+
+fn uniform(random: &mut impl Rng) -> f64 {
+    random.random_range(f64::MIN_POSITIVE..1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three anchors, one of them blocked, and five beacons.
+    const CONDITIONS: Conditions = Conditions { anchors: 3, blocked: 1, range_sigma_m: 0.1, excess_m: 1.0, beacons: 5 };
+
+    #[test]
+    fn the_errors_have_the_statistics_that_are_stated() {
+        let walks: Vec<Round> = (0..60).flat_map(|seed| draw(&CONDITIONS, 60, seed)).collect();
+        let error = |of: usize| {
+            let errors = walks.iter().flat_map(move |round| {
+                let ranges = round.ranges.iter().filter(move |(anchor, _)| *anchor == of);
+                ranges.map(|(anchor, range)| range - distance(&round.at_m, &anchor_m(*anchor)))
+            });
+            errors.collect::<Vec<f64>>()
+        };
+        let mean = |set: &[f64]| set.iter().sum::<f64>() / set.len() as f64;
+        let [direct, blocked] = [error(0), error(2)];
+        let square = direct.iter().map(|e| e * e).sum::<f64>() / direct.len() as f64;
+        // 0.1² + 0.03²; an exponential of mean 1 m, in some 900 independent places: ± 0.03 m.
+        assert!((square - 0.0109).abs() < 0.001, "{square}");
+        assert!((mean(&blocked) - 1.0).abs() < 0.12, "{}", mean(&blocked));
+        // Lost: 5 % and 20 %.
+        let share = |set: &[f64]| set.len() as f64 / walks.len() as f64;
+        assert!((share(&direct) - 0.95).abs() < 0.01 && (share(&blocked) - 0.8).abs() < 0.015);
+        // 3² shadowing, 2.5² fading, 2² and (0.15 · 10 log₁₀ 6 m = 1.2 dB)² for the beacon, and rounding's 1 ⁄ 12: 21 dB².
+        let powers: Vec<f64> = walks
+            .iter()
+            .flat_map(|round| round.powers.iter().map(move |(_, beacon, power)| (round, *beacon, *power)))
+            .map(|(round, beacon, power)| {
+                let expected = distance(&round.at_m, &beacon_m(beacon)).log10() * -10.0 * BELIEVED[1] + BELIEVED[0];
+                power - expected
+            })
+            .collect();
+        let square = powers.iter().map(|e| e * e).sum::<f64>() / powers.len() as f64;
+        assert!((square - 21.0).abs() < 4.0, "{square}");
+    }
+
+    #[test]
+    fn equal_seeds_draw_equal_walks() {
+        assert_eq!(draw(&CONDITIONS, 5, 7), draw(&CONDITIONS, 5, 7));
+        assert_ne!(draw(&CONDITIONS, 5, 7), draw(&CONDITIONS, 5, 8));
+    }
+}

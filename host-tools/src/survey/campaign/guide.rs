@@ -1,0 +1,309 @@
+//! A survey with a person: from point to point, with what is heard, until each point is taken or left out.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+use telemetry::Message;
+
+use super::book::Book;
+use super::judge::{Bias, judge};
+use super::points::Place;
+use super::stay::Stay;
+use crate::node::decode::{Stream, beacon_name};
+use crate::node::monitor::{Channel, Event, Source};
+
+/// A source is asked for no longer than this, so that a key is soon heard.
+const PATIENCE: Duration = Duration::from_millis(50);
+/// A node that said nothing so many times, for ten seconds, is asked after.
+const SILENT: u32 = 200;
+
+/// Who carries the node.
+pub trait Person {
+    /// Is told something.
+    fn tell(&mut self, text: &str);
+    /// Is shown how it stands, several times a second.
+    fn show(&mut self, status: &str);
+    /// The line that was typed since; [`Typed::Nothing`] at once, if there is none.
+    fn typed(&mut self) -> Typed;
+}
+
+/// Takes a message's time, seconds, and where it is an advert, who was heard how loud, dBm.
+pub type Take<'t> = dyn FnMut(f64, Option<(String, f64)>) + 't;
+
+/// What was typed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Typed {
+    /// Nothing yet.
+    Nothing,
+    /// A line.
+    Line(String),
+    /// Nothing ever again.
+    Closed,
+}
+
+/// What became of a point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Visit {
+    /// The point.
+    pub point: String,
+    /// Whether it is in the file now.
+    pub taken: bool,
+    /// Adverts heard.
+    pub adverts: usize,
+    /// Beacons heard.
+    pub beacons: usize,
+    /// Why it was refused.
+    pub biases: Vec<Bias>,
+}
+
+impl Visit {
+    /// Judges a stay, and adds it to the file where nothing is to be said against it.
+    ///
+    /// # Errors
+    /// The file system's.
+    pub fn conclude(place: &Place, stay: &Stay, book: &mut Book) -> Result<Self> {
+        let biases = judge(stay);
+        if biases.is_empty() {
+            book.add(place, stay)?;
+        }
+        Ok(Self {
+            point: place.name.clone(),
+            taken: biases.is_empty(),
+            adverts: stay.adverts.len(),
+            beacons: stay.by_beacon().len(),
+            biases,
+        })
+    }
+
+    /// What is said of it.
+    pub fn said(&self) -> String {
+        let reasons: Vec<_> = self.biases.iter().map(ToString::to_string).collect();
+        let heard = format!("{} adverts of {} beacons", self.adverts, self.beacons);
+        match self.taken {
+            true => format!("{}: taken, {heard}", self.point),
+            false => format!("{}: refused, {heard}: {}", self.point, reasons.join("; ")),
+        }
+    }
+}
+
+/// Why a visit ended without a stay.
+enum Left {
+    Skipped,
+    Ended,
+}
+
+/// Leads a person.
+pub struct Guide<'a> {
+    /// What the node says.
+    pub source: &'a mut dyn Source,
+    /// Who carries it.
+    pub person: &'a mut dyn Person,
+    /// How long a stay is, seconds.
+    pub stay_s: f64,
+    /// Ctrl-C was pressed.
+    pub stop: &'a AtomicBool,
+    /// When the survey ends at the latest.
+    pub until: Option<Instant>,
+    stream: Stream,
+    /// How often in a row the node said nothing.
+    silent: u32,
+}
+
+impl<'a> Guide<'a> {
+    /// A guide who has not begun.
+    pub fn new(source: &'a mut dyn Source, person: &'a mut dyn Person, stay_s: f64, stop: &'a AtomicBool) -> Self {
+        Self { source, person, stay_s, stop, until: None, stream: Stream::default(), silent: 0 }
+    }
+
+    /// Visits a point until it is taken, left out, or the survey ends; `None`: it ends.
+    ///
+    /// # Errors
+    /// The source's and the file system's.
+    pub fn visit(&mut self, place: &Place, book: &mut Book, visits: &mut Vec<Visit>) -> Result<Option<()>> {
+        let [x_m, y_m] = place.position_m;
+        let room = place.room.as_ref().map_or_else(String::new, |room| format!("{room}, "));
+        self.person.tell(&format!(
+            "go to {} ({room}x {x_m}, y {y_m}) and stand still; Enter begins, s skips, q ends",
+            place.name
+        ));
+        loop {
+            match self.wait_for_key()? {
+                Ok(()) => {}
+                Err(Left::Skipped) => return Ok(Some(())),
+                Err(Left::Ended) => return Ok(None),
+            }
+            let Some(stay) = self.stay()? else { return Ok(None) };
+            let visit = Visit::conclude(place, &stay, book)?;
+            self.person.tell(&visit.said());
+            let taken = visit.taken;
+            visits.push(visit);
+            if taken {
+                return Ok(Some(()));
+            }
+            self.person.tell("Enter tries again, s skips, q ends");
+        }
+    }
+
+    /// A line that is typed while the node's words pass by; `None`: none comes any more.
+    ///
+    /// # Errors
+    /// The source's.
+    pub fn line(&mut self) -> Result<Option<String>> {
+        loop {
+            match self.person.typed() {
+                Typed::Line(line) => return Ok(Some(line.trim().to_owned())),
+                Typed::Closed => return Ok(None),
+                Typed::Nothing => {}
+            }
+            if self.next(&mut |_, _| ())?.is_none() {
+                return Ok(None);
+            }
+        }
+    }
+
+    fn wait_for_key(&mut self) -> Result<Result<(), Left>> {
+        Ok(match self.line()?.as_deref() {
+            None | Some("q") => Err(Left::Ended),
+            Some("s") => Err(Left::Skipped),
+            Some(_) => Ok(()),
+        })
+    }
+
+    /// Listens until the stay is over; `None`: the node's words ended before.
+    fn stay(&mut self) -> Result<Option<Stay>> {
+        let mut stay = Stay::new(None, self.stay_s);
+        let mut over = false;
+        while !over {
+            let heard = self.next(&mut |t_s, sighting| {
+                over |= stay.at(t_s);
+                if let Some((beacon, rssi_dbm)) = sighting {
+                    stay.hear(t_s, &beacon, rssi_dbm);
+                }
+            })?;
+            if heard.is_none() && !over {
+                return Ok(None);
+            }
+            self.person.show(&stay.status());
+        }
+        Ok(Some(stay))
+    }
+
+    /// Takes what the node says next; `None`: nothing comes any more. Adverts are named.
+    fn next(&mut self, take: &mut Take<'_>) -> Result<Option<()>> {
+        if self.stop.load(Ordering::Relaxed) || self.until.is_some_and(|until| Instant::now() >= until) {
+            return Ok(None);
+        }
+        let event = self.source.next(PATIENCE)?;
+        self.silent = if event.is_none() { self.silent.saturating_add(1) } else { 0 };
+        if self.silent == SILENT {
+            self.person.tell("nothing comes from the node: is it connected, and does its record have it scan?");
+        }
+        match event {
+            Some(Event::Bytes(Channel::Telemetry, bytes)) => each_advert(&mut self.stream, &bytes, take),
+            Some(Event::Lost(why)) => {
+                self.stream.interrupted();
+                self.person.tell(&format!("connection lost ({why}); it is sought again"));
+            }
+            Some(Event::Connected(to)) => self.person.tell(&format!("connected to {to}")),
+            Some(Event::Silent) => self.person.tell("the node runs, but says nothing: is a baliza image flashed?"),
+            Some(Event::End) => return Ok(None),
+            Some(Event::Bytes(Channel::Log, _) | Event::Text(_) | Event::Restarted | Event::Flashed { .. }) | None => {}
+        }
+        Ok(Some(()))
+    }
+}
+
+/// Gives each message of a stream.
+pub fn each_advert(stream: &mut Stream, bytes: &[u8], take: &mut Take<'_>) {
+    for byte in bytes {
+        if let Some((stamp, message)) = stream.feed(*byte) {
+            let sighting = match &message {
+                Message::Sighting(sighting) => Some((beacon_name(sighting.beacon), f64::from(sighting.rssi))),
+                Message::Hello(_)
+                | Message::Fix(_)
+                | Message::Range(_)
+                | Message::Difference(_)
+                | Message::State(_)
+                | Message::Counters(_)
+                | Message::Reset(_)
+                | Message::Room(_) => None,
+            };
+            take(stamp.t_s, sighting);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+    use std::sync::atomic::AtomicBool;
+    use std::time::Duration;
+
+    use anyhow::Result;
+    use telemetry::{BeaconId, MAX_FRAME, Message, Sighting, encode};
+
+    use super::{Guide, Person, Typed};
+    use crate::node::monitor::{Channel, Event, Source};
+    use crate::survey::campaign::{Book, parse_point};
+
+    /// A node that hears one beacon ten times a second; it is silent while its clock is in the gap.
+    struct Node {
+        t_us: u64,
+        gap_us: std::ops::Range<u64>,
+    }
+
+    impl Source for Node {
+        fn next(&mut self, _patience: Duration) -> Result<Option<Event>> {
+            self.t_us += 100_000;
+            let beacon =
+                BeaconId { network: 0xB0, major: 1, minor: if self.gap_us.contains(&self.t_us) { 9 } else { 2 } };
+            let rssi = -60 - (self.t_us / 100_000 % 2) as i8;
+            let message = Message::Sighting(Sighting { t_us: self.t_us, beacon, rssi, measured_power: -59 });
+            let mut buffer = [0; MAX_FRAME];
+            let frame = encode(&message, &mut buffer);
+            Ok(Some(Event::Bytes(Channel::Telemetry, frame.to_vec())))
+        }
+    }
+
+    /// Types lines one after the other, each when asked for the second time.
+    struct Script {
+        lines: VecDeque<&'static str>,
+        asked: bool,
+        told: Vec<String>,
+    }
+
+    impl Person for Script {
+        fn tell(&mut self, text: &str) {
+            self.told.push(text.to_owned());
+        }
+        fn show(&mut self, _status: &str) {}
+        fn typed(&mut self) -> Typed {
+            self.asked = !self.asked;
+            match self.asked {
+                true => Typed::Nothing,
+                false => self.lines.pop_front().map_or(Typed::Closed, |line| Typed::Line(line.to_owned())),
+            }
+        }
+    }
+
+    #[test]
+    fn a_refused_stay_is_tried_again_and_a_skipped_point_is_not_written() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut book = Book::open("--out", &folder.path().join("f.csv")).expect("none yet");
+        // The beacon is away from 4 s to 9 s of the node's clock: in the first stay.
+        let mut node = Node { t_us: 0, gap_us: 4_000_000..9_000_000 };
+        let mut person = Script { lines: ["", "", "s", "q"].into(), asked: false, told: Vec::new() };
+        let (stop, mut visits) = (AtomicBool::new(false), Vec::new());
+        let mut guide = Guide::new(&mut node, &mut person, 10.0, &stop);
+        let mut visit =
+            |point| guide.visit(&parse_point(point).expect("a point"), &mut book, &mut visits).expect("no failure");
+        assert_eq!(visit("p 1 2 hall"), Some(()));
+        assert_eq!(visit("q 3 2 hall"), Some(()));
+        assert_eq!(visit("r 5 2 hall"), None);
+        assert_eq!(visits.iter().map(|visit| visit.taken).collect::<Vec<_>>(), [false, true]);
+        assert!(visits[0].said().contains("silent for 5.1 s"), "{}", visits[0].said());
+        assert!(book.has("p") && !book.has("q") && !book.has("r"));
+        assert!(person.told.iter().any(|told| told.starts_with("go to r")), "{:?}", person.told);
+    }
+}

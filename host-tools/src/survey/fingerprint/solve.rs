@@ -1,0 +1,257 @@
+//! Positions of captures by maps: what `baliza ble fingerprint` does, with the node's own code in the node's own `f32`.
+
+use positioning_core::ble::fingerprint::{
+    self, Map, MapError, Motion, Nearest, Posterior, Receiver, Vicinity, Walk, locate,
+};
+use positioning_core::ble::particles::{ON_HOST, ParticleFilter, Settings, Towards};
+use positioning_core::ble::path_loss::Wall;
+
+use super::comparison::Comparison;
+use super::maps::Maps;
+use super::survey::{Average, scan};
+use super::windows::{Window, span_s, windows};
+use crate::files::beacons::{self, Capture, in_order};
+use crate::{NoPosition, Place, Position, Solved};
+
+/// Captures that follow each other sooner than this are of one walk, seconds.
+const ONE_WALK_S: f64 = 2.0;
+/// Deviation of a single level, dB, that an offset of all is compared with.
+const LEVEL_DB: f32 = 3.0;
+/// Room for the points of a lattice.
+const ROOM: usize = 1000;
+/// Equal captures give equal positions.
+const SEED: u64 = 1;
+
+/// How captures are solved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Setup<'a> {
+    /// How the levels of a capture become one.
+    pub average: Average,
+    /// By how much the receiver may hear all beacons louder or weaker than the surveyor's did, dB (deviation).
+    pub offset_db: f64,
+    /// Send the comparison's positions through the particle filter (15), one a window of so many seconds; the position of a capture
+    /// is the filter's last one.
+    pub particles_s: Option<f64>,
+    /// What nobody walks through: barriers for the walk and for particles.
+    pub walls: &'a [beacons::Wall],
+}
+
+impl Default for Setup<'_> {
+    fn default() -> Self {
+        Self { average: Average::default(), offset_db: 4.0, particles_s: None, walls: &[] }
+    }
+}
+
+/// Solves captures with the maps of one place.
+#[derive(Clone, Copy, Debug)]
+pub struct Solver<'a> {
+    /// The maps.
+    pub maps: &'a Maps,
+    /// How.
+    pub setup: &'a Setup<'a>,
+}
+
+impl Solver<'_> {
+    /// The positions of captures, in their order, and their errors where the truth is known.
+    ///
+    /// # Errors
+    /// The maps do not serve the comparison.
+    pub fn solve(&self, comparison: Comparison, captures: &[Capture]) -> Result<Vec<Solved>, MapError> {
+        let (origin_m, map) = self.maps.map(comparison)?.about_its_origin();
+        let mut way = Way::new(self, comparison, map, origin_m);
+        let mut solved = vec![None; captures.len()];
+        for at in in_order(captures) {
+            let outcome = way.position(&captures[at]).map_err(NoPosition::Unmatched).map(|found| {
+                let [x_m, y_m] = [0, 1].map(|axis: usize| f64::from(found.position[axis]) + origin_m[axis]);
+                let [xx, xy, yy] = found.covariance.map(f64::from);
+                let sigma = Place { x_m: xx.max(0.0).sqrt(), y_m: yy.max(0.0).sqrt(), z_m: None };
+                Position { place: Place { x_m, y_m, z_m: None }, sigma, covariance_xy: xy, used: found.used }
+            });
+            solved[at] = Some(captures[at].solved(outcome));
+        }
+        Ok(solved.into_iter().flatten().collect())
+    }
+}
+
+const UNHEARD: fingerprint::NoPosition = fingerprint::NoPosition::Unheard;
+
+/// What is remembered from capture to capture, all of one receiver.
+struct Way<'a> {
+    beacons: &'a [String],
+    setup: &'a Setup<'a>,
+    comparison: Comparison,
+    map: Map<'a>,
+    /// In the map's metres.
+    walls: Vec<Wall<f32>>,
+    /// Its offset is learnt from one capture to the next.
+    receiver: Receiver<f32>,
+    learnt_us: u64,
+    timeline: Timeline,
+    walk: Walk<f32, ROOM>,
+    particles: Particles,
+}
+
+impl<'a> Way<'a> {
+    fn new(solver: &Solver<'a>, comparison: Comparison, map: Map<'a>, origin_m: [f64; 2]) -> Self {
+        let Solver { maps, setup } = *solver;
+        let local = |end: [f64; 2]| [0, 1].map(|axis: usize| (end[axis] - origin_m[axis]) as f32);
+        let barrier = |wall: &beacons::Wall| Wall { ends: wall.ends_m.map(local), attenuation: 0.0 };
+        Self {
+            beacons: maps.beacons(),
+            setup,
+            comparison,
+            map,
+            walls: setup.walls.iter().map(barrier).collect(),
+            receiver: Receiver { offset_deviation_db: setup.offset_db as f32, ..Receiver::default() },
+            learnt_us: 0,
+            timeline: Timeline::default(),
+            walk: Walk::new(),
+            particles: Particles::new(),
+        }
+    }
+
+    fn position(&mut self, capture: &Capture) -> Result<Found, fingerprint::NoPosition> {
+        if capture.samples.is_empty() {
+            return Err(UNHEARD);
+        }
+        let (now_us, goes_on) = self.timeline.next(capture);
+        if !goes_on {
+            self.walk = Walk::new();
+            self.particles = Particles::new();
+        }
+        let scan = single_precision(scan(self.beacons, &capture.samples, self.setup.average));
+        let before = self.receiver;
+        let found = match self.comparison {
+            Comparison::Walk => {
+                let step = self.walk.step(&self.map, &scan, &before, &Motion::default(), &self.walls, now_us);
+                step.map(Found::from)
+            }
+            Comparison::Nearest { .. } | Comparison::Process => self.at_once(&scan, &before),
+        };
+        if let Ok(found) = &found {
+            self.learn(found, now_us, goes_on);
+        }
+        match (self.comparison, self.setup.particles_s) {
+            (Comparison::Walk, _) | (_, None) => found,
+            (Comparison::Nearest { .. } | Comparison::Process, Some(window_s)) => {
+                let mut last = Err(UNHEARD);
+                for Window { before_us, scan } in windows(self.beacons, capture, window_s, self.setup.average) {
+                    let found = self.at_once(&single_precision(scan), &before);
+                    let now_us = now_us.saturating_sub(before_us);
+                    last = found.map(|found| self.particles.step(now_us, found, &self.walls)).or(last);
+                }
+                last
+            }
+        }
+    }
+
+    /// The position of one scan by itself.
+    fn at_once(&self, scan: &[Option<f32>], receiver: &Receiver<f32>) -> Result<Found, fingerprint::NoPosition> {
+        match self.comparison {
+            Comparison::Nearest { k, weighted } => {
+                let offset = receiver.offset_deviation_db / LEVEL_DB;
+                let scan: Vec<_> = scan.iter().map(|level| level.map(|level| level - receiver.offset_db)).collect();
+                let found = Nearest { neighbours: k, weighted, offset }.locate(&self.map, &scan)?;
+                Ok(Found::of(found, receiver, self.map.beacons()))
+            }
+            Comparison::Process | Comparison::Walk => locate(&self.map, scan, receiver).map(Found::from),
+        }
+    }
+
+    /// Scans in quick succession are shadowed alike, and would pass their shadows off as an offset.
+    fn learn(&mut self, found: &Found, now_us: u64, goes_on: bool) {
+        let fading_us = (Motion::<f64>::default().fading_s * 1.0e6) as u64;
+        if !goes_on || now_us.saturating_sub(self.learnt_us) >= fading_us {
+            self.learnt_us = now_us;
+            self.receiver.believe(found.offset_db, found.offset_deviation_db);
+        }
+    }
+}
+
+fn single_precision(scan: Vec<Option<f64>>) -> Vec<Option<f32>> {
+    scan.into_iter().map(|level| level.map(|level| level as f32)).collect()
+}
+
+/// A position in the map's metres, and what it says of the receiver.
+#[derive(Clone, Copy, Debug)]
+struct Found {
+    position: [f32; 2],
+    covariance: [f32; 3],
+    used: usize,
+    offset_db: f32,
+    offset_deviation_db: f32,
+}
+
+impl Found {
+    /// What neighbours say of the offset: their mean differences, as sure as so many levels make it.
+    fn of(vicinity: Vicinity<f32>, before: &Receiver<f32>, beacons: usize) -> Self {
+        let precision = beacons as f32 / LEVEL_DB.powi(2) + before.offset_deviation_db.powi(-2);
+        Self {
+            position: vicinity.position,
+            covariance: vicinity.scatter,
+            used: vicinity.heard,
+            offset_db: before.offset_db + vicinity.offset_db,
+            offset_deviation_db: precision.sqrt().recip(),
+        }
+    }
+}
+
+impl From<Posterior<f32>> for Found {
+    fn from(posterior: Posterior<f32>) -> Self {
+        Self {
+            position: posterior.position,
+            covariance: posterior.covariance,
+            used: posterior.heard,
+            offset_db: posterior.offset_db,
+            offset_deviation_db: posterior.offset_deviation_db,
+        }
+    }
+}
+
+/// The thesis' particle filter over the positions of a comparison (15).
+struct Particles(Box<ParticleFilter<f32, ON_HOST>>);
+
+impl Particles {
+    fn new() -> Self {
+        Self(Box::new(ParticleFilter::new(Settings::thesis(), SEED)))
+    }
+
+    fn step(&mut self, now_us: u64, found: Found, walls: &[Wall<f32>]) -> Found {
+        let deviation = Settings::<f32>::thesis().position;
+        if !self.0.is_started() {
+            // Where there are walls, none begins behind one.
+            let around = if walls.is_empty() { deviation } else { 0.0 };
+            self.0.start_at(found.position, [around; 2]);
+        }
+        let towards = Towards { position: found.position, deviation };
+        self.0.step(now_us, walls, &towards).map_or(found, |estimate| {
+            let [[xx, xy], [_, yy]] = estimate.covariance;
+            Found { position: estimate.position, covariance: [xx, xy, yy], ..found }
+        })
+    }
+}
+
+/// Which captures are of one walk, and when they end.
+#[derive(Default)]
+struct Timeline {
+    begun_s: Option<f64>,
+    ended_s: f64,
+}
+
+impl Timeline {
+    /// When the capture ends, since the walk began, microseconds; and whether it goes on with the walk before it. Captures that all end at
+    /// one time have none of their own.
+    fn next(&mut self, capture: &Capture) -> (u64, bool) {
+        let Some((first_s, last_s)) = span_s(capture) else {
+            self.begun_s = None;
+            return (0, false);
+        };
+        let gap_s = first_s - self.ended_s;
+        let follows = (0.0..=ONE_WALK_S).contains(&gap_s) && last_s > self.ended_s;
+        let begun_s = self.begun_s.filter(|_| follows);
+        let goes_on = begun_s.is_some();
+        let begun_s = begun_s.unwrap_or(first_s);
+        (self.begun_s, self.ended_s) = (Some(begun_s), last_s);
+        (((last_s - begun_s) * 1.0e6) as u64, goes_on)
+    }
+}

@@ -1,0 +1,168 @@
+//! What levels are about before any is measured nearby: their mean, or path loss through walls (1), (2).
+
+use positioning_core::ble::path_loss::{PathLoss, Wall, attenuation};
+
+use super::process::apart;
+use super::survey::Survey;
+use crate::files::beacons;
+
+/// How far beacons are above or below the receiver where nobody says, metres: nearer than this no level rises any more.
+const ABOVE_M: f64 = 1.0;
+/// A usual exponent, and how far it may be off.
+const EXPONENT: (f64, f64) = (2.0, 1.0);
+/// Deviation of levels about path loss, dB, against which the exponent's prior counts.
+const SHADOWS_DB: f64 = 4.0;
+/// The most that an unknown wall is tried to take, dB.
+const MOST_DB: u32 = 15;
+
+/// What is known of a place before it is surveyed.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Plan {
+    /// Beacons whose places are known.
+    pub beacons: Vec<beacons::Beacon>,
+    /// The floor plan.
+    pub walls: Vec<beacons::Wall>,
+}
+
+impl Plan {
+    /// The same elsewhere, metres.
+    pub fn moved(&self, by_m: [f64; 2]) -> Self {
+        let mut moved = self.clone();
+        let ends = moved.walls.iter_mut().flat_map(|wall| &mut wall.ends_m);
+        for place_m in ends.chain(moved.beacons.iter_mut().map(|beacon| &mut beacon.position_m)) {
+            *place_m = [place_m[0] + by_m[0], place_m[1] + by_m[1]];
+        }
+        moved
+    }
+}
+
+/// The trend of a beacon's levels.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Trend {
+    /// The same everywhere, dBm.
+    Level(f64),
+    /// Path loss from a known place through known walls.
+    Rays {
+        /// Where the beacon is, metres.
+        place_m: [f64; 2],
+        /// Its path loss.
+        path_loss: PathLoss<f64>,
+        /// The floor plan.
+        walls: Vec<Wall<f64>>,
+    },
+}
+
+impl Trend {
+    /// The trend at a place, dBm.
+    pub fn at(&self, at_m: [f64; 2]) -> f64 {
+        match self {
+            Self::Level(level) => *level,
+            Self::Rays { place_m, path_loss, walls } => {
+                path_loss.level_through(distance(*place_m, at_m), attenuation(walls, *place_m, at_m))
+            }
+        }
+    }
+
+    /// Every beacon's mean level.
+    pub fn levels(survey: &Survey) -> Vec<Self> {
+        let fallbacks = survey.fallbacks();
+        let mean = |(beacon, fallback): (usize, f64)| {
+            let levels: Vec<f64> = survey.spots.iter().filter_map(|spot| spot.levels[beacon]).collect();
+            Self::Level(if levels.is_empty() { fallback } else { levels.iter().sum::<f64>() / levels.len() as f64 })
+        };
+        fallbacks.into_iter().enumerate().map(mean).collect()
+    }
+
+    /// Path losses that fit the survey, of beacons whose places are known; the others keep their mean. Walls that do not say what they
+    /// take are given what fits all levels best, the same to each.
+    pub fn rays(survey: &Survey, plan: &Plan) -> Vec<Self> {
+        let Plan { beacons, walls } = plan;
+        let unknown = walls.iter().any(|wall| wall.attenuation_db.is_none());
+        let steps = if unknown { 2 * MOST_DB } else { 0 };
+        let tried = (0..=steps).map(|step| {
+            let usual_db = f64::from(step) / 2.0;
+            let wall =
+                |wall: &beacons::Wall| Wall { ends: wall.ends_m, attenuation: wall.attenuation_db.unwrap_or(usual_db) };
+            Self::rays_through(survey, beacons, &walls.iter().map(wall).collect::<Vec<_>>())
+        });
+        tried.min_by(|(_, a), (_, b)| a.total_cmp(b)).map_or_else(|| Self::levels(survey), |(trends, _)| trends)
+    }
+
+    /// The trends through these walls, and the squares of what they leave, dB².
+    fn rays_through(survey: &Survey, beacons: &[beacons::Beacon], walls: &[Wall<f64>]) -> (Vec<Self>, f64) {
+        let mut left = 0.0;
+        let trend = |((index, name), usual): ((usize, &String), Self)| {
+            let beacon = beacons.iter().find(|beacon| beacon.name == *name)?;
+            let place_m = beacon.position_m;
+            // Level = A − n x, x = 10 lg d, where walls have been given back.
+            let samples: Vec<(f64, f64)> = survey
+                .spots
+                .iter()
+                .filter_map(|spot| {
+                    let level = spot.levels[index]? + attenuation(walls, place_m, spot.position_m);
+                    Some((10.0 * distance(place_m, spot.position_m).log10(), level))
+                })
+                .collect();
+            if samples.is_empty() {
+                return Some(usual);
+            }
+            let count = samples.len() as f64;
+            let (x, y) = samples.iter().fold((0.0, 0.0), |(x, y), sample| (x + sample.0 / count, y + sample.1 / count));
+            let belief = (SHADOWS_DB / EXPONENT.1).powi(2);
+            let (xx, xy) = samples.iter().fold((belief, -belief * EXPONENT.0), |(xx, xy), sample| {
+                (xx + (sample.0 - x).powi(2), xy + (sample.0 - x) * (sample.1 - y))
+            });
+            let exponent = (-xy / xx).max(0.1);
+            let level_1m = y + exponent * x;
+            left += samples.iter().map(|(x, level)| (level - level_1m + exponent * x).powi(2)).sum::<f64>();
+            let path_loss = PathLoss { level_1m, exponent, ..PathLoss::default() };
+            Some(Self::Rays { place_m, path_loss, walls: walls.to_vec() })
+        };
+        let mut trend = trend;
+        let trends = survey.beacons.iter().enumerate().zip(Self::levels(survey));
+        let trends =
+            trends.map(|((index, name), usual)| trend(((index, name), usual.clone())).unwrap_or(usual)).collect();
+        (trends, left)
+    }
+}
+
+fn distance(place_m: [f64; 2], at_m: [f64; 2]) -> f64 {
+    apart(place_m, at_m).hypot(ABOVE_M)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::survey::Spot;
+    use super::*;
+
+    #[test]
+    fn walls_and_path_loss_are_found_again() {
+        // −40 dBm and n = 3 of a beacon at the origin, 6 dB of a wall at x = 5, levels by (2) over √(d² + 1).
+        let spot = |x: f64, y: f64| {
+            let level = -40.0 - 15.0 * (x * x + y * y + 1.0).log10() - if x > 5.0 { 6.0 } else { 0.0 };
+            Spot { position_m: [x, y], levels: vec![Some(level)] }
+        };
+        let spots: Vec<Spot> = (1..20).map(|i| spot(f64::from(i) * 0.7, f64::from(i % 4) - 1.5)).collect();
+        let survey = Survey { beacons: vec!["a".to_owned()], spots };
+        let beacon = beacons::Beacon {
+            name: "a".to_owned(),
+            position_m: [0.0, 0.0],
+            height_m: None,
+            rssi_1m_dbm: None,
+            path_loss_exponent: None,
+            deviation_db: None,
+        };
+        let walls = [beacons::Wall { ends_m: [[5.0, -20.0], [5.0, 20.0]], attenuation_db: None }];
+        let trends = Trend::rays(&survey, &Plan { beacons: vec![beacon], walls: walls.to_vec() });
+        let [Trend::Rays { path_loss, walls: found, .. }] = &trends[..] else { panic!("{trends:?}") };
+        // The prior of the exponent pulls a little toward 2.
+        assert!((path_loss.exponent - 3.0).abs() < 0.15 && (path_loss.level_1m + 40.0).abs() < 1.5, "{path_loss:?}");
+        assert!((found[0].attenuation - 6.0).abs() <= 1.0, "{found:?}");
+        // Without its place there is only the mean.
+        let mean = survey.spots.iter().filter_map(|spot| spot.levels[0]).sum::<f64>() / 19.0;
+        let Trend::Level(level) = Trend::rays(&survey, &Plan { beacons: Vec::new(), walls: walls.to_vec() })[0] else {
+            panic!("no place")
+        };
+        assert!((level - mean).abs() < 1e-9);
+    }
+}

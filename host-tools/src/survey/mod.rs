@@ -1,0 +1,9 @@
+//! Surveys of a site: fingerprints, coverage, path loss, rooms, and where anchors should stand.
+
+pub mod calibration;
+pub mod campaign;
+pub mod coverage;
+pub mod fingerprint;
+pub mod plan;
+pub mod presence;
+pub mod rooms;

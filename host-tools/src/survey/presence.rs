@@ -1,0 +1,128 @@
+//! In which room each position is: by the rooms' outlines, and what a tag would answer from one position to the next.
+//!
+//! Positions of any method flow in, of UWB or of beacons; `positioning_core::ble::rooms` judges them.
+
+use std::path::Path;
+
+use positioning_core::ble::rooms::{Classifier, MAX_ROOMS, Outlines, Presence, Settings, Spot, Whereabouts, likeliest};
+
+use crate::files::positions::PositionRow;
+use crate::{Table, UserError};
+
+/// A room and its outline.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Room {
+    /// Its name.
+    pub name: String,
+    /// Its corners in their order, metres.
+    pub corners_m: Vec<[f32; 2]>,
+}
+
+/// A position's room.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Found {
+    /// The most probable room, by its place in the list, and its probability; `None` outside of all.
+    pub likeliest: Option<(usize, f32)>,
+    /// What a tag answers.
+    pub answer: Whereabouts,
+}
+
+/// Reads `room,x_m,y_m`: the corners of each room in their order.
+///
+/// # Errors
+/// The first line that is wrong; a room of fewer than three corners; more rooms than are told apart.
+pub fn read_outlines(file: &Path) -> Result<Vec<Room>, UserError> {
+    let mut table = Table::open(file)?;
+    let (room, x, y) = (table.column("room")?, table.column("x_m")?, table.column("y_m")?);
+    let mut rooms: Vec<Room> = Vec::new();
+    while let Some(row) = table.next_row()? {
+        let (name, corner) = (row.some_text(room)?, [row.some_number(x)? as f32, row.some_number(y)? as f32]);
+        match rooms.iter_mut().find(|room| room.name == name) {
+            Some(room) => room.corners_m.push(corner),
+            None => rooms.push(Room { name: name.to_owned(), corners_m: vec![corner] }),
+        }
+    }
+    if let Some(room) = rooms.iter().find(|room| room.corners_m.len() < 3) {
+        return Err(UserError::file(file, format!("room {:?} has fewer than three corners", room.name)));
+    }
+    match rooms.len() {
+        0 => Err(UserError::line(file, 1, "no rooms below the header")),
+        count if count > MAX_ROOMS => {
+            Err(UserError::file(file, format!("{count} rooms, where {MAX_ROOMS} are told apart")))
+        }
+        _ => Ok(rooms),
+    }
+}
+
+/// The room of a place that is known for sure.
+pub fn room_of(rooms: &[Room], [x, y]: [f64; 2]) -> Option<usize> {
+    let spot = Spot { position_m: [x as f32, y as f32], covariance_m2: [0.0; 3] };
+    outlines(rooms, |outlines| outlines.probabilities(&spot)).as_ref().and_then(likeliest).map(|(room, _)| room)
+}
+
+/// The rooms of one method's positions, in order of time; the time is that of the row, else a second after the row before.
+pub fn follow(rooms: &[Room], rows: &[PositionRow]) -> Vec<Found> {
+    let mut presence = Presence::new(Settings::default());
+    let mut t_s = 0.0;
+    rows.iter()
+        .map(|row| {
+            t_s = row.t_s.unwrap_or(t_s + 1.0).max(0.0);
+            let spot = row.place.as_ref().map(|place| {
+                let [sx, sy] = row.sigma_m.unwrap_or([0.0; 2]);
+                let covariance_m2 = [(sx * sx) as f32, 0.0, (sy * sy) as f32];
+                Spot { position_m: [place.x_m as f32, place.y_m as f32], covariance_m2 }
+            });
+            let probabilities = spot.and_then(|spot| outlines(rooms, |outlines| outlines.probabilities(&spot)));
+            let answer = presence.step((1e6 * t_s) as u64, probabilities.as_ref());
+            Found { likeliest: probabilities.as_ref().and_then(likeliest), answer }
+        })
+        .collect()
+}
+
+fn outlines<T>(rooms: &[Room], judge: impl FnOnce(Outlines<'_>) -> T) -> T {
+    let corners: Vec<&[[f32; 2]]> = rooms.iter().map(|room| room.corners_m.as_slice()).collect();
+    judge(Outlines { rooms: &corners })
+}
+
+#[cfg(test)]
+mod tests {
+    use positioning_core::ble::rooms::Whereabouts;
+
+    use super::{Room, follow, room_of};
+    use crate::Place;
+    use crate::files::positions::PositionRow;
+
+    fn rooms() -> Vec<Room> {
+        let square = |name: &str, x: f32| Room {
+            name: name.to_owned(),
+            corners_m: vec![[x, 0.0], [x + 4.0, 0.0], [x + 4.0, 4.0], [x, 4.0]],
+        };
+        vec![square("hall", 0.0), square("attic", 4.0)]
+    }
+
+    #[test]
+    fn a_walk_through_a_door_changes_rooms_once() {
+        assert_eq!((room_of(&rooms(), [1.0, 1.0]), room_of(&rooms(), [9.0, 1.0])), (Some(0), None));
+        // Ten a second at 0.5 m/s through the wall at 4 m, to and fro by 0.2 m about the way.
+        let row = |index: u32| {
+            let t_s = f64::from(index) * 0.1;
+            let sway = if index.is_multiple_of(2) { 0.2 } else { -0.2 };
+            let place = Some(Place { x_m: 1.0 + 0.5 * t_s + sway, y_m: 2.0, z_m: None });
+            PositionRow {
+                epoch: index.to_string(),
+                method: String::new(),
+                t_s: Some(t_s),
+                place,
+                sigma_m: Some([0.1; 2]),
+                error_m: None,
+            }
+        };
+        let found = follow(&rooms(), &(0..120).map(row).collect::<Vec<_>>());
+        let mut answers: Vec<Whereabouts> = found.iter().map(|found| found.answer).collect();
+        answers.dedup();
+        assert_eq!(answers, [Whereabouts::Room(0), Whereabouts::Room(1)]);
+        let mut likeliest: Vec<_> = found.iter().map(|found| found.likeliest.map(|(room, _)| room)).collect();
+        likeliest.dedup();
+        assert!(likeliest.len() > 4, "the positions alone change rooms more often: {likeliest:?}");
+    }
+}
