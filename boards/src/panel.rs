@@ -3,7 +3,7 @@
 //! Switches and a record, if there is one → the record that the node follows. Distances → two lines of text.
 
 use heapless::HistoryBuf;
-use node_record::{Calibration, Identity, Mode, Network, Phy, Record, Role, Solver, Tag, Turnaround};
+use node_record::{Calibration, Identity, Mode, Network, Phy, Record, ReplyDelay, Role, Solver, Tag};
 use ranging::PhyConfig;
 
 use crate::lcd::{Text, WIDTH};
@@ -24,7 +24,7 @@ pub struct Switches {
 const PAN: u16 = 0xDECA;
 
 /// What boards without a record allow themselves, microseconds: a processor without floating-point unit.
-const TURNAROUND: Turnaround = Turnaround { answer_us: 400, listen_again_us: 60, transmit_us: 250 };
+const TURNAROUND: ReplyDelay = ReplyDelay { answer_us: 400, listen_again_us: 60, transmit_us: 250 };
 
 /// A tag without a record: two boards range as often as they can.
 const TAG: Tag = Tag {

@@ -3,7 +3,7 @@
 mod host;
 
 use dw1000_sim::air::Prf;
-use dw1000_sim::air::{AirClient, Heard, RxSettings, Sfd, SfdKind};
+use dw1000_sim::air::{AirClient, ReceptionEvent, RxSettings, Sfd, SfdKind};
 use dw1000_sim::{NodeConfig, Path, TrueTime, World};
 use embedded_hal_async::spi::{Operation, SpiDevice};
 use host::*;
@@ -66,7 +66,7 @@ fn running_the_world_from_a_task_is_refused_in_words() {
 struct Client;
 
 impl AirClient for Client {
-    fn on_air(&mut self, world: &World, _: TrueTime, _: Heard) {
+    fn on_air(&mut self, world: &World, _: TrueTime, _: ReceptionEvent) {
         world.run_for(Duration::from_millis(1));
     }
 }

@@ -11,7 +11,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use firmware_common::Reporter;
 use ranging::RadioInstant;
-use ranging::exchange::{Action, Event, Guidance, Machine, Report};
+use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
 use ranging::node::{self, Restart};
 
 pub use ranging::node::Listener;
@@ -20,7 +20,7 @@ pub use ranging::node::Listener;
 pub async fn run<R: Restart>(
     mut radio: R,
     mut delay: impl DelayNs,
-    mut machine: impl Machine,
+    mut machine: impl Protocol,
     mut listener: impl Listener,
 ) -> Infallible {
     node::run(&mut radio, &mut delay, &mut machine, &mut listener).await

@@ -13,13 +13,13 @@ pub mod counts;
 pub mod crash;
 pub mod event_log;
 pub mod lines;
-pub mod machines;
+pub mod protocol;
 pub mod reporter;
 pub mod settings;
 pub mod supervision;
 
 pub use counts::Counts;
 pub use event_log::EventLog;
-pub use machines::{AnchorMachine, TagMachine};
+pub use protocol::{AnchorProtocol, TagProtocol};
 pub use reporter::Reporter;
 pub use settings::Settings;

@@ -6,8 +6,8 @@
 use core::fmt;
 
 use telemetry::{
-    Condition, Counters, Crash, CrashReason, Fix, Hello, Likely, MotionSensor, Outcome, Reason, RecordError, Reset,
-    ResetCause, RssiModelError, Solver, Whereabouts,
+    Condition, Counters, Crash, CrashReason, Fix, Hello, MotionSensor, Outcome, Reason, RecordError, Reset, ResetCause,
+    RoomEstimate, RoomProbability, RssiModelError, Solver,
 };
 
 /// Gives a type its text, once for both: a match whose arms are a format and its arguments.
@@ -201,11 +201,11 @@ text!(StateLine, |this| this.0;
     Condition::Unused(levels, RssiModelError::Invalid) => ("{} in flash: not for a tag; not used", levels.as_str()),
     Condition::Unused(levels, RssiModelError::OtherBeacons) =>
         ("{} in flash: of beacons that the record does not list; not used", levels.as_str()),
-    Condition::BeaconElsewhere(of) => (
+    Condition::BeaconMoved(of) => (
         "beacon {}-{} is not where, or as loud as, it is listed: {} s of levels; not used", of.major, of.minor, of.seconds
     ),
-    Condition::BeaconDoubled(of) => ("two senders are beacon {}-{}: {} s of levels; not used", of.major, of.minor, of.seconds),
-    Condition::BeaconBelieved(of) => ("beacon {}-{} agrees again, for {} s", of.major, of.minor, of.seconds),
+    Condition::BeaconDuplicated(of) => ("two senders are beacon {}-{}: {} s of levels; not used", of.major, of.minor, of.seconds),
+    Condition::BeaconRestored(of) => ("beacon {}-{} agrees again, for {} s", of.major, of.minor, of.seconds),
     Condition::MotionSensor(MotionSensor::Ready) => ("motion sensor ready"),
     Condition::MotionSensor(MotionSensor::Silent) => ("motion sensor does not answer: positions alone count"),
     Condition::MotionSensor(MotionSensor::Foreign) => ("not the motion sensor answers: positions alone count"),
@@ -213,12 +213,12 @@ text!(StateLine, |this| this.0;
 );
 
 /// In which room a tag is.
-pub struct RoomLine(pub Whereabouts);
+pub struct RoomLine(pub RoomEstimate);
 
 text!(RoomLine, |this| this.0;
-    Whereabouts::Unknown => ("room unknown"),
-    Whereabouts::Room(Likely { room, probability }) => ("room {} ({} %)", room, percent(probability)),
-    Whereabouts::Between([one, other]) => (
+    RoomEstimate::Unknown => ("room unknown"),
+    RoomEstimate::Room(RoomProbability { room, probability }) => ("room {} ({} %)", room, percent(probability)),
+    RoomEstimate::Between([one, other]) => (
         "room {} ({} %) or {} ({} %)", one.room, percent(one.probability), other.room, percent(other.probability)
     ),
 );
@@ -333,11 +333,12 @@ mod tests {
 
     #[test]
     fn rooms_and_levels_that_are_not_used() {
-        let [one, other] = [Likely { room: 3, probability: 242 }, Likely { room: 0, probability: 51 }];
+        let [one, other] =
+            [RoomProbability { room: 3, probability: 242 }, RoomProbability { room: 0, probability: 51 }];
         // 242 and 51 of 255 are 94.9 and 20 %.
-        assert_eq!(RoomLine(Whereabouts::Room(one)).to_string(), "room 3 (95 %)");
-        assert_eq!(RoomLine(Whereabouts::Between([one, other])).to_string(), "room 3 (95 %) or 0 (20 %)");
-        assert_eq!(RoomLine(Whereabouts::Unknown).to_string(), "room unknown");
+        assert_eq!(RoomLine(RoomEstimate::Room(one)).to_string(), "room 3 (95 %)");
+        assert_eq!(RoomLine(RoomEstimate::Between([one, other])).to_string(), "room 3 (95 %) or 0 (20 %)");
+        assert_eq!(RoomLine(RoomEstimate::Unknown).to_string(), "room unknown");
         let line = StateLine(Condition::Unused(Levels::Map, RssiModelError::Corrupt)).to_string();
         assert_eq!(line, "map of levels in flash: damaged; not used");
     }

@@ -8,7 +8,7 @@ use ranging::native::Network;
 use ranging::phy::DataRate;
 use telemetry::RecordError;
 
-use crate::machines;
+use crate::protocol;
 
 /// The time over which a transmitter's mean power is limited, microseconds.
 const MEAN_POWER_US: u32 = 1000;
@@ -23,7 +23,7 @@ pub struct Settings {
     /// For the radio's driver.
     pub radio: dw1000::Config,
     /// How its network ranges.
-    pub exchange: Exchange,
+    pub protocol: ProtocolConfig,
     /// The network's PAN and frames, and the turnaround where the record pins one.
     pub network: Network,
     /// The least time from the start of one frame of this node's to that of its next, by the rules of its region.
@@ -38,7 +38,7 @@ pub struct Settings {
 /// How a network ranges.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Exchange {
+pub enum ProtocolConfig {
     /// Native mode.
     Native,
     /// DecaRanging, in this variant.
@@ -62,11 +62,11 @@ impl Settings {
             return Err(Invalid { within: None, field, value, must: "given: the chip's own is everyone's" });
         }
         let network = record.network()?;
-        let exchange = match record.network.mode {
-            Mode::Native => Exchange::Native,
-            Mode::DecaRanging { fast: false } => Exchange::DecaRanging(Variant::Standard),
-            Mode::DecaRanging { fast: true } => Exchange::DecaRanging(Variant::Fast),
-            Mode::Listening { rounds_chz } => Exchange::Listening { period: machines::period(rounds_chz) },
+        let protocol = match record.network.mode {
+            Mode::Native => ProtocolConfig::Native,
+            Mode::DecaRanging { fast: false } => ProtocolConfig::DecaRanging(Variant::Standard),
+            Mode::DecaRanging { fast: true } => ProtocolConfig::DecaRanging(Variant::Fast),
+            Mode::Listening { rounds_chz } => ProtocolConfig::Listening { period: protocol::period(rounds_chz) },
         };
         let calibration = &record.calibration;
         let radio = dw1000::Config {
@@ -79,14 +79,13 @@ impl Settings {
             pan: network.pan,
             short_address: address,
             eui,
-            filter: match (exchange, &record.role) {
-                (Exchange::Native, _) | (Exchange::Listening { .. }, Role::Anchor { .. } | Role::Advertiser(_)) => {
-                    FrameFilter::DATA
-                }
+            filter: match (protocol, &record.role) {
+                (ProtocolConfig::Native, _)
+                | (ProtocolConfig::Listening { .. }, Role::Anchor { .. } | Role::Advertiser(_)) => FrameFilter::DATA,
                 // Answers to others are what there is to hear.
-                (Exchange::Listening { .. }, Role::Tag(_)) => FrameFilter::OFF,
+                (ProtocolConfig::Listening { .. }, Role::Tag(_)) => FrameFilter::OFF,
                 // Blinks, and addresses that a tag learns when it is taken: everything is heard.
-                (Exchange::DecaRanging(_), _) => FrameFilter::OFF,
+                (ProtocolConfig::DecaRanging(_), _) => FrameFilter::OFF,
             },
             sleeps: matches!(record.role, Role::Tag(Tag { sleep: true, .. })),
             ..dw1000::Config::new(network.phy)
@@ -101,7 +100,7 @@ impl Settings {
             eui,
             address,
             radio,
-            exchange,
+            protocol,
             network,
             frame_spacing: spaced.then(|| RadioDuration::from_micros(MEAN_POWER_US)),
             role: record.role,
@@ -136,7 +135,7 @@ pub fn told(fault: &LoadError) -> RecordError {
 
 #[cfg(test)]
 mod tests {
-    use ranging::native::Turnaround;
+    use ranging::native::ReplyDelay;
 
     use super::*;
     use node_record::{Calibration, Identity, Solver};
@@ -182,7 +181,7 @@ mod tests {
             Calibration { antenna_delay: Some(16_500), crystal_trim: Some(17), tx_power: Some(0x1F1F_1F1F) };
         let settings = Settings::of(&record, 1).unwrap();
         assert_eq!((settings.eui, settings.address), (9, 0x42));
-        assert_eq!(settings.exchange, Exchange::DecaRanging(Variant::Fast));
+        assert_eq!(settings.protocol, ProtocolConfig::DecaRanging(Variant::Fast));
         assert_eq!(settings.network.phy.preamble_code(), 12);
         assert_eq!((settings.radio.tx_antenna_delay, settings.radio.rx_antenna_delay), (Some(16_500), Some(16_500)));
         assert_eq!(settings.radio.crystal_trim, Some(17));
@@ -193,11 +192,11 @@ mod tests {
     #[test]
     fn a_pinned_turnaround_is_the_networks() {
         let mut record = record();
-        let pinned = node_record::Turnaround { answer_us: 600, listen_again_us: 120, transmit_us: 300 };
+        let pinned = node_record::ReplyDelay { answer_us: 600, listen_again_us: 120, transmit_us: 300 };
         record.network.turnaround = Some(pinned);
         let settings = Settings::of(&record, 1).unwrap();
         let [answer, listen_again, transmit] = [600, 120, 300].map(RadioDuration::from_micros);
-        let expected = Turnaround { answer, listen_again, transmit };
+        let expected = ReplyDelay { answer, listen_again, transmit };
         assert_eq!(settings.network.pinned, Some(expected));
     }
 
@@ -224,7 +223,7 @@ mod tests {
         record.network.mode = Mode::Listening { rounds_chz: 1_000 };
         let anchor = Settings::of(&record, 1).unwrap();
         let period = RadioDuration::from_micros(100_000);
-        assert_eq!((anchor.exchange, anchor.radio.filter), (Exchange::Listening { period }, FrameFilter::DATA));
+        assert_eq!((anchor.protocol, anchor.radio.filter), (ProtocolConfig::Listening { period }, FrameFilter::DATA));
         record.role = Role::Tag(Tag {
             height_m: None,
             rate_chz: None,

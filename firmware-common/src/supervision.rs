@@ -84,9 +84,9 @@ impl Lights {
         match condition {
             Condition::ScannerRestarted(_)
             | Condition::Unused(..)
-            | Condition::BeaconElsewhere(_)
-            | Condition::BeaconDoubled(_)
-            | Condition::BeaconBelieved(_)
+            | Condition::BeaconMoved(_)
+            | Condition::BeaconDuplicated(_)
+            | Condition::BeaconRestored(_)
             | Condition::MotionSensor(_) => {}
             Condition::NoRecord(_)
             | Condition::WrongRecord
@@ -111,9 +111,9 @@ impl Lights {
             Condition::Searching
             | Condition::ScannerRestarted(_)
             | Condition::Unused(..)
-            | Condition::BeaconElsewhere(_)
-            | Condition::BeaconDoubled(_)
-            | Condition::BeaconBelieved(_)
+            | Condition::BeaconMoved(_)
+            | Condition::BeaconDuplicated(_)
+            | Condition::BeaconRestored(_)
             | Condition::MotionSensor(_) => (ms < 50, false),
             Condition::Synchronised(_) | Condition::NetworkFull => (ms < 50 || (200..250).contains(&ms), false),
             Condition::Paired(_)

@@ -35,8 +35,8 @@ use embassy_futures::join::{join, join3};
 use embassy_futures::select::{Either4, select4};
 use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
 use embedded_hal_async::delay::DelayNs;
-use firmware_common::{Reporter, Settings, TagMachine, build};
-use ranging::exchange::{Action, Event, Guidance, Link, Machine, Report};
+use firmware_common::{Reporter, Settings, TagProtocol, build};
+use ranging::exchange::{Action, Event, Guidance, Link, Protocol, Report};
 use ranging::node::{self, Listener, Restart};
 use ranging::{Radio, RadioDuration, RadioInstant};
 use telemetry::{Board, Condition, Hello, MotionSensor, Role, Sighting};
@@ -52,7 +52,7 @@ pub use nlos_model::NlosModelStore;
 pub use rate_control::RateControl;
 pub use sightings::KnownBeacons;
 pub use sounding::Sounding;
-pub use surveyed::{RoomTold, Surveyed};
+pub use surveyed::{LoadedModels, RoomReport};
 pub use telemetry_sink::TelemetrySink;
 pub use tracker::Tracker;
 
@@ -106,7 +106,7 @@ pub trait Sink {
     }
 
     /// The tag is in this room.
-    fn room(&self, told: RoomTold) {
+    fn room(&self, told: RoomReport) {
         let _ = told;
     }
 
@@ -137,7 +137,7 @@ pub enum Task {
 pub async fn run<R: Restart, D: DelayNs + Clone>(
     radio: R,
     delay: D,
-    machine: impl Machine,
+    machine: impl Protocol,
     locator: Locator<'_>,
     rates: RateControl,
     sink: impl Sink,
@@ -162,7 +162,7 @@ pub async fn run_as_told<R: Restart, D: DelayNs + Clone, M: RawMutex, const BYTE
     let hello = Hello { t_us: reporter.now_us(), eui, address, role: Role::Tag, board, build };
     reporter.event_log.greet(hello);
     let sink = TelemetrySink::new(reporter, tag.report_ranges);
-    let machine = TagMachine::new(settings, tag);
+    let machine = TagProtocol::new(settings, tag);
     let ranging = ranging(radio, delay.clone(), machine, channels, &sink);
     let engine = watched_engine(channels, delay.clone(), locator, RateControl::of(tag), &sink, watch);
     join3(ranging, engine, reporter.keep_telling(hello, delay)).await.0
@@ -172,7 +172,7 @@ pub async fn run_as_told<R: Restart, D: DelayNs + Clone, M: RawMutex, const BYTE
 pub async fn ranging<R: Restart, M: RawMutex>(
     mut radio: R,
     mut delay: impl DelayNs,
-    mut machine: impl Machine,
+    mut machine: impl Protocol,
     channels: &TaskChannels<M>,
     sink: &impl Sink,
 ) -> Infallible {

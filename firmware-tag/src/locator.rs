@@ -7,7 +7,7 @@ use positioning_core::engine::{Dimensions, NodeMethod, Settings, Solvers};
 use positioning_core::nlos::Classifier;
 use positioning_core::{Noise, Real, Side, SolveError};
 
-use crate::{HEARS_BEACONS, KnownBeacons, Measured, Sounding, Surveyed};
+use crate::{HEARS_BEACONS, KnownBeacons, LoadedModels, Measured, Sounding};
 
 /// A track by beacons that has become more uncertain than this is given up, metres, all axes together.
 const LOST_AMONG_BEACONS_M: f32 = 10.0;
@@ -39,7 +39,7 @@ pub struct Locator<'a> {
     /// Beacons by whose levels it finds itself as well, where it follows a track.
     pub beacons: KnownBeacons<'a>,
     /// What it knows of their levels on the spot.
-    pub surveyed: Option<&'a Surveyed<'a>>,
+    pub surveyed: Option<&'a LoadedModels<'a>>,
 }
 
 /// What became of one round, or of a window of levels.
@@ -139,7 +139,7 @@ impl<'a> Locator<'a> {
     }
 
     /// The same, that knows this of beacons' levels on the spot.
-    pub fn with_surveyed(self, surveyed: &'a Surveyed<'a>) -> Self {
+    pub fn with_surveyed(self, surveyed: &'a LoadedModels<'a>) -> Self {
         Self { surveyed: Some(surveyed), ..self }
     }
 

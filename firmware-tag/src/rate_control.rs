@@ -11,7 +11,7 @@
 
 mod sensor;
 
-use firmware_common::machines;
+use firmware_common::protocol;
 use positioning_core::Real;
 use ranging::native::Rate;
 
@@ -44,7 +44,7 @@ pub struct RateControl {
     /// None: the full one always.
     still: Option<Rate>,
     is_still: bool,
-    place: Option<Place>,
+    place: Option<MeanPosition>,
     failures: u8,
     /// Since when there has been no position.
     lost_since_us: Option<u64>,
@@ -61,7 +61,7 @@ pub struct RateControl {
 
 /// Where the tag stays.
 #[derive(Clone, Copy, Debug)]
-struct Place {
+struct MeanPosition {
     since_us: u64,
     last_us: u64,
     mean_m: [f32; 3],
@@ -71,7 +71,7 @@ struct Place {
 /// From the still rate to the full one.
 #[derive(Clone, Copy, Debug)]
 struct Waking {
-    from: Option<Place>,
+    from: Option<MeanPosition>,
     by_sensor: bool,
     has_left: bool,
 }
@@ -79,8 +79,8 @@ struct Waking {
 impl RateControl {
     /// That of a tag with this record.
     pub fn of(tag: &node_record::Tag) -> Self {
-        let still = tag.still_rate_chz.map(|chz| machines::rate(Some(chz)));
-        Self::new(machines::rate(tag.rate_chz), still)
+        let still = tag.still_rate_chz.map(|chz| protocol::rate(Some(chz)));
+        Self::new(protocol::rate(tag.rate_chz), still)
     }
 
     /// A tag that ranges at the full rate, and at the still rate, if it has one, while it does not move.
@@ -186,7 +186,8 @@ impl RateControl {
     /// For how long the tag has stayed.
     fn stayed_us(&mut self, now_us: u64, position: &Position) -> u64 {
         let Some(place) = self.place.as_mut().filter(|place| !place.is_left(position, MOVED_SIGMAS)) else {
-            self.place = Some(Place { since_us: now_us, last_us: now_us, mean_m: position.position_m, count: 1 });
+            self.place =
+                Some(MeanPosition { since_us: now_us, last_us: now_us, mean_m: position.position_m, count: 1 });
             return 0;
         };
         let passed_us = now_us.saturating_sub(place.last_us) as f32;
@@ -199,7 +200,7 @@ impl RateControl {
     }
 }
 
-impl Place {
+impl MeanPosition {
     fn is_left(&self, position: &Position, sigmas: f32) -> bool {
         let away = self.mean_m.iter().zip(position.position_m).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
         let variance: f32 = (0..3).map(|axis| position.covariance_m2[axis][axis]).sum();

@@ -3,11 +3,11 @@
 //! list of beacons. In flow the smoothed levels of a window, out flow a position with its covariance, and rooms.
 
 use heapless::Vec;
-use node_record::{Beacon, BeaconModels, LoadError, OfBeacons};
+use node_record::{Beacon, BeaconModel, LoadError, SiteModels};
 use positioning_core::ble::fingerprint::{self, MAX_NODE_POINTS, Map, Receiver, locate_on_node};
-use positioning_core::ble::rooms::{self, Classifier, Presence, Whereabouts};
+use positioning_core::ble::rooms::{self, Classifier, RoomEstimate, RoomHysteresis};
 use positioning_core::engine::BeaconPosition;
-use telemetry::{Condition, Likely, Room, RssiModelError};
+use telemetry::{Condition, Room, RoomProbability, RssiModelError};
 
 use crate::levels::{Scan, WINDOW_US};
 
@@ -23,7 +23,7 @@ const REPEATED_US: u64 = 5_000_000;
 
 /// What a survey of the place gave the tag, for a `static`.
 #[derive(Debug, Default)]
-pub struct Surveyed<'a> {
+pub struct LoadedModels<'a> {
     map: Option<Fingerprints<'a>>,
     rooms: Option<Rooms<'a>>,
 }
@@ -45,34 +45,30 @@ struct Rooms<'a> {
 
 /// What becomes of it from window to window.
 #[derive(Clone, Debug)]
-pub(crate) struct OnTheSpot<'a> {
-    surveyed: &'a Surveyed<'a>,
+pub(crate) struct SiteTracker<'a> {
+    surveyed: &'a LoadedModels<'a>,
     receiver: Receiver<f32>,
     /// When the receiver was learnt last.
     learnt_us: Option<u64>,
-    presence: Presence,
+    presence: RoomHysteresis,
     /// What was told last of rooms, and when.
-    told: Option<(Whereabouts, u64)>,
+    told: Option<(RoomEstimate, u64)>,
     /// What there is to tell.
-    pub(crate) news: Option<RoomTold>,
+    pub(crate) news: Option<RoomReport>,
 }
 
 /// Word of a room.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RoomTold {
+pub struct RoomReport {
     /// In which the tag is.
     pub room: Room,
     /// It is another than before.
     pub is_news: bool,
 }
 
-impl<'a> Surveyed<'a> {
+impl<'a> LoadedModels<'a> {
     /// Of what flash has, for a tag that is told of these beacons. What cannot be used is left out, and `complain` hears of it once.
-    pub fn of(
-        models: Result<BeaconModels<'a>, LoadError>,
-        list: &[Beacon],
-        mut complain: impl FnMut(Condition),
-    ) -> Self {
+    pub fn of(models: Result<SiteModels<'a>, LoadError>, list: &[Beacon], mut complain: impl FnMut(Condition)) -> Self {
         let models = match models {
             Ok(models) => models,
             Err(fault) => {
@@ -105,14 +101,14 @@ impl<'a> Surveyed<'a> {
     }
 }
 
-impl<'a> OnTheSpot<'a> {
+impl<'a> SiteTracker<'a> {
     /// Nothing was heard yet.
-    pub(crate) fn new(surveyed: &'a Surveyed<'a>) -> Self {
+    pub(crate) fn new(surveyed: &'a LoadedModels<'a>) -> Self {
         Self {
             surveyed,
             receiver: Receiver::default(),
             learnt_us: None,
-            presence: Presence::new(rooms::Settings::default()),
+            presence: RoomHysteresis::new(rooms::Settings::default()),
             told: None,
             news: None,
         }
@@ -146,23 +142,23 @@ impl<'a> OnTheSpot<'a> {
             return;
         }
         self.told = Some((is, now_us));
-        let likely = |room| Likely::new(room, self.presence.probability(room));
+        let likely = |room| RoomProbability::new(room, self.presence.probability(room));
         let is = match is {
-            Whereabouts::Unknown => telemetry::Whereabouts::Unknown,
-            Whereabouts::Room(room) => telemetry::Whereabouts::Room(likely(room)),
-            Whereabouts::Between(one, other) => telemetry::Whereabouts::Between([likely(one), likely(other)]),
+            RoomEstimate::Unknown => telemetry::RoomEstimate::Unknown,
+            RoomEstimate::Room(room) => telemetry::RoomEstimate::Room(likely(room)),
+            RoomEstimate::Between(one, other) => telemetry::RoomEstimate::Between([likely(one), likely(other)]),
         };
-        self.news = Some(RoomTold { room: Room { t_us: now_us, is }, is_news });
+        self.news = Some(RoomReport { room: Room { t_us: now_us, is }, is_news });
     }
 
     /// Whether it is in a room, as far as is known.
     pub(crate) fn is_in_a_room(&self) -> bool {
-        self.presence.answer() != Whereabouts::Unknown
+        self.presence.answer() != RoomEstimate::Unknown
     }
 }
 
 impl<'a> Fingerprints<'a> {
-    fn of(of: &OfBeacons<'a>, list: &[Beacon]) -> Result<Self, RssiModelError> {
+    fn of(of: &BeaconModel<'a>, list: &[Beacon]) -> Result<Self, RssiModelError> {
         let (map, _) = Map::decode(of.model).map_err(|fault| match fault {
             fingerprint::MapError::Version(version) => RssiModelError::Version(version),
             fingerprint::MapError::Missing | fingerprint::MapError::Corrupt => RssiModelError::Corrupt,
@@ -177,7 +173,7 @@ impl<'a> Fingerprints<'a> {
 }
 
 impl<'a> Rooms<'a> {
-    fn of(of: &OfBeacons<'a>, list: &[Beacon]) -> Result<Self, RssiModelError> {
+    fn of(of: &BeaconModel<'a>, list: &[Beacon]) -> Result<Self, RssiModelError> {
         let (model, _) = rooms::NodeModel::decode(of.model).map_err(|fault| match fault {
             rooms::StoredError::Version { found, read: _ } => RssiModelError::Version(found),
             rooms::StoredError::Missing | rooms::StoredError::Corrupt => RssiModelError::Corrupt,
@@ -189,7 +185,7 @@ impl<'a> Rooms<'a> {
 }
 
 /// Where the record lists the beacons of a model that has so many; one that it does not list makes it a model of other beacons.
-fn places(of: &OfBeacons<'_>, list: &[Beacon], count: usize) -> Result<Places, RssiModelError> {
+fn places(of: &BeaconModel<'_>, list: &[Beacon], count: usize) -> Result<Places, RssiModelError> {
     let mut places = Places::new();
     for numbers in of.numbers() {
         let place = list.iter().position(|beacon| (beacon.major, beacon.minor) == numbers);

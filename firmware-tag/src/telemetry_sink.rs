@@ -6,7 +6,7 @@ use node_record::Solver;
 use ranging::exchange::{Event, Link};
 use telemetry::{Condition, Difference, Fix, MotionSensor, Outcome, Range, Sighting};
 
-use crate::{Epoch, Measured, Position, RoomTold, Sink, Task};
+use crate::{Epoch, Measured, Position, RoomReport, Sink, Task};
 
 /// A tag's results, told by a reporter.
 pub struct TelemetrySink<'r, M: RawMutex, const BYTES: usize> {
@@ -95,7 +95,7 @@ impl<M: RawMutex, const BYTES: usize> Sink for TelemetrySink<'_, M, BYTES> {
         self.reporter.event_log.state(self.now_us(), word);
     }
 
-    fn room(&self, told: RoomTold) {
+    fn room(&self, told: RoomReport) {
         self.reporter.event_log.room(told.room, told.is_news);
     }
 

@@ -16,7 +16,7 @@ use ranging::native::MAX_ROUND;
 
 use crate::channels::Level;
 use crate::levels::{MOST, Signals};
-use crate::surveyed::OnTheSpot;
+use crate::surveyed::SiteTracker;
 use crate::windows::Window;
 use crate::{AnchorPlace, Epoch, HEARS_BEACONS, KnownBeacons, Locator, Measured, Position, Sounding};
 
@@ -37,7 +37,7 @@ pub struct Tracker<'a> {
     /// What it knows of the receiver and of the beacons.
     pub(crate) surroundings: BeaconMonitor<f32, ON_NODE>,
     /// What it knows of their levels on the spot, if anything.
-    pub(crate) on_the_spot: Vec<OnTheSpot<'a>, { HEARS_BEACONS as usize }>,
+    pub(crate) on_the_spot: Vec<SiteTracker<'a>, { HEARS_BEACONS as usize }>,
     /// What the last window had.
     pub(crate) levels: Vec<Level, MOST>,
     pub(crate) window: Window,
@@ -69,7 +69,7 @@ impl<'a> Tracker<'a> {
             beacons,
             signals: Signals::new(),
             surroundings: BeaconMonitor::new(RECEIVER_DB),
-            on_the_spot: surveyed.map(OnTheSpot::new).into_iter().take(HEARS_BEACONS.into()).collect(),
+            on_the_spot: surveyed.map(SiteTracker::new).into_iter().take(HEARS_BEACONS.into()).collect(),
             levels: Vec::new(),
             window: Window::default(),
             number: 0,

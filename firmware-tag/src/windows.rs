@@ -4,13 +4,13 @@ use heapless::Vec;
 use positioning_core::ble::beacon_monitor::{self, BeaconHealth, Known, Site};
 use positioning_core::ble::multilateration;
 use positioning_core::engine::{Dimensions, Measurement, Mode, Settings};
-use telemetry::{BeaconWord, Condition, Sighting};
+use telemetry::{BeaconEvidence, Condition, Sighting};
 
 use crate::channels::{Heard, Level, Levels};
 use crate::levels::{MOST, WINDOW_US};
-use crate::surveyed::OnTheSpot;
+use crate::surveyed::SiteTracker;
 use crate::tracker::{Taken, outcome};
-use crate::{Epoch, HEARS_BEACONS, Measured, RoomTold, Tracker};
+use crate::{Epoch, HEARS_BEACONS, Measured, RoomReport, Tracker};
 
 /// A tag that has heard no beacon for so long is told to be without, microseconds: a scan may pause for a while.
 const SILENT_US: u64 = 5 * WINDOW_US;
@@ -68,7 +68,7 @@ impl Tracker<'_> {
             if self.window.after_anchors || !is_silent {
                 // Anchors alone, or nothing yet.
                 self.window.end_us =
-                    self.window.end_us.filter(|_| !is_silent || self.on_the_spot.iter().any(OnTheSpot::is_in_a_room));
+                    self.window.end_us.filter(|_| !is_silent || self.on_the_spot.iter().any(SiteTracker::is_in_a_room));
                 return None;
             }
         }
@@ -97,7 +97,7 @@ impl Tracker<'_> {
     }
 
     /// In which room the tag is, where the last window had something to tell of that.
-    pub fn room(&mut self) -> Option<RoomTold> {
+    pub fn room(&mut self) -> Option<RoomReport> {
         self.on_the_spot.first_mut()?.news.take()
     }
 
@@ -106,11 +106,11 @@ impl Tracker<'_> {
         let news = self.surroundings.take_news()?;
         let beacon = self.beacons.listed().get(news.beacon)?;
         let seconds = u16::try_from(news.seconds).unwrap_or(u16::MAX);
-        let word = BeaconWord { major: beacon.major, minor: beacon.minor, seconds };
-        Some(match news.standing {
-            BeaconHealth::Agrees => Condition::BeaconBelieved(word),
-            BeaconHealth::Elsewhere => Condition::BeaconElsewhere(word),
-            BeaconHealth::TwoPlaces => Condition::BeaconDoubled(word),
+        let word = BeaconEvidence { major: beacon.major, minor: beacon.minor, seconds };
+        Some(match news.health {
+            BeaconHealth::Agrees => Condition::BeaconRestored(word),
+            BeaconHealth::Elsewhere => Condition::BeaconMoved(word),
+            BeaconHealth::TwoPlaces => Condition::BeaconDuplicated(word),
         })
     }
 

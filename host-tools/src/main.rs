@@ -36,8 +36,8 @@ enum Command {
     #[command(subcommand)]
     Survey(cli::survey::Command),
     Coverage(cli::coverage::Arguments),
-    Place(cli::place::Arguments),
-    Presence(cli::presence::Arguments),
+    Coordinates(cli::place::Arguments),
+    RoomHysteresis(cli::presence::Arguments),
     #[command(subcommand)]
     Ble(cli::ble::Command),
     #[command(subcommand)]
@@ -63,8 +63,8 @@ fn main() -> ExitCode {
         Command::Nlos(command) => cli::nlos::run(&command),
         Command::Survey(command) => cli::survey::run(&command),
         Command::Coverage(arguments) => cli::coverage::run(&arguments),
-        Command::Place(arguments) => cli::place::run(&arguments),
-        Command::Presence(arguments) => cli::presence::run(&arguments),
+        Command::Coordinates(arguments) => cli::place::run(&arguments),
+        Command::RoomHysteresis(arguments) => cli::presence::run(&arguments),
         Command::Ble(command) => cli::ble::run(&command),
         Command::Calibrate(command) => cli::calibrate::run(&command),
         Command::Plot(arguments) => cli::plot::run(&arguments),

@@ -28,7 +28,7 @@ pub struct Pages {
     pub offsets: [u32; 2],
     /// The size of each, which the flash erases as a whole, bytes.
     pub size: u32,
-    /// Where [`BeaconModels`](crate::BeaconModels) are, from the flash's beginning, [`MODELS_BYTES`](crate::MODELS_BYTES) long: beside
+    /// Where [`SiteModels`](crate::SiteModels) are, from the flash's beginning, [`MODELS_BYTES`](crate::MODELS_BYTES) long: beside
     /// the pages, before or behind them. Boards without Bluetooth have none.
     pub models: Option<u32>,
 }

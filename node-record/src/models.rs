@@ -1,6 +1,6 @@
 //! What a tag knows of beacons' levels on the spot: a map of fingerprints and a model of rooms, in flash beside the record's pages.
 //!
-//! A region is a page's header with other letters, as [`decode`](crate::decode) has it for records, and [`BeaconModels`] in postcard:
+//! A region is a page's header with other letters, as [`decode`](crate::decode) has it for records, and [`SiteModels`] in postcard:
 //!
 //! | offset | bytes | what |
 //! |---|---|---|
@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 use crate::page::{Framed, HEADER_BYTES, Letters, parse, seal};
 use crate::{LoadError, MAX_BEACONS};
 
-/// The version of [`BeaconModels`]; a reader takes no other.
+/// The version of [`SiteModels`]; a reader takes no other.
 pub const MODELS_VERSION: u8 = 1;
 /// Bytes of flash for them: a map of 200 points and 12 beacons with deviations takes 4056, a model of thirteen rooms and twelve beacons
 /// 4120.
@@ -31,27 +31,27 @@ const LETTERS: Letters = *b"BLZB";
 
 /// What a tag knows of levels on the spot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct BeaconModels<'a> {
+pub struct SiteModels<'a> {
     /// A map, as `positioning_core::ble::fingerprint::Map` lays it out.
     #[serde(borrow)]
-    pub map: Option<OfBeacons<'a>>,
+    pub map: Option<BeaconModel<'a>>,
     /// A model of rooms, as `positioning_core::ble::rooms::Model` lays it out.
     #[serde(borrow)]
-    pub rooms: Option<OfBeacons<'a>>,
+    pub rooms: Option<BeaconModel<'a>>,
     /// What the rooms are called, a line each.
     pub room_names: &'a str,
 }
 
 /// A model, and whose levels it is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct OfBeacons<'a> {
+pub struct BeaconModel<'a> {
     /// In the order of the model's scans: major and minor number, two bytes each, little-endian; at most [`MAX_BEACONS`] beacons.
     pub beacons: &'a [u8],
     /// The model.
     pub model: &'a [u8],
 }
 
-impl<'a> OfBeacons<'a> {
+impl<'a> BeaconModel<'a> {
     /// Major and minor of the beacons, in their order.
     pub fn numbers(&self) -> impl Iterator<Item = (u16, u16)> + use<'a> {
         let of = |&[a, b, c, d]: &[u8; 4]| (u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d]));
@@ -64,7 +64,7 @@ impl<'a> OfBeacons<'a> {
 }
 
 /// The models as the beginning of a region; the rest of the buffer is 0xFF, as erased flash is. `None` where they do not fit.
-pub fn encode_models<'b>(models: &BeaconModels<'_>, region: &'b mut [u8; MODELS_BYTES]) -> Option<&'b [u8]> {
+pub fn encode_models<'b>(models: &SiteModels<'_>, region: &'b mut [u8; MODELS_BYTES]) -> Option<&'b [u8]> {
     region.fill(0xFF);
     let (_, body) = region.split_at_mut(HEADER_BYTES);
     let length = postcard::to_slice(models, body).ok()?.len();
@@ -75,13 +75,13 @@ pub fn encode_models<'b>(models: &BeaconModels<'_>, region: &'b mut [u8; MODELS_
 ///
 /// # Errors
 /// [`LoadError::Missing`]: it is erased; [`LoadError::Version`]: they are of another version; else [`LoadError::Corrupt`].
-pub fn decode_models(region: &[u8]) -> Result<BeaconModels<'_>, LoadError> {
+pub fn decode_models(region: &[u8]) -> Result<SiteModels<'_>, LoadError> {
     let (header, body) = parse(LETTERS, region)?;
     if header.version != MODELS_VERSION {
         return Err(LoadError::Version(header.version));
     }
-    match postcard::take_from_bytes::<BeaconModels<'_>>(body) {
-        Ok((models, [])) if [models.map, models.rooms].iter().flatten().all(OfBeacons::is_sane) => Ok(models),
+    match postcard::take_from_bytes::<SiteModels<'_>>(body) {
+        Ok((models, [])) if [models.map, models.rooms].iter().flatten().all(BeaconModel::is_sane) => Ok(models),
         Ok(_) | Err(_) => Err(LoadError::Corrupt),
     }
 }
@@ -94,7 +94,7 @@ pub fn load_models<'b>(
     flash: &mut impl ReadNorFlash,
     at: u32,
     region: &'b mut [u8; MODELS_BYTES],
-) -> Result<BeaconModels<'b>, LoadError> {
+) -> Result<SiteModels<'b>, LoadError> {
     flash.read(at, region).map_err(|_| LoadError::Corrupt)?;
     decode_models(region)
 }

@@ -19,7 +19,7 @@
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use serde::{Deserialize, Serialize};
 
-use crate::{Invalid, Record, Region, Role, Scheme, Solver, Turnaround, VERSION};
+use crate::{Invalid, Record, Region, ReplyDelay, Role, Scheme, Solver, VERSION};
 
 /// Bytes that a record in its page has room for; the rest of the page is left erased.
 pub const MAX_BYTES: usize = 1280;
@@ -154,7 +154,7 @@ pub fn decode(page: &[u8]) -> Result<(Record, u32), LoadError> {
     let (mut record, mut rest) = postcard::take_from_bytes::<Record>(body).map_err(|_| LoadError::Corrupt)?;
     if header.version == 1 {
         // It could not say that none is pinned: then it had the default's.
-        record.network.turnaround = record.network.turnaround.filter(|pinned| *pinned != Turnaround::DWM1001);
+        record.network.turnaround = record.network.turnaround.filter(|pinned| *pinned != ReplyDelay::DWM1001);
     } else {
         let (appended, end) = postcard::take_from_bytes::<Appended>(rest).map_err(|_| LoadError::Corrupt)?;
         appended.put_into(&mut record);

@@ -199,7 +199,7 @@ pub struct Network {
     /// The quickness of the slowest board, from which the superframe's slots follow, where it is pinned; `None`: nodes measure
     /// their own.
     #[serde(with = "measured_as_zeros")]
-    pub turnaround: Option<Turnaround>,
+    pub turnaround: Option<ReplyDelay>,
     /// By whose rules nodes transmit; `None`: nobody said. Of version 2: `page` writes it behind the others.
     #[serde(skip)]
     pub region: Option<Region>,
@@ -273,10 +273,10 @@ pub struct Phy {
     pub code: Option<u8>,
 }
 
-/// `ranging::native::Turnaround`, microseconds.
+/// `ranging::native::ReplyDelay`, microseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Turnaround {
+pub struct ReplyDelay {
     /// From the end of a frame heard to the first pulse of the answer.
     pub answer_us: u16,
     /// From the end of a frame heard to the next that can be heard.
@@ -285,8 +285,8 @@ pub struct Turnaround {
     pub transmit_us: u16,
 }
 
-impl Turnaround {
-    /// A DWM1001's by the counts of `ranging::native::Turnaround::DWM1001`: what version 1 had where its file said nothing.
+impl ReplyDelay {
+    /// A DWM1001's by the counts of `ranging::native::ReplyDelay::DWM1001`: what version 1 had where its file said nothing.
     pub const DWM1001: Self = Self { answer_us: 250, listen_again_us: 40, transmit_us: 150 };
 }
 
@@ -294,16 +294,16 @@ impl Turnaround {
 mod measured_as_zeros {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-    use super::Turnaround;
+    use super::ReplyDelay;
 
-    const MEASURED: Turnaround = Turnaround { answer_us: 0, listen_again_us: 0, transmit_us: 0 };
+    const MEASURED: ReplyDelay = ReplyDelay { answer_us: 0, listen_again_us: 0, transmit_us: 0 };
 
-    pub(super) fn serialize<S: Serializer>(pinned: &Option<Turnaround>, to: S) -> Result<S::Ok, S::Error> {
+    pub(super) fn serialize<S: Serializer>(pinned: &Option<ReplyDelay>, to: S) -> Result<S::Ok, S::Error> {
         pinned.unwrap_or(MEASURED).serialize(to)
     }
 
-    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Turnaround>, D::Error> {
-        let pinned = Turnaround::deserialize(from)?;
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<ReplyDelay>, D::Error> {
+        let pinned = ReplyDelay::deserialize(from)?;
         Ok((pinned != MEASURED).then_some(pinned))
     }
 }

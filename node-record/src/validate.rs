@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use ranging::native::{MAX_ROUND, Turnaround};
+use ranging::native::{MAX_ROUND, ReplyDelay};
 use ranging::phy::{Channel, DataRate, PhyError, PreambleLength, Prf};
 use ranging::{PhyConfig, RadioDuration};
 
@@ -121,7 +121,7 @@ impl Record {
         Ok(ranging::native::Network {
             pan: self.network.pan,
             phy,
-            pinned: self.network.turnaround.map(Turnaround::from),
+            pinned: self.network.turnaround.map(ReplyDelay::from),
         })
     }
 
@@ -310,7 +310,7 @@ impl Network {
     }
 }
 
-impl crate::Turnaround {
+impl crate::ReplyDelay {
     fn validate(&self) -> Result<(), Invalid> {
         let Self { answer_us, listen_again_us, transmit_us } = *self;
         let times = [
@@ -339,8 +339,8 @@ impl From<crate::Scheme> for ranging::native::Scheme {
     }
 }
 
-impl From<crate::Turnaround> for Turnaround {
-    fn from(given: crate::Turnaround) -> Self {
+impl From<crate::ReplyDelay> for ReplyDelay {
+    fn from(given: crate::ReplyDelay) -> Self {
         let micros = |us: u16| RadioDuration::from_micros(us.into());
         Self {
             answer: micros(given.answer_us),

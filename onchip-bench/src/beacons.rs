@@ -8,7 +8,7 @@ use positioning_core::ble::fingerprint::{self, MAX_NODE_POINTS, Map, Motion, Nea
 use positioning_core::ble::multilateration::{Heard, nonlinear, weighted_linear};
 use positioning_core::ble::particles::{Levels, ON_NODE, ParticleFilter, Settings};
 use positioning_core::ble::path_loss::PathLoss;
-use positioning_core::ble::posterior::{Belief, posterior};
+use positioning_core::ble::posterior::{PosteriorSettings, posterior};
 use positioning_core::ble::signal::{Beacons, Smoothing};
 use positioning_core::fusion::{self, Channel, Fusion, Observation};
 use positioning_core::{Area, Constraints, Real};
@@ -78,7 +78,7 @@ pub fn for_each(measure: &mut impl Measure) {
     measure.call("particles-kept", &filter, |filter| step(filter, 2_000_000, &heard));
 
     measure.call("posterior", &heard, |heard| {
-        posterior(heard, &ROOM, &[], &Belief::default()).map_or(f32::NAN, |found| found.fix.position[0])
+        posterior(heard, &ROOM, &[], &PosteriorSettings::default()).map_or(f32::NAN, |found| found.fix.position[0])
     });
     measure.call("nonlinear", &heard, |heard| {
         nonlinear(heard, 2.0, &Constraints::default()).map_or(f32::NAN, |fix| fix.position[0])

@@ -1,7 +1,7 @@
 //! What telling rooms apart costs: a classifier's decision, and the answer that does not flap; the same on chip and desktop.
 
 use positioning_core::ble::rooms::{
-    Classifier, Nearest, Presence, Probabilities, Settings, Svm, level_byte, likeliest,
+    Classifier, Nearest, Probabilities, RoomHysteresis, Settings, Svm, level_byte, likeliest,
 };
 
 use crate::beacons::Measure;
@@ -50,7 +50,7 @@ pub fn for_each(measure: &mut impl Measure) {
     measure.call("rooms-nearest", &(), |()| decide(&nearest, &scan));
 
     let told: Probabilities = [0.55, 0.3, 0.1, 0.03, 0.02].into_iter().collect();
-    let mut presence = Presence::new(Settings::default());
+    let mut presence = RoomHysteresis::new(Settings::default());
     presence.step(WINDOW_US, Some(&told));
     measure.call("rooms-presence", &presence, |presence| answer(presence, &told));
 }
@@ -78,8 +78,8 @@ fn decide(classifier: &impl Classifier<Evidence = [Option<f32>]>, scan: &[Option
 
 /// The next answer: between the first two rooms.
 #[inline(never)]
-fn answer(presence: &mut Presence, told: &Probabilities) -> f32 {
-    use positioning_core::ble::rooms::Whereabouts::{Between, Room, Unknown};
+fn answer(presence: &mut RoomHysteresis, told: &Probabilities) -> f32 {
+    use positioning_core::ble::rooms::RoomEstimate::{Between, Room, Unknown};
     match presence.step(2 * WINDOW_US, Some(told)) {
         Unknown => f32::NAN,
         Room(room) => f32::from(room),

@@ -41,4 +41,4 @@ pub use nonlinear::{bb_nls, bb_nls_c, bb_nls_r, nls, nls_ccv};
 pub use real::Real;
 pub use robust::robust;
 pub use sample::{MAX_ANCHORS, RangeSample, flatten};
-pub use track::{Blocked, Motion, Noise, POWER_DOUBT, TdoaSample, hyperbolic};
+pub use track::{Blocked, Motion, Noise, POWER_DIFFERENCE_PRIOR, TdoaSample, hyperbolic};

@@ -26,7 +26,7 @@ use heapless::HistoryBuf;
 
 use crate::frame::decaranging::PAN;
 use crate::frame::{Address, Header};
-use crate::native::{STAMP_DEVIATION_TICKS, Turnaround};
+use crate::native::{ReplyDelay, STAMP_DEVIATION_TICKS};
 use crate::time::METRES_PER_TICK;
 use crate::tof::{TimeOfFlight, double_sided_asymmetric};
 use crate::{PhyConfig, RadioDuration, RxFrame};
@@ -108,7 +108,7 @@ impl Mean {
 }
 
 /// From the RMARKER of a frame heard, of so many bytes on the air, to that of the earliest answer.
-const fn least_reply(phy: &PhyConfig, turnaround: &Turnaround, heard_bytes: u16) -> RadioDuration {
+const fn least_reply(phy: &PhyConfig, turnaround: &ReplyDelay, heard_bytes: u16) -> RadioDuration {
     let tail = phy.time_after_rmarker(heard_bytes).ticks();
     RadioDuration::from_ticks(tail + turnaround.answer.ticks() + phy.time_to_rmarker().ticks())
 }

@@ -1,6 +1,6 @@
 //! What an exchange asks of its node, and what the node answers: sans-I/O.
 //!
-//! A [`Machine`] (the tag's or the anchor's side of an exchange) is stepped with the time and an [`Event`], and answers with an
+//! A [`Protocol`] (the tag's or the anchor's side of an exchange) is stepped with the time and an [`Event`], and answers with an
 //! [`Action`]. All but one action map one to one onto calls of [`Radio`](crate::Radio), a wait or a sleep; a [`Report`] is for the node
 //! itself. [`node::run`](crate::node::run) is the loop that does them.
 //!
@@ -176,7 +176,7 @@ pub enum Link {
 }
 
 /// One side of an exchange.
-pub trait Machine {
+pub trait Protocol {
     /// Takes what became of the last action, answers with the next.
     ///
     /// `now` is in the radio's clock and may be up to a few milliseconds old: for a frame that came, its arrival serves; for one
@@ -213,7 +213,7 @@ pub trait Machine {
 }
 
 /// For machines in a `static`: an async function that took the machine by value would copy it into its future.
-impl<M: Machine + ?Sized> Machine for &mut M {
+impl<M: Protocol + ?Sized> Protocol for &mut M {
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         (**self).step(now, event)
     }

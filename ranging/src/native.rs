@@ -27,21 +27,21 @@ mod anchor_table;
 mod clock;
 mod compensation;
 mod coordinator;
-mod course;
 mod election;
 mod layout;
+mod layout_requests;
 mod leases;
 mod pace;
 mod plan;
 mod round;
 mod search;
+mod superframes;
 mod sync;
+mod sync_schedule;
 mod tag;
 mod tdoa_tag;
 mod timing;
-mod wakes;
-mod watch;
-mod wishes;
+mod wake_ups;
 
 pub use anchor::{Anchor, AnchorConfig};
 pub use anchor_table::Refused;
@@ -50,7 +50,7 @@ pub use layout::{Layout, Scheme, Span};
 pub use plan::{NOTICE_SUPERFRAMES, Rate};
 pub use tag::{Tag, TagConfig};
 pub use tdoa_tag::{TdoaTag, TdoaTagConfig};
-pub use timing::{Network, Timing, Turnaround};
+pub use timing::{Network, ReplyDelay, Timing};
 
 /// The most anchors of one round.
 pub const MAX_ROUND: usize = 8;

@@ -9,7 +9,7 @@ use core::future::{Future, pending};
 use embassy_futures::select::{Either, select};
 use embedded_hal_async::delay::DelayNs;
 
-use crate::exchange::{Action, Event, Guidance, Machine, Report};
+use crate::exchange::{Action, Event, Guidance, Protocol, Report};
 use crate::radio::MAX_FRAME;
 use crate::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, Start, TransmitError};
 
@@ -75,7 +75,7 @@ pub trait Listener {
 pub async fn run<R: Restart>(
     radio: &mut R,
     delay: &mut impl DelayNs,
-    machine: &mut impl Machine,
+    machine: &mut impl Protocol,
     listener: &mut impl Listener,
 ) -> Infallible {
     let mut failures = 0;
@@ -95,7 +95,7 @@ pub async fn run<R: Restart>(
 async fn attempt<R: Restart>(
     radio: &mut R,
     delay: &mut impl DelayNs,
-    machine: &mut impl Machine,
+    machine: &mut impl Protocol,
     listener: &mut impl Listener,
     failures: &mut u32,
 ) -> Result<Infallible, R::Error> {

@@ -9,7 +9,7 @@ use std::rc::Rc;
 
 use air::anchors::{self, corner};
 use air::{ANTENNA_DELAY, Air, Boxed, Owned};
-use ranging::exchange::{Event, Link, Machine};
+use ranging::exchange::{Event, Link, Protocol};
 use ranging::frame::native::{Beacon, Frame, Member, Message, Position, Request, Response, Share};
 use ranging::frame::{BROADCAST, FrameBuffer};
 use ranging::native::{Layout, Network, Rate, Refused, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig, Timing};
@@ -29,7 +29,7 @@ fn room(air: &mut Air, anchors: u16, rounds: Option<Rate>) -> Vec<usize> {
 }
 
 /// A machine on the air, and a handle to ask it what it refused.
-fn shared<M: Machine + 'static>(machine: M) -> (Boxed, Rc<RefCell<M>>) {
+fn shared<M: Protocol + 'static>(machine: M) -> (Boxed, Rc<RefCell<M>>) {
     let handle = Rc::new(RefCell::new(machine));
     let inner = Rc::clone(&handle);
     let on_air = move |now, pace, event: Event<'_>| {

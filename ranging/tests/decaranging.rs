@@ -9,11 +9,11 @@ use air::{ANTENNA_DELAY, Air, Boxed, Owned, boxed, mischief, moments};
 use ranging::decaranging::{Anchor, AnchorConfig, INIT_DELAY, Tag, TagConfig};
 use ranging::exchange::{Event, Link};
 use ranging::frame::decaranging::Variant;
-use ranging::native::Turnaround;
+use ranging::native::ReplyDelay;
 use ranging::{PhyConfig, RadioDuration, RadioInstant, Start};
 
 /// What a board takes whose air is that of these tests.
-const QUICK: Turnaround = Turnaround {
+const QUICK: ReplyDelay = ReplyDelay {
     answer: RadioDuration::from_micros(250),
     listen_again: RadioDuration::from_micros(40),
     transmit: RadioDuration::from_micros(150),
@@ -21,7 +21,7 @@ const QUICK: Turnaround = Turnaround {
 const TAG_EUI: u64 = 0xDECA_0200_0000_1234;
 const ANCHOR: u16 = 0x0042;
 
-fn tag_of(phy: PhyConfig, variant: Variant, turnaround: Turnaround) -> Boxed {
+fn tag_of(phy: PhyConfig, variant: Variant, turnaround: ReplyDelay) -> Boxed {
     boxed(Tag::new(TagConfig {
         eui: TAG_EUI,
         variant,
@@ -328,7 +328,7 @@ fn our_anchor_ranges_with_a_board() {
 }
 
 /// Our tag and our anchor, `distance` apart.
-fn pair(seed: u64, distance: f64, variant: Variant, tag_turnaround: Turnaround) -> (Air, usize, usize) {
+fn pair(seed: u64, distance: f64, variant: Variant, tag_turnaround: ReplyDelay) -> (Air, usize, usize) {
     let phy = PhyConfig::FAST;
     let mut air = Air::new(phy, seed);
     let anchor = air.add([0.0, 0.0, 0.0], 20.0, anchor(phy));
@@ -355,7 +355,7 @@ fn both_ends_know_the_distance() {
 
 #[test]
 fn replies_unequal_by_a_millisecond_do_no_harm() {
-    let slow = Turnaround { answer: RadioDuration::from_micros(1250), ..QUICK };
+    let slow = ReplyDelay { answer: RadioDuration::from_micros(1250), ..QUICK };
     for variant in [Variant::Standard, Variant::Fast] {
         let (mut air, anchor, tag) = pair(63, 10.0, variant, slow);
         air.run_until(30.0);

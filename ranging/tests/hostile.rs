@@ -5,10 +5,10 @@ mod air;
 use air::Owned;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
-use ranging::exchange::{Event, Machine};
+use ranging::exchange::{Event, Protocol};
 use ranging::frame::decaranging::{self, Variant};
 use ranging::frame::{FrameBuffer, native};
-use ranging::native::{Network, Rate, Scheme, Turnaround};
+use ranging::native::{Network, Rate, ReplyDelay, Scheme};
 use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
@@ -85,7 +85,7 @@ const LONGEST_WAIT_US: i64 = 8_800_000;
 const LONGEST_SLEEP_US: i64 = 65_000_000;
 
 /// Steps a machine with any events at any times; its waits must be bounded.
-fn torment(mut machine: impl Machine, seed: u64) {
+fn torment(mut machine: impl Protocol, seed: u64) {
     let mut rng = Pcg64::seed_from_u64(seed);
     let mut now = RadioInstant::from_ticks(rng.random());
     let mut frame;
@@ -201,7 +201,7 @@ fn a_decaranging_tag_survives_anything() {
                 eui: EUI,
                 variant,
                 phy: PhyConfig::FAST,
-                turnaround: Turnaround::START,
+                turnaround: ReplyDelay::START,
                 antenna_delay: RadioDuration::from_ticks(16_436),
                 period: RadioDuration::from_micros(50_000),
             }),
@@ -214,7 +214,7 @@ fn a_decaranging_tag_survives_anything() {
 fn a_decaranging_anchor_survives_anything() {
     use ranging::decaranging::{Anchor, AnchorConfig, INIT_DELAY};
     for seed in 30..32 {
-        let (phy, turnaround) = (PhyConfig::FAST, Turnaround::START);
+        let (phy, turnaround) = (PhyConfig::FAST, ReplyDelay::START);
         let antenna_delay = RadioDuration::from_ticks(16_436);
         let init_delay = if seed == 30 { INIT_DELAY } else { RadioDuration::from_micros(1_000_000) };
         torment(

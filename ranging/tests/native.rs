@@ -7,7 +7,7 @@ use std::rc::Rc;
 
 use air::anchors::{self, corner, drift};
 use air::{ANTENNA_DELAY, Air, Boxed, boxed, mischief, moments};
-use ranging::exchange::{Action, Event, Link, Machine, Range};
+use ranging::exchange::{Action, Event, Link, Protocol, Range};
 use ranging::frame::native::{Asked, Distance, Frame, Message, Poll};
 use ranging::frame::{BROADCAST, FrameBuffer};
 use ranging::native::{Anchor, AnchorConfig, Layout, Network, Rate, Scheme, Tag, TagConfig};

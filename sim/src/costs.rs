@@ -9,7 +9,7 @@
 use std::sync::LazyLock;
 
 use dw1000_sim::{Core, Processor};
-use ranging::exchange::{Action, Event, Guidance, Machine, Report};
+use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
 use ranging::frame::native::{Frame, Message};
 use ranging::node::Restart;
 use ranging::radio::{MAX_FRAME, Sample, Sensors};
@@ -29,7 +29,7 @@ pub struct Costs {
     /// The driver's operations.
     pub driver: DriverCosts,
     /// The steps of the exchange's machines.
-    pub machine: MachineCosts,
+    pub machine: ProtocolCosts,
     /// What a tag does beside ranging.
     pub tag: TagCosts,
 }
@@ -61,7 +61,7 @@ pub struct DriverCosts {
 
 /// The steps of the machines, by what they are about.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct MachineCosts {
+pub struct ProtocolCosts {
     /// A tag makes its poll.
     pub poll_made: u32,
     /// An anchor answers a poll.
@@ -162,7 +162,7 @@ fn parse(table: &str, name: &str) -> Result<Costs, String> {
             sent: cost("driver.sent")?,
             idle: cost("driver.idle")?,
         },
-        machine: MachineCosts {
+        machine: ProtocolCosts {
             poll_made: cost("machine.poll-made")?,
             poll_answered: cost("machine.poll-answered")?,
             response_received: cost("machine.response-received")?,
@@ -212,7 +212,7 @@ impl<T> Charged<T> {
     }
 }
 
-impl MachineCosts {
+impl ProtocolCosts {
     /// What a step was about. A frame of another exchange counts as the native one in its place: a blink or an answer as what is made or
     /// received.
     fn of_step(&self, address: Option<u16>, event: &Event<'_>, action: &Action<'_>) -> u32 {
@@ -267,7 +267,7 @@ impl MachineCosts {
     }
 }
 
-impl<M: Machine> Machine for Charged<M> {
+impl<M: Protocol> Protocol for Charged<M> {
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         // The node's loop reads the clock before it hands a round over, so that this is paid after the step that reports it.
         let handover = if core::mem::take(&mut self.hands_over) { self.costs.tag.handover } else { 0 };

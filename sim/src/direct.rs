@@ -26,8 +26,8 @@ use ranging::{
 };
 
 use crate::air::{
-    AirClient, Heard, Path, Payload, Phy, PortId, Prf, Rate, Reception, Response, RxSettings, Sfd, SfdKind, TxStart,
-    estimated_dbm,
+    AirClient, Path, Payload, Phy, PortId, Prf, Rate, Reception, ReceptionEvent, Response, RxSettings, Sfd, SfdKind,
+    TxStart, estimated_dbm,
 };
 use crate::clock::{Clock, ClockConfig, Count, TICKS_PER_PS};
 use crate::costs::Costs;
@@ -259,18 +259,18 @@ impl State {
 }
 
 impl AirClient for State {
-    fn on_air(&mut self, world: &World, now: TrueTime, heard: Heard) {
+    fn on_air(&mut self, world: &World, now: TrueTime, heard: ReceptionEvent) {
         let received = match heard {
-            Heard::Preamble | Heard::Sfd => return,
-            Heard::Header { bytes, .. } => {
+            ReceptionEvent::Preamble | ReceptionEvent::Sfd => return,
+            ReceptionEvent::Header { bytes, .. } => {
                 if !self.wants(&bytes) {
                     world.air().deafen(self.port);
                     self.switch_on(world);
                 }
                 return;
             }
-            Heard::SfdTimeout | Heard::HeaderError => None,
-            Heard::Frame(reception) => self.take(now, &reception),
+            ReceptionEvent::SfdTimeout | ReceptionEvent::HeaderError => None,
+            ReceptionEvent::Frame(reception) => self.take(now, &reception),
         };
         self.listening = false;
         self.heard.push_back(received);

@@ -263,25 +263,25 @@ pub struct Room {
     /// Since the node started, microseconds.
     pub t_us: u64,
     /// Where it is from now on.
-    pub is: Whereabouts,
+    pub is: RoomEstimate,
 }
 
 /// Where a tag is, in rooms. They are numbered as in the model; a probability is in 1/255, as it has been smoothed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Whereabouts {
+pub enum RoomEstimate {
     /// No beacon of the model has been heard lately.
     Unknown,
     /// In this room.
-    Room(Likely),
+    Room(RoomProbability),
     /// Between two rooms, the more probable one first.
-    Between([Likely; 2]),
+    Between([RoomProbability; 2]),
 }
 
 /// A room that is likely.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Likely {
+pub struct RoomProbability {
     /// Its number in the model, from 0.
     pub room: u8,
     /// 1/255.
@@ -327,11 +327,11 @@ pub enum Condition {
     /// What a tag knows of beacons' levels on the spot is not used: all of it, or a part.
     Unused(Levels, RssiModelError),
     /// A listed beacon's levels contradict the place where it is listed: it makes no positions.
-    BeaconElsewhere(BeaconWord),
+    BeaconMoved(BeaconEvidence),
     /// A listed beacon's levels are those of two senders: it makes no positions.
-    BeaconDoubled(BeaconWord),
+    BeaconDuplicated(BeaconEvidence),
     /// A listed beacon that was doubted agrees again.
-    BeaconBelieved(BeaconWord),
+    BeaconRestored(BeaconEvidence),
     /// Native: the tag gets no slots, because all places of the network are taken.
     NetworkFull,
     /// What a tag's motion sensor is good for.
@@ -381,7 +381,7 @@ pub enum RssiModelError {
 /// A listed beacon of which something else is believed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct BeaconWord {
+pub struct BeaconEvidence {
     /// Major number.
     pub major: u16,
     /// Minor number.

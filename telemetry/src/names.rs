@@ -6,7 +6,7 @@ use positioning_core::SolveError;
 
 use crate::{
     Board, Condition, CrashReason, DecodeError, Levels, Message, MotionSensor, Reason, RecordError, ResetCause, Role,
-    RssiModelError, Solver, Whereabouts,
+    RoomEstimate, RssiModelError, Solver,
 };
 
 impl Message {
@@ -92,8 +92,8 @@ impl Condition {
             | Self::NetworkFull
             | Self::ScannerRestarted(_)
             | Self::Unused(..)
-            | Self::BeaconElsewhere(_)
-            | Self::BeaconDoubled(_)
+            | Self::BeaconMoved(_)
+            | Self::BeaconDuplicated(_)
             | Self::MotionSensor(MotionSensor::Silent | MotionSensor::Foreign | MotionSensor::Endless) => {
                 Severity::Warning
             }
@@ -104,7 +104,7 @@ impl Condition {
             | Self::Coordinating
             | Self::Following(_)
             | Self::Advertising
-            | Self::BeaconBelieved(_)
+            | Self::BeaconRestored(_)
             | Self::MotionSensor(MotionSensor::Ready) => Severity::Info,
         }
     }
@@ -126,9 +126,9 @@ impl Condition {
             Self::Unused(Levels::All, _) => "levels-unused",
             Self::Unused(Levels::Map, _) => "map-unused",
             Self::Unused(Levels::Rooms, _) => "rooms-unused",
-            Self::BeaconElsewhere(_) => "beacon-elsewhere",
-            Self::BeaconDoubled(_) => "beacon-doubled",
-            Self::BeaconBelieved(_) => "beacon-believed",
+            Self::BeaconMoved(_) => "beacon-elsewhere",
+            Self::BeaconDuplicated(_) => "beacon-doubled",
+            Self::BeaconRestored(_) => "beacon-believed",
             Self::NetworkFull => "network-full",
             Self::MotionSensor(MotionSensor::Ready) => "motion-sensor-ready",
             Self::MotionSensor(MotionSensor::Silent) => "motion-sensor-silent",
@@ -161,7 +161,7 @@ impl RssiModelError {
     }
 }
 
-impl Whereabouts {
+impl RoomEstimate {
     /// Its name: `unknown`, `room`, `between`.
     pub fn as_str(self) -> &'static str {
         match self {

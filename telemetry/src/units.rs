@@ -5,7 +5,7 @@
 
 use positioning_core::{Real, SolveError};
 
-use crate::{Diagnostics, Difference, Fix, Likely, Message, Outcome, Range, Reason, Whereabouts};
+use crate::{Diagnostics, Difference, Fix, Message, Outcome, Range, Reason, RoomEstimate, RoomProbability};
 
 /// Of lengths.
 const PER_METRE: f32 = 1e4;
@@ -76,9 +76,9 @@ impl Message {
     }
 }
 
-impl Whereabouts {
+impl RoomEstimate {
     /// The rooms that it names, the more probable one first.
-    pub fn rooms(&self) -> &[Likely] {
+    pub fn rooms(&self) -> &[RoomProbability] {
         match self {
             Self::Unknown => &[],
             Self::Room(room) => core::slice::from_ref(room),
@@ -87,7 +87,7 @@ impl Whereabouts {
     }
 }
 
-impl Likely {
+impl RoomProbability {
     /// A room with its probability, 0 to 1; what is beyond, or no number, as the nearest, or 0.
     pub fn new(room: u8, probability: f32) -> Self {
         // The conversion saturates.

@@ -53,7 +53,7 @@ fn range(distance: i32, place: Option<[i32; 3]>) -> Message {
     })
 }
 
-fn room(t_us: u64, is: Whereabouts) -> Message {
+fn room(t_us: u64, is: RoomEstimate) -> Message {
     Message::Room(Room { t_us, is })
 }
 
@@ -66,8 +66,11 @@ fn golden() -> Vec<(&'static str, Message, &'static str)> {
         used: 0b11_1011,
         quality: 230,
     };
-    let in_3 = Likely { room: 3, probability: 242 };
-    let between = Whereabouts::Between([Likely { room: 0, probability: 140 }, Likely { room: 2, probability: 90 }]);
+    let in_3 = RoomProbability { room: 3, probability: 242 };
+    let between = RoomEstimate::Between([
+        RoomProbability { room: 0, probability: 140 },
+        RoomProbability { room: 2, probability: 90 },
+    ]);
     let crash = Crash { reason: CrashReason::Stalled, program_counter: 0x2_A4F6, line: 0, file: 0 };
     let counters = Counters {
         t_us: 60_000_000,
@@ -169,9 +172,9 @@ fn golden() -> Vec<(&'static str, Message, &'static str)> {
             "13 01 07 80 C2 F1 05 AC 02 81 02 82 02 F1 C0 01 A4 03 01 1C 8F A1 0F 80 F7 02 E9 7B AB 7F E0 F4 02 A8 46 84 \
              52 C0 3E E0 5D 76 34 D5 03 5A 36 00",
         ),
-        ("room", room(30_500_000, Whereabouts::Room(in_3)), "0C 01 08 A0 C9 C5 0E 01 03 F2 DD C1 00"),
+        ("room", room(30_500_000, RoomEstimate::Room(in_3)), "0C 01 08 A0 C9 C5 0E 01 03 F2 DD C1 00"),
         ("between rooms", room(31_000_000, between), "08 01 08 C0 8B E4 0E 02 06 8C 02 5A AB 43 00"),
-        ("room unknown", room(42_000_000, Whereabouts::Unknown), "07 01 08 80 BD 83 14 03 D7 03 00"),
+        ("room unknown", room(42_000_000, RoomEstimate::Unknown), "07 01 08 80 BD 83 14 03 D7 03 00"),
         (
             "map unused",
             Message::State(State { t_us: 300_000, is: Condition::Unused(Levels::Map, RssiModelError::Corrupt) }),

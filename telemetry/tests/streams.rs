@@ -170,9 +170,9 @@ fn condition() -> impl Strategy<Value = Condition> {
             Condition::Advertising,
             Condition::NetworkFull,
             Condition::MotionSensor(MotionSensor::Silent),
-            Condition::BeaconElsewhere(BeaconWord { major: peer, minor: small.into(), seconds: times as u16 }),
-            Condition::BeaconDoubled(BeaconWord { major: peer, minor: small.into(), seconds: times as u16 }),
-            Condition::BeaconBelieved(BeaconWord { major: peer, minor: small.into(), seconds: times as u16 }),
+            Condition::BeaconMoved(BeaconEvidence { major: peer, minor: small.into(), seconds: times as u16 }),
+            Condition::BeaconDuplicated(BeaconEvidence { major: peer, minor: small.into(), seconds: times as u16 }),
+            Condition::BeaconRestored(BeaconEvidence { major: peer, minor: small.into(), seconds: times as u16 }),
         ])
     })
 }

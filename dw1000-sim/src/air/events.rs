@@ -10,12 +10,12 @@ use std::rc::Rc;
 /// Whoever is behind a port: a chip, or a radio straight on the air.
 pub trait AirClient {
     /// Something was heard at `now`. May transmit and listen through `world`.
-    fn on_air(&mut self, world: &World, now: TrueTime, heard: Heard);
+    fn on_air(&mut self, world: &World, now: TrueTime, heard: ReceptionEvent);
 }
 
 /// A receiver's progress with a frame.
 #[derive(Clone, Debug)]
-pub enum Heard {
+pub enum ReceptionEvent {
     /// A preamble of this receiver's code was found.
     Preamble,
     /// No delimiter followed in time: another one, another rate, or lost under another frame. The receiver is off.

@@ -14,7 +14,7 @@ mod propagation;
 mod receiver;
 
 pub use channel::{Response, estimated_dbm};
-pub use events::{AirClient, AirStatistics, Heard, Payload, Reception, Sniffed};
+pub use events::{AirClient, AirStatistics, Payload, Reception, ReceptionEvent, Sniffed};
 pub(crate) use events::{AirEvent, Stage};
 pub use phy::{Phy, Prf, Rate, Sfd, SfdKind};
 pub use port::{Path, PortId, RxSettings};

@@ -1,7 +1,7 @@
 //! A receiver's way through a frame, step by step.
 
 use super::bias::range_bias_m;
-use super::events::{AirEvent, Heard, Payload, Reception, Stage};
+use super::events::{AirEvent, Payload, Reception, ReceptionEvent, Stage};
 use super::phy::{Phy, Prf};
 use super::port::Lock;
 use super::propagation::{SPEED_OF_LIGHT, dbm, milliwatts};
@@ -23,7 +23,7 @@ pub(super) fn ticks_ps(ticks: u64) -> u64 {
 
 impl Air {
     /// Goes one step; what the port's client is to be told, if anything.
-    pub(crate) fn step(&mut self, kernel: &Kernel, event: AirEvent) -> Option<Heard> {
+    pub(crate) fn step(&mut self, kernel: &Kernel, event: AirEvent) -> Option<ReceptionEvent> {
         if self.ports[event.port as usize].session != event.session {
             return None;
         }
@@ -34,14 +34,14 @@ impl Air {
         match event.stage {
             Stage::Preamble => None,
             Stage::Sfd => self.find_sfd(kernel, event, lock),
-            Stage::SfdTimeout if lock.lost => Some(self.give_up_counted(event.port, Heard::SfdTimeout)),
-            Stage::SfdTimeout => Some(self.give_up(event.port, Heard::SfdTimeout)),
+            Stage::SfdTimeout if lock.lost => Some(self.give_up_counted(event.port, ReceptionEvent::SfdTimeout)),
+            Stage::SfdTimeout => Some(self.give_up(event.port, ReceptionEvent::SfdTimeout)),
             Stage::Header => Some(self.read_header(kernel, event, lock)),
             Stage::End => Some(self.finish(event, lock)),
         }
     }
 
-    fn find_preamble(&mut self, kernel: &Kernel, event: AirEvent) -> Option<Heard> {
+    fn find_preamble(&mut self, kernel: &Kernel, event: AirEvent) -> Option<ReceptionEvent> {
         let now = kernel.now();
         let offers = &mut self.ports[event.port as usize].offers;
         let offer = offers.iter().position(|o| o.0 == event.frame)?;
@@ -95,10 +95,10 @@ impl Air {
         } else if let Some(timeout) = timeout {
             kernel.schedule(timeout, Event::Air(AirEvent { stage: Stage::SfdTimeout, ..event }));
         }
-        Some(Heard::Preamble)
+        Some(ReceptionEvent::Preamble)
     }
 
-    fn find_sfd(&mut self, kernel: &Kernel, event: AirEvent, lock: Lock) -> Option<Heard> {
+    fn find_sfd(&mut self, kernel: &Kernel, event: AirEvent, lock: Lock) -> Option<ReceptionEvent> {
         let now = kernel.now();
         let followed = &self.frames[lock.frame.wrapping_sub(self.first) as usize];
         let (phy, never_sent) = (followed.sent.phy, followed.has_no_delimiter());
@@ -117,10 +117,10 @@ impl Air {
         }
         let header_end = now.plus_ps(ticks_ps(phy.phr_ticks()));
         kernel.schedule(header_end, Event::Air(AirEvent { stage: Stage::Header, ..event }));
-        Some(Heard::Sfd)
+        Some(ReceptionEvent::Sfd)
     }
 
-    fn read_header(&mut self, kernel: &Kernel, event: AirEvent, lock: Lock) -> Heard {
+    fn read_header(&mut self, kernel: &Kernel, event: AirEvent, lock: Lock) -> ReceptionEvent {
         let now = kernel.now();
         let index = lock.frame.wrapping_sub(self.first) as usize;
         let (phy, end) = (self.frames[index].sent.phy, self.frames[index].end);
@@ -128,18 +128,18 @@ impl Air {
         let port = &mut self.ports[event.port as usize];
         let wrong_mode = port.listening.is_none_or(|(s, _)| s.long_frames != phy.long_frames);
         if wrong_mode || self.frames[index].bytes.is_empty() {
-            return self.give_up(event.port, Heard::HeaderError);
+            return self.give_up(event.port, ReceptionEvent::HeaderError);
         }
         if self.drowned(event.port, lock, marker, now) {
             self.collide(lock.frame);
-            return self.give_up_counted(event.port, Heard::HeaderError);
+            return self.give_up_counted(event.port, ReceptionEvent::HeaderError);
         }
         let at = end.plus_ps(lock.link.delay_ps as u64);
         kernel.schedule(at, Event::Air(AirEvent { stage: Stage::End, ..event }));
-        Heard::Header { bytes: self.frames[index].bytes.clone(), phy }
+        ReceptionEvent::Header { bytes: self.frames[index].bytes.clone(), phy }
     }
 
-    fn finish(&mut self, event: AirEvent, lock: Lock) -> Heard {
+    fn finish(&mut self, event: AirEvent, lock: Lock) -> ReceptionEvent {
         let index = lock.frame.wrapping_sub(self.first) as usize;
         let sent = self.frames[index].sent;
         let delay = lock.link.delay_ps as u64;
@@ -170,7 +170,7 @@ impl Air {
             } else {
                 0.0
             };
-        Heard::Frame(Reception {
+        ReceptionEvent::Frame(Reception {
             bytes,
             phy: sent.phy,
             ranging: sent.ranging,
@@ -185,12 +185,12 @@ impl Air {
     }
 
     /// Ends a reception that came to nothing for want of a matching setting.
-    fn give_up(&mut self, port: PortId, heard: Heard) -> Heard {
+    fn give_up(&mut self, port: PortId, heard: ReceptionEvent) -> ReceptionEvent {
         self.statistics.abandoned += 1;
         self.give_up_counted(port, heard)
     }
 
-    fn give_up_counted(&mut self, port: PortId, heard: Heard) -> Heard {
+    fn give_up_counted(&mut self, port: PortId, heard: ReceptionEvent) -> ReceptionEvent {
         self.close(port);
         heard
     }

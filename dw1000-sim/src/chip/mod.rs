@@ -21,7 +21,7 @@ pub(crate) use bus::{Address, Contact, Header};
 pub use config::{ChipConfig, ChipStatistics};
 pub use energy::{Activity, Consumption, Currents};
 
-use crate::air::{AirClient, Heard, PortId, Response};
+use crate::air::{AirClient, PortId, ReceptionEvent, Response};
 use crate::clock::{Clock, Count};
 use crate::irq::IrqLine;
 use crate::kernel::Event;
@@ -345,7 +345,7 @@ impl Chip {
 }
 
 impl AirClient for Chip {
-    fn on_air(&mut self, world: &World, now: TrueTime, heard: Heard) {
+    fn on_air(&mut self, world: &World, now: TrueTime, heard: ReceptionEvent) {
         self.hear(world, now, heard);
         self.settle(world);
     }

@@ -6,7 +6,7 @@ use super::received::frame_info;
 use super::registers::file;
 use super::transmit::{Enable, check_of, prf, units_after};
 use super::{Chip, Counter, Direction, Line, MASK_40, RX_START_US, RX_TURN_US, Trx, What};
-use crate::air::{Heard, Payload, Phy, Prf, Rate, Reception, Response, RxSettings};
+use crate::air::{Payload, Phy, Prf, Rate, Reception, ReceptionEvent, Response, RxSettings};
 use crate::clock::TICKS_PER_PS;
 use crate::time::TrueTime;
 use crate::world::World;
@@ -130,25 +130,25 @@ impl Chip {
         }
     }
 
-    pub(super) fn hear(&mut self, world: &World, now: TrueTime, heard: Heard) {
+    pub(super) fn hear(&mut self, world: &World, now: TrueTime, heard: ReceptionEvent) {
         if self.trx != Trx::Rx {
             return;
         }
         match heard {
-            Heard::Preamble => {
+            ReceptionEvent::Preamble => {
                 self.receiver.preamble_found = true;
                 self.status |= status::RXPRD;
             }
-            Heard::SfdTimeout => self.fail(world, status::RXSFDTO, Counter::SfdTimeout, false),
-            Heard::Sfd => {
+            ReceptionEvent::SfdTimeout => self.fail(world, status::RXSFDTO, Counter::SfdTimeout, false),
+            ReceptionEvent::Sfd => {
                 self.status |= status::RXSFDD;
                 // The PHY header tells 850 kbit/s and 6.8 Mbit/s apart.
                 let slow = self.configured(config::RXM110K);
                 self.receiver.data = Some(if slow { Rate::Kbps110 } else { Rate::Kbps6800 });
             }
-            Heard::HeaderError => self.fail(world, status::RXPHE, Counter::HeaderError, true),
-            Heard::Header { bytes, phy } => self.header(world, now, &bytes, &phy),
-            Heard::Frame(reception) => self.frame(world, reception),
+            ReceptionEvent::HeaderError => self.fail(world, status::RXPHE, Counter::HeaderError, true),
+            ReceptionEvent::Header { bytes, phy } => self.header(world, now, &bytes, &phy),
+            ReceptionEvent::Frame(reception) => self.frame(world, reception),
         }
     }
 

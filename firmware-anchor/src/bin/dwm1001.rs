@@ -6,7 +6,7 @@ use boards::dwm1001::{self, Board, Bus, Delay, Interrupt, Reset};
 use boards::node::{self, Reporter, Tasks};
 use embassy_executor::Spawner;
 use firmware_anchor::TelemetrySink;
-use firmware_common::AnchorMachine;
+use firmware_common::AnchorProtocol;
 use node_record::Role;
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
@@ -16,13 +16,13 @@ type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
 
 static REPORTER: StaticCell<Reporter> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
-static MACHINE: StaticCell<AnchorMachine> = StaticCell::new();
+static MACHINE: StaticCell<AnchorProtocol> = StaticCell::new();
 
 #[embassy_executor::task]
 async fn ranging(
     radio: &'static mut Radio,
     delay: Delay,
-    machine: &'static mut AnchorMachine,
+    machine: &'static mut AnchorProtocol,
     reporter: &'static Reporter,
 ) {
     firmware_anchor::run(radio, delay, machine, TelemetrySink(reporter)).await;
@@ -39,7 +39,7 @@ fn start(spawner: Spawner) {
             Role::Anchor { position_m } => {
                 let radio =
                     RADIO.init_with(|| Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio));
-                let machine = MACHINE.init_with(|| AnchorMachine::new(&settings, position_m));
+                let machine = MACHINE.init_with(|| AnchorProtocol::new(&settings, position_m));
                 tasks = Tasks::Ranging;
                 above.spawn(ranging(radio, delay, machine, reporter).unwrap());
             }

@@ -7,7 +7,7 @@ use boards::node::{self, Reporter, Tasks};
 use boards::panel::{Awaiting, Panel};
 use embassy_executor::Spawner;
 use firmware_anchor::TelemetrySink;
-use firmware_common::AnchorMachine;
+use firmware_common::AnchorProtocol;
 use node_record::Role;
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
@@ -17,13 +17,13 @@ type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
 
 static REPORTER: StaticCell<Reporter> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
-static MACHINE: StaticCell<AnchorMachine> = StaticCell::new();
+static MACHINE: StaticCell<AnchorProtocol> = StaticCell::new();
 static PANEL: StaticCell<SharedPanel> = StaticCell::new();
 
 #[embassy_executor::task]
 async fn ranging(
     radio: &'static mut Radio,
-    machine: &'static mut AnchorMachine,
+    machine: &'static mut AnchorProtocol,
     reporter: &'static Reporter,
     panel: &'static SharedPanel,
 ) {
@@ -48,7 +48,7 @@ fn start(spawner: Spawner) {
                 care.leds.show_role(true);
                 let radio =
                     RADIO.init_with(|| Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio));
-                let machine = MACHINE.init_with(|| AnchorMachine::new(&settings, position_m));
+                let machine = MACHINE.init_with(|| AnchorProtocol::new(&settings, position_m));
                 tasks = Tasks::Ranging;
                 above.spawn(ranging(radio, machine, reporter, panel).unwrap());
             }

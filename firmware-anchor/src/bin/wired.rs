@@ -7,7 +7,7 @@
 use boards::node::{self, Reporter};
 use boards::wired::{self, Board, Bus, Delay, Interrupt, Reset};
 use firmware_anchor::TelemetrySink;
-use firmware_common::AnchorMachine;
+use firmware_common::AnchorProtocol;
 use node_record::Role;
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
@@ -17,13 +17,13 @@ type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
 
 static REPORTER: StaticCell<Reporter> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
-static MACHINE: StaticCell<AnchorMachine> = StaticCell::new();
+static MACHINE: StaticCell<AnchorProtocol> = StaticCell::new();
 
 #[embassy_executor::task]
 async fn ranging(
     radio: &'static mut Radio,
     delay: Delay,
-    machine: &'static mut AnchorMachine,
+    machine: &'static mut AnchorProtocol,
     reporter: &'static Reporter,
 ) {
     firmware_anchor::run(radio, delay, machine, TelemetrySink(reporter)).await;
@@ -40,7 +40,7 @@ fn main() -> ! {
             Role::Anchor { position_m } => {
                 let radio =
                     RADIO.init_with(|| Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio));
-                let machine = MACHINE.init_with(|| AnchorMachine::new(&settings, position_m));
+                let machine = MACHINE.init_with(|| AnchorProtocol::new(&settings, position_m));
                 care.ranging().spawn(ranging(radio, delay, machine, reporter).unwrap());
             }
             Role::Tag(_) | Role::Advertiser(_) => reporter.event_log.state(reporter.now_us(), Condition::WrongRecord),

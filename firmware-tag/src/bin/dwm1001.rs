@@ -6,9 +6,9 @@
 use boards::dwm1001::{self, Board, Bus, Delay, Interrupt, Reset};
 use boards::node::{self, Guard, Reporter, Tasks};
 use embassy_executor::Spawner;
-use firmware_common::TagMachine;
+use firmware_common::TagProtocol;
 #[cfg(feature = "ble")]
-use firmware_tag::Surveyed;
+use firmware_tag::LoadedModels;
 use firmware_tag::motion::lis2dh12::{Lis2dh12, Sa0Pad};
 use firmware_tag::{AnchorPlace, Locator, NlosModelStore, RateControl, TelemetrySink};
 use node_record::{Pages, Role, Tag};
@@ -23,11 +23,11 @@ type TaskChannels = firmware_tag::TaskChannels<Guard>;
 static REPORTER: StaticCell<Reporter> = StaticCell::new();
 static CHANNELS: StaticCell<TaskChannels> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
-static MACHINE: StaticCell<TagMachine> = StaticCell::new();
+static MACHINE: StaticCell<TagProtocol> = StaticCell::new();
 #[cfg(feature = "ble")]
 static RECORD: StaticCell<node_record::Record> = StaticCell::new();
 #[cfg(feature = "ble")]
-static SURVEYED: StaticCell<Surveyed<'static>> = StaticCell::new();
+static SURVEYED: StaticCell<LoadedModels<'static>> = StaticCell::new();
 static NLOS_MODEL: NlosModelStore = NlosModelStore::new();
 static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
 
@@ -39,7 +39,7 @@ struct Shared {
     #[cfg(feature = "ble")]
     record: &'static node_record::Record,
     #[cfg(feature = "ble")]
-    surveyed: &'static Surveyed<'static>,
+    surveyed: &'static LoadedModels<'static>,
     tag: Tag,
     model: Option<&'static NodeModel>,
 }
@@ -51,7 +51,7 @@ impl Shared {
 }
 
 #[embassy_executor::task]
-async fn ranging(radio: &'static mut Radio, delay: Delay, machine: &'static mut TagMachine, shared: Shared) {
+async fn ranging(radio: &'static mut Radio, delay: Delay, machine: &'static mut TagProtocol, shared: Shared) {
     firmware_tag::ranging(radio, delay, machine, shared.channels, &shared.sink()).await;
 }
 
@@ -120,7 +120,7 @@ fn start(spawner: Spawner) {
                 let uwb = board.uwb;
                 let radio =
                     RADIO.init_with(|| Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio));
-                let machine = MACHINE.init_with(|| TagMachine::new(&settings, &tag));
+                let machine = MACHINE.init_with(|| TagProtocol::new(&settings, &tag));
                 let anchors = ANCHORS.init_with(|| firmware_tag::places(&record));
                 #[cfg(feature = "ble")]
                 let record: &_ = RECORD.init(record);
@@ -133,7 +133,7 @@ fn start(spawner: Spawner) {
                     #[cfg(feature = "ble")]
                     surveyed: SURVEYED.init_with(|| {
                         let complain = |condition| reporter.event_log.state(reporter.now_us(), condition);
-                        Surveyed::of(node_record::decode_models(dwm1001::models()), &record.beacons, complain)
+                        LoadedModels::of(node_record::decode_models(dwm1001::models()), &record.beacons, complain)
                     }),
                     tag,
                     model: NLOS_MODEL.fill(&mut board.flash, Pages::DWM1001.offsets),

@@ -6,7 +6,7 @@ use boards::evk1000::{self, Board, Bus, Delay, Flash, Interrupt, Reset, SharedPa
 use boards::node::{self, Guard, Reporter, Tasks};
 use boards::panel::{Awaiting, Panel};
 use embassy_executor::{SendSpawner, Spawner};
-use firmware_common::{AnchorMachine, Settings, TagMachine};
+use firmware_common::{AnchorProtocol, Settings, TagProtocol};
 use firmware_tag::{AnchorPlace, Epoch, Locator, NlosModelStore, RateControl, Sink, Task, TelemetrySink};
 use node_record::{Pages, Record, Role, Tag};
 use positioning_core::nlos::NodeModel;
@@ -23,8 +23,8 @@ static CHANNELS: StaticCell<TaskChannels> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
 static NLOS_MODEL: NlosModelStore = NlosModelStore::new();
 static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
-static TAG: StaticCell<TagMachine> = StaticCell::new();
-static ANCHOR: StaticCell<AnchorMachine> = StaticCell::new();
+static TAG: StaticCell<TagProtocol> = StaticCell::new();
+static ANCHOR: StaticCell<AnchorProtocol> = StaticCell::new();
 static PANEL: StaticCell<SharedPanel> = StaticCell::new();
 
 /// A tag's results, told and shown.
@@ -73,7 +73,7 @@ impl Sink for TagShown {
 #[embassy_executor::task]
 async fn tag_ranging(
     radio: &'static mut Radio,
-    machine: &'static mut TagMachine,
+    machine: &'static mut TagProtocol,
     channels: &'static TaskChannels,
     sink: TagShown,
 ) {
@@ -96,7 +96,7 @@ async fn engine(
 #[embassy_executor::task]
 async fn anchor_ranging(
     radio: &'static mut Radio,
-    machine: &'static mut AnchorMachine,
+    machine: &'static mut AnchorProtocol,
     reporter: &'static Reporter,
     panel: &'static SharedPanel,
 ) {
@@ -121,13 +121,13 @@ fn spawn(spawner: Spawner, above: SendSpawner, parts: Parts, record: &Record, se
             let sink = TagShown { told: TelemetrySink::new(reporter, tag.report_ranges), panel };
             let anchors = ANCHORS.init_with(|| firmware_tag::places(record));
             let model = NLOS_MODEL.fill(&mut flash, Pages::EVK1000.offsets);
-            let machine = TAG.init_with(|| TagMachine::new(settings, &tag));
+            let machine = TAG.init_with(|| TagProtocol::new(settings, &tag));
             above.spawn(tag_ranging(radio, machine, channels, sink).unwrap());
             spawner.spawn(engine(channels, tag, (anchors, model), sink).unwrap());
             Tasks::RangingAndEngine
         }
         Role::Anchor { position_m } => {
-            let machine = ANCHOR.init_with(|| AnchorMachine::new(settings, position_m));
+            let machine = ANCHOR.init_with(|| AnchorProtocol::new(settings, position_m));
             above.spawn(anchor_ranging(radio, machine, reporter, panel).unwrap());
             Tasks::Ranging
         }

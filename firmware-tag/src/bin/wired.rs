@@ -6,7 +6,7 @@
 
 use boards::node::{self, Guard, Reporter};
 use boards::wired::{self, Board, Bus, Delay, Interrupt, Reset};
-use firmware_common::TagMachine;
+use firmware_common::TagProtocol;
 use firmware_tag::{AnchorPlace, Locator, RateControl, TelemetrySink};
 use node_record::{Role, Tag};
 use ranging::dw1000::Dw1000;
@@ -19,7 +19,7 @@ type TaskChannels = firmware_tag::TaskChannels<Guard>;
 static REPORTER: StaticCell<Reporter> = StaticCell::new();
 static CHANNELS: StaticCell<TaskChannels> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
-static MACHINE: StaticCell<TagMachine> = StaticCell::new();
+static MACHINE: StaticCell<TagProtocol> = StaticCell::new();
 static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
 
 /// What the tag's tasks share.
@@ -37,7 +37,7 @@ impl Shared {
 }
 
 #[embassy_executor::task]
-async fn ranging(radio: &'static mut Radio, delay: Delay, machine: &'static mut TagMachine, shared: Shared) {
+async fn ranging(radio: &'static mut Radio, delay: Delay, machine: &'static mut TagProtocol, shared: Shared) {
     firmware_tag::ranging(radio, delay, machine, shared.channels, &shared.sink()).await;
 }
 
@@ -59,7 +59,7 @@ fn main() -> ! {
             Role::Tag(tag) => {
                 let radio =
                     RADIO.init_with(|| Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio));
-                let machine = MACHINE.init_with(|| TagMachine::new(&settings, &tag));
+                let machine = MACHINE.init_with(|| TagProtocol::new(&settings, &tag));
                 let anchors = ANCHORS.init_with(|| firmware_tag::places(&record));
                 let shared = Shared { channels: CHANNELS.init_with(TaskChannels::new), reporter, tag };
                 care.ranging().spawn(ranging(radio, delay, machine, shared).unwrap());

@@ -62,22 +62,22 @@ fn numbers(minors: &[u8]) -> Vec<u8> {
 /// A region with a map of these beacons, and with rooms.
 fn region(minors: &[u8], map: &[u8], rooms: &[u8]) -> Vec<u8> {
     let (of_map, of_rooms) = (numbers(minors), numbers(&[1]));
-    let models = BeaconModels {
-        map: Some(OfBeacons { beacons: &of_map, model: map }),
-        rooms: Some(OfBeacons { beacons: &of_rooms, model: rooms }),
+    let models = SiteModels {
+        map: Some(BeaconModel { beacons: &of_map, model: map }),
+        rooms: Some(BeaconModel { beacons: &of_rooms, model: rooms }),
         room_names: "",
     };
     encode_models(&models, &mut [0; MODELS_BYTES]).expect("they fit").to_vec()
 }
 
 /// What a tag takes of a region, and what it complains of.
-fn taken<'r>(region: &'r [u8], list: &[Beacon]) -> (Surveyed<'r>, Vec<Condition>) {
+fn taken<'r>(region: &'r [u8], list: &[Beacon]) -> (LoadedModels<'r>, Vec<Condition>) {
     let mut complaints = Vec::new();
-    let surveyed = Surveyed::of(decode_models(region), list, |condition| complaints.push(condition));
+    let surveyed = LoadedModels::of(decode_models(region), list, |condition| complaints.push(condition));
     (surveyed, complaints)
 }
 
-fn tracker<'a>(list: &'a [Beacon], surveyed: &'a Surveyed<'a>) -> Tracker<'a> {
+fn tracker<'a>(list: &'a [Beacon], surveyed: &'a LoadedModels<'a>) -> Tracker<'a> {
     let locator = Locator::new(Some(1.0), &[]).with_beacons(KnownBeacons::new(list, None));
     Tracker::new(locator.with_surveyed(surveyed))
 }
@@ -110,7 +110,7 @@ fn a_tag_with_a_map_knows_walls_that_path_loss_does_not() {
     assert!(complaints.is_empty(), "{complaints:?}");
     let place = [1.5, 2.0];
     let by_map = window(&mut tracker(&list, &surveyed), 0, &rounded(place)).expect("a position");
-    let nothing = Surveyed::default();
+    let nothing = LoadedModels::default();
     let by_path_loss = window(&mut tracker(&list, &nothing), 0, &rounded(place)).expect("a position");
     // Levels are rounded to a decibel, the lattice's to a half: at 2 m from the nearest beacon a decibel is 0.25 m.
     assert!(off(by_map, place) < 0.4, "{by_map:?}");
@@ -206,5 +206,5 @@ fn a_room_is_told_when_it_changes_and_every_five_seconds() {
         tracker.window(end_us);
         last = tracker.room().map(|told| told.room.is).or(last);
     }
-    assert_eq!(last, Some(telemetry::Whereabouts::Unknown));
+    assert_eq!(last, Some(telemetry::RoomEstimate::Unknown));
 }

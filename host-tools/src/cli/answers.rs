@@ -8,7 +8,7 @@ use anyhow::Result;
 use host_tools::files::output;
 use host_tools::files::positions;
 use host_tools::plot::{Dot, Picture, Track};
-use host_tools::{Epoch, Place, Solved, Statistics, UserError};
+use host_tools::{Coordinates, Epoch, Solved, Statistics, UserError};
 
 use super::PictureFile;
 
@@ -108,7 +108,7 @@ impl Checked<'_> {
 }
 
 /// A place as seen from above, metres.
-pub fn flat(place: &Place) -> [f64; 2] {
+pub fn flat(place: &Coordinates) -> [f64; 2] {
     [place.x_m, place.y_m]
 }
 

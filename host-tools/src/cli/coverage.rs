@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use host_tools::UserError;
-use host_tools::files::beacons::{Beacon, Stay, Wall, read_beacons, read_stays, read_walls};
+use host_tools::files::beacons::{Beacon, Dwell, Wall, read_beacons, read_stays, read_walls};
 use host_tools::files::output;
 use host_tools::plot::{Heat, heat};
 use host_tools::survey::coverage::bound::{Noise, Station};
@@ -151,7 +151,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// The beacons of a survey without a file of beacons; where they are is not known.
-fn heard_beacons(stays: &[Stay]) -> Vec<Beacon> {
+fn heard_beacons(stays: &[Dwell]) -> Vec<Beacon> {
     let beacon = |name| Beacon {
         name,
         position_m: [0.0; 2],
@@ -165,7 +165,7 @@ fn heard_beacons(stays: &[Stay]) -> Vec<Beacon> {
 
 fn grid(
     arguments: &Arguments,
-    stays: Option<&[Stay]>,
+    stays: Option<&[Dwell]>,
     beacons: Option<&[Beacon]>,
     walls: &[Wall],
 ) -> Result<Grid, UserError> {

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use host_tools::files::output;
 use host_tools::train::{self, Method, RECIPES, Recipe, Samples, Score, mitigation};
-use host_tools::{Place, UserError, read_anchors, read_truth};
+use host_tools::{Coordinates, UserError, read_anchors, read_truth};
 use positioning_core::nlos::Classifier;
 
 use crate::cli::progress::Progress;
@@ -248,9 +248,9 @@ fn mitigate(arguments: &Mitigation) -> Result<()> {
         own.read_cir(file, train::DEFAULT_PLACEMENT)?;
     }
     if let (Some(anchors), Some(ranges), Some(truth)) = (&arguments.anchors, &arguments.ranges, &arguments.truth) {
-        let anchors: HashMap<String, Place> =
+        let anchors: HashMap<String, Coordinates> =
             read_anchors(anchors)?.into_iter().map(|anchor| (anchor.name, anchor.place)).collect();
-        let truth: HashMap<String, Place> = read_truth(truth)?.into_iter().collect();
+        let truth: HashMap<String, Coordinates> = read_truth(truth)?.into_iter().collect();
         other.read_ranges(ranges, train::DEFAULT_PLACEMENT, |epoch, anchor| {
             let (tag, anchor) = (truth.get(epoch)?, anchors.get(anchor)?);
             let dz = tag.z_m? - anchor.z_m?;

@@ -88,7 +88,7 @@ enum Kind {
 
 /// A place that was chosen.
 #[derive(serde::Serialize)]
-struct Place {
+struct Chosen {
     name: String,
     x_m: f64,
     y_m: f64,
@@ -106,7 +106,7 @@ struct Document {
     error_p90_m: f64,
     error_worst_m: f64,
     exchanged: usize,
-    places: Vec<Place>,
+    places: Vec<Chosen>,
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
@@ -224,7 +224,7 @@ fn document(kind: Kind, errors: &[f64], found: &Found, chosen: &[&Beacon], candi
         exchanged: found.exchanged,
         places: chosen
             .iter()
-            .map(|beacon| Place { name: beacon.name.clone(), x_m: beacon.position_m[0], y_m: beacon.position_m[1] })
+            .map(|beacon| Chosen { name: beacon.name.clone(), x_m: beacon.position_m[0], y_m: beacon.position_m[1] })
             .collect(),
     }
 }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use host_tools::files::positions::{self, PositionRow};
 use host_tools::plot::{Dot, Picture, Track};
-use host_tools::{Place, read_anchors, read_truth};
+use host_tools::{Coordinates, read_anchors, read_truth};
 
 use super::PictureFile;
 
@@ -24,7 +24,7 @@ pub struct Arguments {
     /// Where the tag truly was: CSV with epoch,t_s,x_m,y_m,z_m
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
-    /// Surveyed anchors: CSV with anchor,x_m,y_m,z_m
+    /// LoadedModels anchors: CSV with anchor,x_m,y_m,z_m
     #[arg(long, value_name = "FILE")]
     anchors: Option<PathBuf>,
     /// The picture, as .svg or .png
@@ -34,7 +34,7 @@ pub struct Arguments {
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let file = PictureFile::of("--out", &arguments.out)?;
-    let flat = |place: &Place| [place.x_m, place.y_m];
+    let flat = |place: &Coordinates| [place.x_m, place.y_m];
     let rows = positions::read(&arguments.positions)?;
     let truth = match &arguments.truth {
         Some(file) => read_truth(file)?,
@@ -55,7 +55,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// The rows by method, in the order in which the methods appear.
-fn tracks(rows: &[PositionRow], truth: &HashMap<String, Place>) -> Vec<Track> {
+fn tracks(rows: &[PositionRow], truth: &HashMap<String, Coordinates>) -> Vec<Track> {
     let mut tracks: Vec<Track> = Vec::new();
     for row in rows {
         let at = tracks.iter().position(|track| track.method == row.method).unwrap_or_else(|| {

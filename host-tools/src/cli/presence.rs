@@ -8,8 +8,8 @@ use anyhow::Result;
 use host_tools::files::output;
 use host_tools::files::positions::{self, PositionRow};
 use host_tools::survey::presence::{Found, Room, follow, read_outlines, room_of};
-use host_tools::{Place, read_truth};
-use positioning_core::ble::rooms::Whereabouts;
+use host_tools::{Coordinates, read_truth};
+use positioning_core::ble::rooms::RoomEstimate;
 
 use super::{print, print_json, tell, write};
 
@@ -60,7 +60,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let rooms = read_outlines(&arguments.outlines)?;
     let rows = positions::read(&arguments.positions)?;
     let truth = arguments.truth.as_deref().map(read_truth).transpose()?;
-    let truth: Option<HashMap<String, Place>> = truth.map(|truth| truth.into_iter().collect());
+    let truth: Option<HashMap<String, Coordinates>> = truth.map(|truth| truth.into_iter().collect());
     let room_then = |epoch: &str| {
         truth.as_ref().and_then(|truth| truth.get(epoch)).and_then(|at| room_of(&rooms, [at.x_m, at.y_m]))
     };
@@ -97,11 +97,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 fn fields(rooms: &[Room], row: &PositionRow, found: &Found) -> [String; 7] {
     let name = |room: usize| rooms.get(room).map_or_else(String::new, |room| room.name.clone());
     let (answer, between) = match found.answer {
-        Whereabouts::Room(room) => (name(usize::from(room)), String::new()),
-        Whereabouts::Between(one, other) => {
+        RoomEstimate::Room(room) => (name(usize::from(room)), String::new()),
+        RoomEstimate::Between(one, other) => {
             ("between".to_owned(), format!("{} {}", name(usize::from(one)), name(usize::from(other))))
         }
-        Whereabouts::Unknown => ("unknown".to_owned(), String::new()),
+        RoomEstimate::Unknown => ("unknown".to_owned(), String::new()),
     };
     let (room, probability) =
         found.likeliest.map_or_else(Default::default, |(room, p)| (name(room), format!("{p:.3}")));
@@ -115,13 +115,13 @@ fn summary(method: String, found: &[Found], truths: Option<Vec<Option<usize>>>) 
     for found in found {
         summary.outside += usize::from(found.likeliest.is_none());
         match found.answer {
-            Whereabouts::Room(room) => {
+            RoomEstimate::Room(room) => {
                 summary.in_room += 1;
                 summary.changes += usize::from(before.is_some_and(|before| before != room));
                 before = Some(room);
             }
-            Whereabouts::Between(..) => summary.between += 1,
-            Whereabouts::Unknown => summary.unknown += 1,
+            RoomEstimate::Between(..) => summary.between += 1,
+            RoomEstimate::Unknown => summary.unknown += 1,
         }
     }
     if let Some(truths) = truths {
@@ -130,7 +130,7 @@ fn summary(method: String, found: &[Found], truths: Option<Vec<Option<usize>>>) 
             judged.iter().filter(|(found, truth)| found.likeliest.is_some_and(|(room, _)| room == *truth)).count();
         let wrong = judged
             .iter()
-            .filter(|(found, truth)| matches!(found.answer, Whereabouts::Room(room) if usize::from(room) != *truth));
+            .filter(|(found, truth)| matches!(found.answer, RoomEstimate::Room(room) if usize::from(room) != *truth));
         summary.wrong = Some(wrong.count());
         summary.accuracy = (!judged.is_empty()).then(|| right as f64 / judged.len() as f64);
         summary.judged = Some(judged.len());

@@ -11,7 +11,7 @@ use super::answers::{Answers, ByMethod, Told, flat};
 /// The arguments of a command that makes positions of a recording.
 #[derive(clap::Args)]
 pub struct Recorded {
-    /// Surveyed anchors: CSV with anchor,x_m,y_m,z_m
+    /// LoadedModels anchors: CSV with anchor,x_m,y_m,z_m
     #[arg(long, value_name = "FILE")]
     anchors: PathBuf,
     /// Measured ranges: CSV with epoch,t_s,anchor,range_m and, where known, rx_power_dbm,fp_power_dbm,los

@@ -17,7 +17,7 @@ use node_record::{Scheme, Solver};
 use positioning_core::Method;
 use positioning_core::engine::NodeMethod;
 use sim::BoardProfile;
-use sim::scenario::{BluetoothSummary, Cover, Epoch, Level, Mode, Record, Scenario, Simulation, Summary, What};
+use sim::scenario::{BluetoothSummary, Cover, Epoch, Fidelity, Mode, Record, Scenario, Simulation, Summary, What};
 use telemetry::Condition;
 
 use super::PictureFile;
@@ -52,7 +52,7 @@ pub struct Arguments {
     loss: Option<f64>,
     /// How deep radios are simulated [default: the scenario's, or spi]
     #[arg(long, value_name = "LEVEL")]
-    level: Option<LevelName>,
+    level: Option<FidelityName>,
     /// What the nodes run on that the scenario gives no board of their own: what code, bus and interrupts take, and what current
     /// (instant: nothing but the bus) [default: the scenario's, or dwm1001]
     #[arg(long, value_name = "BOARD", value_parser = board())]
@@ -146,7 +146,7 @@ const ROW_TAGS: usize = 8;
 
 /// `--level`.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum LevelName {
+enum FidelityName {
     /// The driver on register-level chips behind SPI
     Spi,
     /// Radios straight on the air: for many nodes
@@ -241,8 +241,8 @@ impl Arguments {
         scenario.seed = self.seed.unwrap_or(scenario.seed);
         scenario.loss = self.loss.unwrap_or(scenario.loss);
         scenario.level = match self.level {
-            Some(LevelName::Spi) => Level::Spi,
-            Some(LevelName::Air) => Level::Air,
+            Some(FidelityName::Spi) => Fidelity::Spi,
+            Some(FidelityName::Air) => Fidelity::Air,
             None => scenario.level,
         };
         if let Some(board) = self.board {

@@ -76,7 +76,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
                 .epochs
                 .iter()
                 .flat_map(|epoch| &epoch.ranges)
-                .all(|range| !could_tell(model, &range.told.features))
+                .all(|range| !could_tell(model, &range.diagnostics.features))
         {
             let asked = features_of(model);
             super::tell(&format!("no range of the recording tells what the classifier asks for: {asked}\n"));

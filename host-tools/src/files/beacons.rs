@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use crate::files::table::quoted;
-use crate::{Column, NoPosition, Place, Position, Row, Solved, Table, UserError, by_time, read_truth};
+use crate::{Column, Coordinates, NoPosition, Position, Row, Solved, Table, UserError, by_time, read_truth};
 
 /// A beacon, and what is known of its signal.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,7 +39,7 @@ pub struct Sample {
 
 /// Samples taken at a known point: a fingerprint, or a target to be found.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Stay {
+pub struct Dwell {
     /// What the file calls the point.
     pub point: String,
     /// The room that it is in.
@@ -108,19 +108,19 @@ pub fn read_beacons(file: &Path) -> Result<Vec<Beacon>, UserError> {
 ///
 /// # Errors
 /// The first line that is wrong: a point that is in two places or in two rooms.
-pub fn read_stays(file: &Path) -> Result<Vec<Stay>, UserError> {
+pub fn read_stays(file: &Path) -> Result<Vec<Dwell>, UserError> {
     let mut table = Table::open(file)?;
     let (point, x, y) = (table.column("point")?, table.column("x_m")?, table.column("y_m")?);
     let room = table.optional("room");
     let signal = Signal::of(&table)?;
-    let (mut stays, mut by_name) = (Vec::<Stay>::new(), HashMap::<String, usize>::new());
+    let (mut stays, mut by_name) = (Vec::<Dwell>::new(), HashMap::<String, usize>::new());
     while let Some(row) = table.next_row()? {
         let name = row.some_text(point)?;
         let position_m = [row.some_number(x)?, row.some_number(y)?];
         let room_name = Some(row.text(room)).filter(|room| !room.is_empty());
         let at = *by_name.entry(name.to_owned()).or_insert_with(|| {
             let room = room_name.map(str::to_owned);
-            stays.push(Stay { point: name.to_owned(), room, position_m, samples: Vec::new() });
+            stays.push(Dwell { point: name.to_owned(), room, position_m, samples: Vec::new() });
             stays.len() - 1
         });
         let stay = &mut stays[at];
@@ -220,14 +220,14 @@ pub fn in_order(captures: &[Capture]) -> Vec<usize> {
 impl Capture {
     /// Its outcome, with the error where the truth is known.
     pub(crate) fn solved(&self, outcome: Result<Position, NoPosition>) -> Solved {
-        let truth = self.truth_m.map(|[x_m, y_m]| Place { x_m, y_m, z_m: None });
+        let truth = self.truth_m.map(|[x_m, y_m]| Coordinates { x_m, y_m, z_m: None });
         let error_m = outcome.ok().zip(truth).map(|(position, truth)| position.place.distance_m(&truth));
         Solved { outcome, error_m }
     }
 }
 
-impl From<Stay> for Capture {
-    fn from(stay: Stay) -> Self {
+impl From<Dwell> for Capture {
+    fn from(stay: Dwell) -> Self {
         let t_s = stay.samples.first().map(|sample| sample.t_s);
         Self { name: stay.point, t_s, truth_m: Some(stay.position_m), is_stay: true, samples: stay.samples }
     }

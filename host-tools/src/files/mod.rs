@@ -8,6 +8,6 @@ mod recording;
 mod table;
 mod user_error;
 
-pub use recording::{Anchor, Epoch, Files, Measured, Place, Recording, by_time, read_anchors, read_truth};
+pub use recording::{Anchor, Coordinates, Epoch, Files, Measured, Recording, by_time, read_anchors, read_truth};
 pub use table::{Column, Row, Table};
 pub use user_error::UserError;

@@ -37,11 +37,11 @@ pub fn write_file(file: &Path, bytes: &[u8]) -> io::Result<()> {
 /// what it had. A symbolic link stays one; what is not a regular file (a pipe, a terminal) is written to directly.
 #[derive(Debug)]
 pub struct Growing {
-    file: BufWriter<Place>,
+    file: BufWriter<Target>,
 }
 
 #[derive(Debug)]
-enum Place {
+enum Target {
     Direct(File),
     Beside(NamedTempFile, PathBuf),
 }
@@ -55,7 +55,7 @@ impl Growing {
         let target = fs::canonicalize(file).unwrap_or_else(|_| file.to_owned());
         if fs::metadata(&target).is_ok_and(|metadata| !metadata.is_file()) {
             let direct = File::options().write(true).open(&target)?;
-            return Ok(Self { file: BufWriter::new(Place::Direct(direct)) });
+            return Ok(Self { file: BufWriter::new(Target::Direct(direct)) });
         }
         let mut builder = tempfile::Builder::new();
         builder.prefix(".baliza-");
@@ -66,7 +66,7 @@ impl Growing {
             builder.permissions(fs::Permissions::from_mode(0o666));
         }
         let beside = builder.tempfile_in(folder_of(&target))?;
-        Ok(Self { file: BufWriter::new(Place::Beside(beside, target)) })
+        Ok(Self { file: BufWriter::new(Target::Beside(beside, target)) })
     }
 
     /// Puts the file in its place.
@@ -75,8 +75,8 @@ impl Growing {
     /// The file system's.
     pub fn finish(self) -> io::Result<()> {
         match self.file.into_inner().map_err(io::IntoInnerError::into_error)? {
-            Place::Direct(_) => Ok(()),
-            Place::Beside(file, target) => Ok(file.persist(target).map(drop)?),
+            Target::Direct(_) => Ok(()),
+            Target::Beside(file, target) => Ok(file.persist(target).map(drop)?),
         }
     }
 }
@@ -91,7 +91,7 @@ impl Write for Growing {
     }
 }
 
-impl Write for Place {
+impl Write for Target {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match self {
             Self::Direct(file) => file.write(bytes),

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use crate::files::recording::{Epoch, Place};
+use crate::files::recording::{Coordinates, Epoch};
 use crate::{Solved, Table, UserError};
 
 pub(crate) const COLUMNS: [&str; 11] =
@@ -70,7 +70,7 @@ pub fn read_track(file: &Path) -> Result<HashMap<String, ([f64; 2], f64)>, UserE
     Ok(track)
 }
 
-fn coordinates(place: Option<Place>) -> [String; 3] {
+fn coordinates(place: Option<Coordinates>) -> [String; 3] {
     [place.map(|place| place.x_m), place.map(|place| place.y_m), place.and_then(|place| place.z_m)].map(metres)
 }
 
@@ -89,7 +89,7 @@ pub struct PositionRow {
     /// When, seconds.
     pub t_s: Option<f64>,
     /// The position; `None` where none was found.
-    pub place: Option<Place>,
+    pub place: Option<Coordinates>,
     /// Standard deviation of x and y, metres.
     pub sigma_m: Option<[f64; 2]>,
     /// Distance from the truth, metres.
@@ -112,7 +112,7 @@ pub fn read(file: &Path) -> Result<Vec<PositionRow>, UserError> {
             epoch: row.some_text(epoch)?.to_owned(),
             method: row.text(method).to_owned(),
             t_s: row.number(time)?,
-            place: row.number(x)?.zip(row.number(y)?).map(|(x_m, y_m)| Place { x_m, y_m, z_m }),
+            place: row.number(x)?.zip(row.number(y)?).map(|(x_m, y_m)| Coordinates { x_m, y_m, z_m }),
             sigma_m: row.number(sigma_x)?.zip(row.number(sigma_y)?).map(|(x, y)| [x, y]),
             error_m: row.number(error)?,
         });

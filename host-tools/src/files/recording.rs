@@ -7,12 +7,12 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use crate::files::table::quoted;
-use crate::train::{Diagnostics, Told};
+use crate::train::{Diagnostics, RowDiagnostics};
 use crate::{Table, UserError};
 
 /// A place, metres; its height may be unknown.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
+pub struct Coordinates {
     /// East, or along the room.
     pub x_m: f64,
     /// North, or across the room.
@@ -27,20 +27,20 @@ pub struct Anchor {
     /// What `ranges.csv` calls it.
     pub name: String,
     /// Where it is.
-    pub place: Place,
+    pub place: Coordinates,
 }
 
 /// A range that was measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
-    /// Place of the anchor in [`Recording::anchors`].
+    /// Coordinates of the anchor in [`Recording::anchors`].
     pub anchor: usize,
     /// Metres.
     pub range_m: f64,
     /// Ground truth of the line of sight, where known.
     pub line_of_sight: Option<bool>,
     /// What its receiver tells of the line of sight.
-    pub told: Told,
+    pub diagnostics: RowDiagnostics,
 }
 
 /// The ranges that make one fix.
@@ -53,7 +53,7 @@ pub struct Epoch {
     /// The ranges, in the order of the file.
     pub ranges: Vec<Measured>,
     /// Where the tag truly was.
-    pub truth: Option<Place>,
+    pub truth: Option<Coordinates>,
 }
 
 /// Anchors and epochs.
@@ -115,7 +115,7 @@ impl Recording {
             };
             let line_of_sight = row.truth_value(sight)?;
             if let Some(range_m) = row.number(range)? {
-                let measured = Measured { anchor, range_m, line_of_sight, told: diagnostics.read(&row)? };
+                let measured = Measured { anchor, range_m, line_of_sight, diagnostics: diagnostics.read(&row)? };
                 self.epochs[at].ranges.push(measured);
             }
         }
@@ -151,7 +151,7 @@ impl Recording {
 struct TruthRow {
     epoch: String,
     t_s: Option<f64>,
-    place: Place,
+    place: Coordinates,
 }
 
 /// The places of epochs in a list, by their times: they may stand in any order in a file. One of which nobody noted the time stays
@@ -171,7 +171,7 @@ pub fn by_time(times_s: impl IntoIterator<Item = Option<f64>>) -> Vec<usize> {
 ///
 /// # Errors
 /// The first line that is wrong.
-pub fn read_truth(file: &Path) -> Result<Vec<(String, Place)>, UserError> {
+pub fn read_truth(file: &Path) -> Result<Vec<(String, Coordinates)>, UserError> {
     Ok(truth_rows(file, false)?.into_iter().map(|row| (row.epoch, row.place)).collect())
 }
 
@@ -187,7 +187,7 @@ fn truth_rows(file: &Path, heights: bool) -> Result<Vec<TruthRow>, UserError> {
         if let Some(line) = lines.insert(name.to_owned(), row.line()) {
             return Err(row.wrong(epoch, &format!("{} stands in line {line} already", quoted(name))));
         }
-        let place = Place { x_m: row.some_number(x)?, y_m: row.some_number(y)?, z_m: row.number(z)? };
+        let place = Coordinates { x_m: row.some_number(x)?, y_m: row.some_number(y)?, z_m: row.number(z)? };
         rows.push(TruthRow { epoch: name.to_owned(), t_s: row.number(time)?, place });
     }
     if rows.is_empty() { Err(UserError::line(file, 1, "no positions below the header")) } else { Ok(rows) }
@@ -213,7 +213,7 @@ fn anchor_rows(file: &Path, heights: bool) -> Result<Vec<Anchor>, UserError> {
             return Err(row.wrong(anchor, &format!("{} stands in line {line} already", quoted(name))));
         }
         let z_m = if heights { Some(row.some_number(z)?) } else { row.number(z)? };
-        let place = Place { x_m: row.some_number(x)?, y_m: row.some_number(y)?, z_m };
+        let place = Coordinates { x_m: row.some_number(x)?, y_m: row.some_number(y)?, z_m };
         anchors.push(Anchor { name: name.to_owned(), place });
     }
     if anchors.is_empty() { Err(UserError::line(file, 1, "no anchors below the header")) } else { Ok(anchors) }

@@ -7,7 +7,7 @@ use positioning_core::ble::fingerprint;
 use positioning_core::engine::Missing;
 use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, Method, RangeSample, Side, SolveError, flatten};
 
-use crate::files::{Anchor, Epoch, Measured, Place};
+use crate::files::{Anchor, Coordinates, Epoch, Measured};
 
 /// In which space to solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,9 +52,9 @@ pub struct Setup {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Position {
     /// Where; in the plane without height.
-    pub place: Place,
+    pub place: Coordinates,
     /// Standard deviation of each coordinate, metres.
-    pub sigma: Place,
+    pub sigma: Coordinates,
     /// Covariance of x and y, m².
     pub covariance_xy: f64,
     /// How many anchors' ranges made it.
@@ -144,8 +144,12 @@ impl<'a> Solver<'a> {
         let fix = solve(method, epoch.ranges.iter().filter_map(sample), &Constraints { side: Side::Unknown, area })?;
         let [sigma_x, sigma_y] = fix.sigma().map(f64::from);
         Ok(Position {
-            place: Place { x_m: self.global(0, fix.position[0]), y_m: self.global(1, fix.position[1]), z_m: None },
-            sigma: Place { x_m: sigma_x, y_m: sigma_y, z_m: None },
+            place: Coordinates {
+                x_m: self.global(0, fix.position[0]),
+                y_m: self.global(1, fix.position[1]),
+                z_m: None,
+            },
+            sigma: Coordinates { x_m: sigma_x, y_m: sigma_y, z_m: None },
             covariance_xy: fix.covariance[0][1].into(),
             used: fix.used.len(),
         })
@@ -172,8 +176,8 @@ impl<'a> Solver<'a> {
         let [x_m, y_m, z_m] = std::array::from_fn(|axis| self.global(axis, fix.position[axis]));
         let [sigma_x, sigma_y, sigma_z] = fix.sigma().map(f64::from);
         Ok(Position {
-            place: Place { x_m, y_m, z_m: Some(z_m) },
-            sigma: Place { x_m: sigma_x, y_m: sigma_y, z_m: Some(sigma_z) },
+            place: Coordinates { x_m, y_m, z_m: Some(z_m) },
+            sigma: Coordinates { x_m: sigma_x, y_m: sigma_y, z_m: Some(sigma_z) },
             covariance_xy: fix.covariance[0][1].into(),
             used: fix.used.len(),
         })
@@ -190,7 +194,7 @@ impl<'a> Solver<'a> {
 
 /// The middle of the anchors, metres; zero along an axis of which nothing is known.
 pub(crate) fn middle_m(anchors: &[Anchor]) -> [f64; 3] {
-    let middle = |coordinate: fn(&Place) -> Option<f64>| {
+    let middle = |coordinate: fn(&Coordinates) -> Option<f64>| {
         let (least, greatest) = anchors
             .iter()
             .filter_map(|anchor| coordinate(&anchor.place))
@@ -217,14 +221,14 @@ fn solve<const D: usize>(
 impl Position {
     /// The squared horizontal error in units of its covariance: 2 in the mean where the covariance is right; the 1σ ellipse is
     /// where it is 1. Not finite without a covariance.
-    pub fn normalised_square(&self, truth: &Place) -> f64 {
+    pub fn normalised_square(&self, truth: &Coordinates) -> f64 {
         let (x, y) = (self.place.x_m - truth.x_m, self.place.y_m - truth.y_m);
         let (xx, yy, xy) = (self.sigma.x_m.powi(2), self.sigma.y_m.powi(2), self.covariance_xy);
         (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
     }
 }
 
-impl Place {
+impl Coordinates {
     /// The distance of two places, metres: in space where both have a height, else horizontal.
     pub fn distance_m(&self, other: &Self) -> f64 {
         let up = self.z_m.zip(other.z_m).map_or(0.0, |(one, other)| one - other);

@@ -7,7 +7,7 @@
 use positioning_core::ble::path_loss::{OnlinePathLoss, PathLoss, Wall, attenuation};
 use positioning_core::ble::signal::level;
 
-use crate::files::beacons::{self as files, Beacon, Capture, Stay};
+use crate::files::beacons::{self as files, Beacon, Capture, Dwell};
 
 /// Distances are not told apart below this, metres.
 const NEAREST_M: f64 = 0.1;
@@ -30,7 +30,7 @@ const ROUNDS: usize = 20;
 
 /// What was heard of a beacon at one point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Heard {
+pub struct RssiAtDistance {
     /// Metres.
     pub distance_m: f64,
     /// Mean level, dBm; what walls took is put back.
@@ -49,7 +49,7 @@ pub struct Learnt {
 }
 
 /// Levels at a place, and the standard deviation of the place, metres.
-pub type Placed = (Stay, f64);
+pub type Placed = (Dwell, f64);
 
 /// A position of a walk.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,7 +66,7 @@ pub struct Calibrated {
     /// The beacon.
     pub beacon: String,
     /// Where it was heard.
-    pub points: Vec<Heard>,
+    pub points: Vec<RssiAtDistance>,
     /// Its path loss; `None` where it was never heard.
     pub path_loss: Option<PathLoss<f64>>,
     /// Standard deviations of the level at one metre, dB, and of the exponent.
@@ -98,7 +98,7 @@ pub fn pieces(captures: &[Capture], step: impl Fn(&Capture) -> Option<Step>) -> 
                 let (point, samples) = (capture.name.clone(), capture.samples.clone());
                 // Levels of a piece come from half a metre around its place.
                 let sigma_m = step.sigma_m.hypot(PIECE_M / 4.0);
-                pieces.push((Stay { point, room: None, position_m: step.position_m, samples }, sigma_m));
+                pieces.push((Dwell { point, room: None, position_m: step.position_m, samples }, sigma_m));
             }
         }
     }
@@ -122,7 +122,7 @@ pub fn calibrate(
         .iter()
         .map(|beacon| {
             let heard = |(stay, sigma_m): &Placed| heard(beacon, stay, *sigma_m, height_m, &walls);
-            let points: Vec<Heard> = stays.iter().filter_map(heard).collect();
+            let points: Vec<RssiAtDistance> = stays.iter().filter_map(heard).collect();
             let fitted = fit(&points);
             Calibrated {
                 beacon: beacon.name.clone(),
@@ -155,11 +155,11 @@ pub fn wall_attenuation(
 
 fn heard(
     beacon: &Beacon,
-    stay: &Stay,
+    stay: &Dwell,
     distance_sigma_m: f64,
     height_m: Option<f64>,
     walls: &[Wall<f64>],
-) -> Option<Heard> {
+) -> Option<RssiAtDistance> {
     let of_it = stay.samples.iter().filter(|sample| sample.beacon == beacon.name);
     let levels: Vec<f64> = of_it.filter_map(|sample| level(sample.rssi_dbm).ok()).collect();
     let up = beacon.height_m.zip(height_m).map_or(0.0, |(beacon, tag)| beacon - tag);
@@ -167,11 +167,11 @@ fn heard(
     let distance_m = (x * x + y * y + up * up).sqrt().max(NEAREST_M);
     let taken = attenuation(walls, beacon.position_m, stay.position_m);
     let mean = levels.iter().sum::<f64>() / levels.len() as f64;
-    (!levels.is_empty()).then_some(Heard { distance_m, level_dbm: mean + taken, distance_sigma_m })
+    (!levels.is_empty()).then_some(RssiAtDistance { distance_m, level_dbm: mean + taken, distance_sigma_m })
 }
 
 /// What is learnt of points in their order, by the node's own estimator; `None` without points.
-fn learn(points: &[Heard]) -> Option<Learnt> {
+fn learn(points: &[RssiAtDistance]) -> Option<Learnt> {
     let mut online = OnlinePathLoss::<f64>::new(PathLoss::default(), UNKNOWN.0, UNKNOWN.1);
     for point in points {
         online.learn(point.level_dbm, point.distance_m, point.distance_sigma_m);
@@ -183,7 +183,7 @@ fn learn(points: &[Heard]) -> Option<Learnt> {
 }
 
 /// Regression of levels on 10 log₁₀ d; `None` without points.
-pub fn fit(points: &[Heard]) -> Option<(PathLoss<f64>, [f64; 2])> {
+pub fn fit(points: &[RssiAtDistance]) -> Option<(PathLoss<f64>, [f64; 2])> {
     if points.is_empty() {
         return None;
     }
@@ -244,10 +244,13 @@ pub fn to_csv(beacons: &[Beacon], calibrated: &[Calibrated]) -> csv::Result<Vec<
 
 #[cfg(test)]
 mod tests {
-    use super::{Heard, fit};
+    use super::{RssiAtDistance, fit};
 
-    fn points(levels: &[(f64, f64)]) -> Vec<Heard> {
-        levels.iter().map(|&(distance_m, level_dbm)| Heard { distance_m, level_dbm, distance_sigma_m: 0.0 }).collect()
+    fn points(levels: &[(f64, f64)]) -> Vec<RssiAtDistance> {
+        levels
+            .iter()
+            .map(|&(distance_m, level_dbm)| RssiAtDistance { distance_m, level_dbm, distance_sigma_m: 0.0 })
+            .collect()
     }
 
     #[test]

@@ -4,7 +4,9 @@
 
 use std::path::Path;
 
-use positioning_core::ble::rooms::{Classifier, MAX_ROOMS, Outlines, Presence, Settings, Spot, Whereabouts, likeliest};
+use positioning_core::ble::rooms::{
+    Classifier, MAX_ROOMS, Outlines, RoomEstimate, RoomHysteresis, Settings, Spot, likeliest,
+};
 
 use crate::files::positions::PositionRow;
 use crate::{Table, UserError};
@@ -24,7 +26,7 @@ pub struct Found {
     /// The most probable room, by its place in the list, and its probability; `None` outside of all.
     pub likeliest: Option<(usize, f32)>,
     /// What a tag answers.
-    pub answer: Whereabouts,
+    pub answer: RoomEstimate,
 }
 
 /// Reads `room,x_m,y_m`: the corners of each room in their order.
@@ -62,7 +64,7 @@ pub fn room_of(rooms: &[Room], [x, y]: [f64; 2]) -> Option<usize> {
 
 /// The rooms of one method's positions, in order of time; the time is that of the row, else a second after the row before.
 pub fn follow(rooms: &[Room], rows: &[PositionRow]) -> Vec<Found> {
-    let mut presence = Presence::new(Settings::default());
+    let mut presence = RoomHysteresis::new(Settings::default());
     let mut t_s = 0.0;
     rows.iter()
         .map(|row| {
@@ -86,10 +88,10 @@ fn outlines<T>(rooms: &[Room], judge: impl FnOnce(Outlines<'_>) -> T) -> T {
 
 #[cfg(test)]
 mod tests {
-    use positioning_core::ble::rooms::Whereabouts;
+    use positioning_core::ble::rooms::RoomEstimate;
 
     use super::{Room, follow, room_of};
-    use crate::Place;
+    use crate::Coordinates;
     use crate::files::positions::PositionRow;
 
     fn rooms() -> Vec<Room> {
@@ -107,7 +109,7 @@ mod tests {
         let row = |index: u32| {
             let t_s = f64::from(index) * 0.1;
             let sway = if index.is_multiple_of(2) { 0.2 } else { -0.2 };
-            let place = Some(Place { x_m: 1.0 + 0.5 * t_s + sway, y_m: 2.0, z_m: None });
+            let place = Some(Coordinates { x_m: 1.0 + 0.5 * t_s + sway, y_m: 2.0, z_m: None });
             PositionRow {
                 epoch: index.to_string(),
                 method: String::new(),
@@ -118,9 +120,9 @@ mod tests {
             }
         };
         let found = follow(&rooms(), &(0..120).map(row).collect::<Vec<_>>());
-        let mut answers: Vec<Whereabouts> = found.iter().map(|found| found.answer).collect();
+        let mut answers: Vec<RoomEstimate> = found.iter().map(|found| found.answer).collect();
         answers.dedup();
-        assert_eq!(answers, [Whereabouts::Room(0), Whereabouts::Room(1)]);
+        assert_eq!(answers, [RoomEstimate::Room(0), RoomEstimate::Room(1)]);
         let mut likeliest: Vec<_> = found.iter().map(|found| found.likeliest.map(|(room, _)| room)).collect();
         likeliest.dedup();
         assert!(likeliest.len() > 4, "the positions alone change rooms more often: {likeliest:?}");

@@ -19,7 +19,7 @@ pub struct Diagnostics {
 
 /// What one row tells; NaN is not known.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Told {
+pub struct RowDiagnostics {
     /// Of the reception itself.
     pub features: Features,
     /// Metres.
@@ -55,7 +55,7 @@ impl Diagnostics {
     ///
     /// # Errors
     /// A field is no number.
-    pub fn read(&self, row: &Row<'_>) -> Result<Told, UserError> {
+    pub fn read(&self, row: &Row<'_>) -> Result<RowDiagnostics, UserError> {
         let known =
             |column| -> Result<f32, UserError> { Ok(row.number(column)?.map_or(f32::NAN, |number| number as f32)) };
         let mut amplitudes = [f32::NAN; 3];
@@ -72,6 +72,6 @@ impl Diagnostics {
                 features.set(feature, value as f32);
             }
         }
-        Ok(Told { features, range_m: known(self.range)?, power_dbm })
+        Ok(RowDiagnostics { features, range_m: known(self.range)?, power_dbm })
     }
 }

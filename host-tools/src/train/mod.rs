@@ -19,7 +19,7 @@ mod score;
 
 pub use backpropagation::{Example, Goal, Network};
 pub use chosen::Chosen;
-pub use diagnostics::{Diagnostics, Told};
+pub use diagnostics::{Diagnostics, RowDiagnostics};
 pub use recipe::{Method, RECIPES, Recipe};
 pub use samples::{DEFAULT_PLACEMENT, Sample, Samples};
 pub use score::Score;

@@ -8,13 +8,13 @@ use std::path::Path;
 
 use positioning_core::nlos::{BEFORE, Features, Means, Shape, WINDOW};
 
-use super::diagnostics::{Diagnostics, Told};
+use super::diagnostics::{Diagnostics, RowDiagnostics};
 use crate::{Table, UserError};
 
 /// One reception.
 #[derive(Clone, Debug)]
 pub struct Sample {
-    /// Place in [`Samples::placements`].
+    /// Coordinates in [`Samples::placements`].
     pub placement: usize,
     /// Whether the direct path is blocked, where that is known.
     pub blocked: Option<bool>,
@@ -120,7 +120,7 @@ impl Samples {
 }
 
 /// What a reception tells, with the moving means of its link.
-fn complete(told: Told, means: &mut Means) -> Features {
+fn complete(told: RowDiagnostics, means: &mut Means) -> Features {
     let mut features = told.features;
     means.complete(&mut features, told.range_m, told.power_dbm);
     features

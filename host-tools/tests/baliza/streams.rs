@@ -11,8 +11,8 @@ use rand_pcg::Pcg64Mcg;
 use serde_json::Value;
 use sim::scenario::{Scenario, Simulation, What};
 use telemetry::{
-    BeaconId, Board, Condition, Counters, Diagnostics, Difference, Fix, Hello, Likely, MAX_FRAME, Message, Outcome,
-    Range, Reset, ResetCause, Role, Room, Sighting, Solver, State, Whereabouts, encode,
+    BeaconId, Board, Condition, Counters, Diagnostics, Difference, Fix, Hello, MAX_FRAME, Message, Outcome, Range,
+    Reset, ResetCause, Role, Room, RoomEstimate, RoomProbability, Sighting, Solver, State, encode,
 };
 
 use crate::support::Folder;
@@ -199,12 +199,12 @@ fn what_a_listening_tag_measured_is_shown_tabled_and_recorded() {
 
 #[test]
 fn rooms_are_shown_tabled_and_recorded() {
-    let [hall, attic] = [Likely { room: 0, probability: 255 }, Likely { room: 1, probability: 102 }];
+    let [hall, attic] = [RoomProbability { room: 0, probability: 255 }, RoomProbability { room: 1, probability: 102 }];
     let at = |t_us, is| Message::Room(Room { t_us, is });
     let told = [
-        at(500_000, Whereabouts::Unknown),
-        at(1_000_000, Whereabouts::Room(hall)),
-        at(2_000_000, Whereabouts::Between([hall, attic])),
+        at(500_000, RoomEstimate::Unknown),
+        at(1_000_000, RoomEstimate::Room(hall)),
+        at(2_000_000, RoomEstimate::Between([hall, attic])),
     ];
     let folder = Folder::with(&[]);
     folder.write("rooms.bin", &stream(&told));

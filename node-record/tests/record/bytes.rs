@@ -2,7 +2,7 @@
 
 use node_record::{
     Advertiser, Anchor, Beacon, Calibration, HEADER_BYTES, Identity, LoadError, MAX_BYTES, Mode, Network, Phy, Pins,
-    Record, Region, Role, Scan, Scheme, Solver, Tag, Turnaround, VERSION, decode, encode, version,
+    Record, Region, ReplyDelay, Role, Scan, Scheme, Solver, Tag, VERSION, decode, encode, version,
 };
 use proptest::collection::vec;
 use proptest::option::of;
@@ -49,7 +49,7 @@ fn tag_of_version_1(checksum: &str, turnaround: &str) -> Vec<u8> {
 }
 
 /// What version 1 can say of `tag`.
-fn tag_without_what_version_2_added(turnaround: Option<Turnaround>) -> Record {
+fn tag_without_what_version_2_added(turnaround: Option<ReplyDelay>) -> Record {
     let mut record = tag();
     record.network = Network { turnaround, region: None, ..record.network };
     if let Role::Tag(tag) = &mut record.role {
@@ -61,7 +61,7 @@ fn tag_without_what_version_2_added(turnaround: Option<Turnaround>) -> Record {
 #[test]
 fn a_page_of_version_1_is_read() {
     let slow = tag_of_version_1("fc bb 59 fd", "d8 04 78 ac 02");
-    let pinned = Turnaround { answer_us: 600, listen_again_us: 120, transmit_us: 300 };
+    let pinned = ReplyDelay { answer_us: 600, listen_again_us: 120, transmit_us: 300 };
     assert_eq!(decode(&slow), Ok((tag_without_what_version_2_added(Some(pinned)), 1)));
 }
 
@@ -74,7 +74,7 @@ fn the_default_turnaround_of_version_1_pins_nothing() {
 
 #[test]
 fn version_2_keeps_a_pinned_turnaround_that_is_the_default_of_version_1() {
-    let record = tag_without_what_version_2_added(Some(Turnaround::DWM1001));
+    let record = tag_without_what_version_2_added(Some(ReplyDelay::DWM1001));
     assert_eq!(decode(&page(&record, 1)), Ok((record, 1)));
 }
 
@@ -250,7 +250,7 @@ prop_compose! {
         region in of(prop::sample::select(vec![Region::Us, Region::Unchecked])),
     ) -> Network {
         let turnaround = turnaround
-            .map(|(answer_us, listen_again_us, transmit_us)| Turnaround { answer_us, listen_again_us, transmit_us });
+            .map(|(answer_us, listen_again_us, transmit_us)| ReplyDelay { answer_us, listen_again_us, transmit_us });
         Network {
             pan,
             mode,

@@ -2,14 +2,14 @@
 
 use node_record::{
     Advertiser, Anchor, Beacon, Calibration, Identity, MAX_ANCHORS, MAX_BEACONS, Mode, Network, Phy, Pins, Record,
-    Region, Role, Scan, Scheme, Solver, Tag, Turnaround,
+    Region, ReplyDelay, Role, Scan, Scheme, Solver, Tag,
 };
 
 pub const NETWORK: Network = Network {
     pan: 0xDECA,
     mode: Mode::Native,
     phy: Phy { channel: 5, prf_mhz: 64, rate_kbps: 6810, preamble: 128, code: None },
-    turnaround: Some(Turnaround { answer_us: 250, listen_again_us: 40, transmit_us: 150 }),
+    turnaround: Some(ReplyDelay { answer_us: 250, listen_again_us: 40, transmit_us: 150 }),
     region: None,
 };
 
@@ -98,7 +98,7 @@ pub fn longest() -> Record {
     record.network.pan = 0xFFFE;
     record.network.mode = Mode::Listening { rounds_chz: 100_000 };
     record.network.phy = Phy { rate_kbps: 6810, preamble: 4096, code: Some(4), ..record.network.phy };
-    record.network.turnaround = Some(Turnaround { answer_us: 20_000, listen_again_us: 20_000, transmit_us: 20_000 });
+    record.network.turnaround = Some(ReplyDelay { answer_us: 20_000, listen_again_us: 20_000, transmit_us: 20_000 });
     record.network.region = Some(Region::Unchecked);
     record.calibration =
         Calibration { antenna_delay: Some(0xFFFF), crystal_trim: Some(31), tx_power: Some(0xFFFF_FFFF) };

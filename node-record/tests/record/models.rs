@@ -1,22 +1,22 @@
 //! Models of beacons' levels: their bytes, and what is left of them where the power fails.
 
 use embedded_storage::nor_flash::NorFlash;
-use node_record::{BeaconModels, LoadError, MODELS_BYTES, OfBeacons, decode_models, encode_models, load_models};
+use node_record::{BeaconModel, LoadError, MODELS_BYTES, SiteModels, decode_models, encode_models, load_models};
 
 use crate::flash::Flash;
 
 /// Beacons 1-7 and 300-2.
 const BEACONS: [u8; 8] = [1, 0, 7, 0, 44, 1, 2, 0];
 
-fn models(map: &[u8]) -> BeaconModels<'_> {
-    BeaconModels {
-        map: Some(OfBeacons { beacons: &BEACONS, model: map }),
-        rooms: Some(OfBeacons { beacons: &BEACONS[..4], model: b"RM" }),
+fn models(map: &[u8]) -> SiteModels<'_> {
+    SiteModels {
+        map: Some(BeaconModel { beacons: &BEACONS, model: map }),
+        rooms: Some(BeaconModel { beacons: &BEACONS[..4], model: b"RM" }),
         room_names: "hall\nattic",
     }
 }
 
-fn encoded(models: &BeaconModels<'_>) -> Vec<u8> {
+fn encoded(models: &SiteModels<'_>) -> Vec<u8> {
     let mut region = [0; MODELS_BYTES];
     encode_models(models, &mut region).expect("they fit").to_vec()
 }
@@ -70,7 +70,7 @@ fn none_too_long_other_and_damaged_ones_are_told_apart() {
     assert_eq!(resealed(17, 7), Err(LoadError::Corrupt), "half a beacon");
     assert_eq!(resealed(0, b'X'), Err(LoadError::Corrupt), "another's letters");
     let (many, long) = ([0; 4 * 25], [0; MODELS_BYTES]);
-    let of = |beacons, model| BeaconModels { map: Some(OfBeacons { beacons, model }), ..BeaconModels::default() };
+    let of = |beacons, model| SiteModels { map: Some(BeaconModel { beacons, model }), ..SiteModels::default() };
     assert_eq!(decode_models(&encoded(&of(&many, &[]))), Err(LoadError::Corrupt), "more beacons than a tag knows");
     assert_eq!(encode_models(&of(&[], &long), &mut [0; MODELS_BYTES]), None);
 }

@@ -1,8 +1,8 @@
 //! What a record must be.
 
 use node_record::{
-    Anchor, Beacon, Board, Identity, Invalid, Mode, Phy, Pins, Record, Region, Role, Scan, Scheme, Solver, Tag,
-    Turnaround,
+    Anchor, Beacon, Board, Identity, Invalid, Mode, Phy, Pins, Record, Region, ReplyDelay, Role, Scan, Scheme, Solver,
+    Tag,
 };
 use ranging::phy::{Channel, DataRate, PreambleLength, Prf};
 use ranging::{PhyConfig, RadioDuration};
@@ -22,7 +22,7 @@ fn role_of(record: &mut Record) -> &mut Tag {
     }
 }
 
-fn pinned(record: &mut Record) -> &mut Turnaround {
+fn pinned(record: &mut Record) -> &mut ReplyDelay {
     record.network.turnaround.as_mut().expect("it is pinned")
 }
 
@@ -156,7 +156,7 @@ fn boards_without_bluetooth_neither_scan_nor_advertise() {
 #[test]
 fn what_is_pinned_longer_than_beacons_can_tell_is_told_as_the_longest() {
     let mut record = anchor();
-    record.network.turnaround = Some(Turnaround { answer_us: 20_000, listen_again_us: 13_000, transmit_us: 150 });
+    record.network.turnaround = Some(ReplyDelay { answer_us: 20_000, listen_again_us: 13_000, transmit_us: 150 });
     let layout = record.network().unwrap().first_layout();
     // (16 + 15) · 2⁷ = 3968 µs.
     let longest = RadioDuration::from_micros(3968);
@@ -226,7 +226,7 @@ fn the_network_in_the_other_crates_words() {
     assert_eq!(beacon().phy(), Ok(old.with_preamble_code(4).unwrap()));
     let network = anchor().network().unwrap();
     let [answer, listen_again, transmit] = [250, 40, 150].map(RadioDuration::from_micros);
-    let pinned = ranging::native::Turnaround { answer, listen_again, transmit };
+    let pinned = ranging::native::ReplyDelay { answer, listen_again, transmit };
     assert_eq!((network.pan, network.pinned), (0xDECA, Some(pinned)));
 }
 

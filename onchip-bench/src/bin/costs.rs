@@ -7,7 +7,7 @@
 use core::hint::black_box;
 
 use onchip_bench::beacons::{self, Measure};
-use onchip_bench::costs::{Mean, driver, executor, machines, tag};
+use onchip_bench::costs::{Mean, driver, executor, protocol, tag};
 use onchip_bench::instrument::Instrument;
 use onchip_bench::response::{features, response};
 use rtt_target::{ChannelMode, rtt_init, set_defmt_channel};
@@ -57,7 +57,7 @@ fn main() -> ! {
         print("driver", name, mean);
     }
 
-    let costs = machines::measure();
+    let costs = protocol::measure();
     for (name, mean) in [
         ("poll-made", &costs.poll_made),
         ("poll-answered", &costs.poll_answered),

@@ -7,7 +7,7 @@
 use core::hint::black_box;
 
 use onchip_bench::instrument::Instrument;
-use ranging::exchange::{Action, Event, Machine, Report};
+use ranging::exchange::{Action, Event, Protocol, Report};
 use ranging::frame::native::{Beacon, Frame, Member, Message, OWNED_BEACON_SLOTS, Share};
 use ranging::frame::{BROADCAST, FrameBuffer};
 use ranging::native::{Anchor, AnchorConfig, Layout, Network, Rate, Scheme, Tag, TagConfig, Timing};

@@ -9,7 +9,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_common::Reporter;
 use firmware_tag::{Handover, Told};
 use ranging::dw1000::{Config, Dw1000};
-use ranging::exchange::{Action, Event, Machine};
+use ranging::exchange::{Action, Event, Protocol};
 use ranging::{PhyConfig, Radio, RadioDuration, RadioInstant, Start};
 
 use super::chip::{Chip, Delay, Irq, Next, Spi};
@@ -104,7 +104,7 @@ struct Script<'a> {
     frame: [u8; 32],
 }
 
-impl Machine for Script<'_> {
+impl Protocol for Script<'_> {
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         let instructions = since(self.chip.resumed.get());
         let (inside, transactions) = self.chip.take_inside();

@@ -9,7 +9,7 @@ use embassy_futures::join::{join, join_array};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_common::Reporter;
 use firmware_tag::{Handover, Told};
-use ranging::exchange::{Action, Event, Guidance, Machine, Report};
+use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
 use ranging::frame::native::{Frame, Message};
 use ranging::native::{Anchor, AnchorConfig, Network, Rate, Scheme, Tag, TagConfig};
 use ranging::node::{self, Listener};
@@ -102,7 +102,7 @@ struct Measured<'a, M> {
     reported: Option<u32>,
 }
 
-impl<M: Machine> Machine for Measured<'_, M> {
+impl<M: Protocol> Protocol for Measured<'_, M> {
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         let begun = stamp();
         let action = black_box(self.machine.step(black_box(now), black_box(event)));

@@ -20,7 +20,7 @@ const MAX_STEPS: usize = 40;
 const NEAREST_M: f64 = 0.3;
 /// So many levels' worth of belief that the path loss' deviation is right, before the levels say how far they agree.
 const BELIEF: f64 = 4.0;
-/// Levels at one place share shadows: so many of them are worth one (as [`Belief`](super::posterior::Belief) has it).
+/// Levels at one place share shadows: so many of them are worth one (as [`PosteriorSettings`](super::posterior::PosteriorSettings) has it).
 const SHARED: f64 = 2.0;
 
 /// A level that was heard, with what is known of its beacon.

@@ -23,7 +23,7 @@ const REACH: f64 = 3.5;
 /// How levels are believed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Belief<T> {
+pub struct PosteriorSettings<T> {
     /// How far the receiver's own offset may be from none, dB.
     pub offset_deviation: T,
     /// How much of the levels' likelihood counts, up to 1: shadows of several beacons at one place are one another's, and the path loss
@@ -31,7 +31,7 @@ pub struct Belief<T> {
     pub trust: T,
 }
 
-impl<T: Real> Default for Belief<T> {
+impl<T: Real> Default for PosteriorSettings<T> {
     /// 2 dB and one half: least error over all fingerprints of a room and a flat, each located by the others.
     fn default() -> Self {
         Self { offset_deviation: T::of(2.0), trust: T::of(0.5) }
@@ -61,7 +61,7 @@ pub fn posterior<T: Real>(
     heard: &[Heard<T, 2>],
     area: &Area<T, 2>,
     walls: &[Wall<T>],
-    belief: &Belief<T>,
+    belief: &PosteriorSettings<T>,
 ) -> Result<Posterior<T>, SolveError> {
     if heard.is_empty() {
         return Err(SolveError::TooFewAnchors);
@@ -104,7 +104,7 @@ pub(crate) fn too_loud<T: Real>(
     others: &[Heard<T, 2>],
     area: &Area<T, 2>,
     walls: &[Wall<T>],
-    belief: &Belief<T>,
+    belief: &PosteriorSettings<T>,
 ) -> Option<[T; 2]> {
     if !(is_some(area) && heard.is_sane()) {
         return None;
@@ -121,7 +121,7 @@ fn is_some<T: Real>(area: &Area<T, 2>) -> bool {
     (0..2).all(|axis| area.max[axis] > area.min[axis] && (area.max[axis] - area.min[axis]).is_finite())
 }
 
-impl<T: Real> Belief<T> {
+impl<T: Real> PosteriorSettings<T> {
     /// The likelihood of levels. Their trust is no doubt of the offset.
     #[inline(never)]
     pub fn of<'a>(&self, heard: &[Heard<T, 2>]) -> Levels<'a, T> {
@@ -221,7 +221,7 @@ impl<T: Real> Moments<T> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Belief, posterior, too_loud};
+    use super::{PosteriorSettings, posterior, too_loud};
     use crate::ble::multilateration::Heard;
     use crate::ble::path_loss::PathLoss;
     use crate::{Area, SolveError};
@@ -257,7 +257,7 @@ mod tests {
             }
         }
         let mean = sums.map(|sum| sum / weight);
-        let found = posterior(&beacons, &ROOM, &[], &Belief { offset_deviation: 0.0, trust: 0.5 });
+        let found = posterior(&beacons, &ROOM, &[], &PosteriorSettings { offset_deviation: 0.0, trust: 0.5 });
         let fix = found.expect("a position").fix;
         for axis in 0..2 {
             let variance = squares[axis] / weight - mean[axis] * mean[axis];
@@ -293,7 +293,7 @@ mod tests {
         }
         let mean = sums.map(|sum: f64| sum / weight);
         let variance = [0, 1].map(|what: usize| squares[what] / weight - mean[what] * mean[what]);
-        let belief = Belief { offset_deviation: 3.0, trust: 0.5 };
+        let belief = PosteriorSettings { offset_deviation: 3.0, trust: 0.5 };
         let found = posterior(&beacons, &ROOM, &[], &belief).expect("a position");
         let off = [found.offset - mean[0], found.offset_variance / variance[0] - 1.0];
         assert!(off.iter().all(|off| off.abs() < 0.05), "{found:?} {mean:?} {variance:?}");
@@ -313,8 +313,8 @@ mod tests {
         let [site, near] = [500.0, 40.0].map(|half| Area { min: [-half; 2], max: [half; 2] });
         let beacons = [([0.0, 0.0], 13.09_f64), ([6.0, 0.0], 25.09), ([0.0, 8.0], 29.09), ([6.0, 8.0], 41.09)]
             .map(|(place, square)| heard(place, -50.0 - 10.0 * square.log10()));
-        let fix = posterior(&beacons, &site, &[], &Belief::default()).expect("a position").fix;
-        let near = posterior(&beacons, &near, &[], &Belief::default()).expect("a position").fix;
+        let fix = posterior(&beacons, &site, &[], &PosteriorSettings::default()).expect("a position").fix;
+        let near = posterior(&beacons, &near, &[], &PosteriorSettings::default()).expect("a position").fix;
         let apart = (fix.position[0] - near.position[0]).hypot(fix.position[1] - near.position[1]);
         let wider = fix.covariance[0][0] / near.covariance[0][0];
         assert!(apart < 0.5 && (0.8..1.25).contains(&wider), "{fix:?} {near:?}");
@@ -322,9 +322,10 @@ mod tests {
 
     #[test]
     fn one_beacon_says_something_and_none_nothing() {
-        let fix = posterior(&[heard([0.0, 0.0], -50.0)], &ROOM, &[], &Belief::default()).expect("a position").fix;
+        let fix =
+            posterior(&[heard([0.0, 0.0], -50.0)], &ROOM, &[], &PosteriorSettings::default()).expect("a position").fix;
         assert!(fix.position[0] < 3.0 && fix.position[1] < 4.0 && fix.covariance[1][1] > 1.0, "{fix:?}");
-        assert_eq!(posterior(&[], &ROOM, &[], &Belief::default()), Err(SolveError::TooFewAnchors));
+        assert_eq!(posterior(&[], &ROOM, &[], &PosteriorSettings::default()), Err(SolveError::TooFewAnchors));
     }
 
     #[test]
@@ -334,7 +335,7 @@ mod tests {
         // Exact levels at (2, 3), as in multilateration's tests.
         let beacons = [([0.0, 0.0], 13.09_f64), ([6.0, 0.0], 25.09), ([0.0, 8.0], 29.09), ([6.0, 8.0], 41.09)]
             .map(|(place, square)| sharp(place, -50.0 - 10.0 * square.log10()));
-        let found = posterior(&beacons, &hall, &[], &Belief { offset_deviation: 0.0, trust: 1.0 });
+        let found = posterior(&beacons, &hall, &[], &PosteriorSettings { offset_deviation: 0.0, trust: 1.0 });
         let fix = found.expect("a position").fix;
         let error = (fix.position[0] - 2.0).hypot(fix.position[1] - 3.0);
         assert!(error < 3.0 * (fix.covariance[0][0] + fix.covariance[1][1]).sqrt() && error < 10.0, "{fix:?}");
@@ -343,7 +344,9 @@ mod tests {
     #[test]
     fn what_is_no_number_is_a_reason() {
         let good = heard([0.0, 0.0], -60.0);
-        let at = |heard: &[Heard<f64, 2>], area: &Area<f64, 2>| posterior(heard, area, &[], &Belief::default()).err();
+        let at = |heard: &[Heard<f64, 2>], area: &Area<f64, 2>| {
+            posterior(heard, area, &[], &PosteriorSettings::default()).err()
+        };
         assert_eq!(at(&[Heard { level: f64::NAN, ..good }], &ROOM), Some(SolveError::NotFinite));
         assert_eq!(at(&[good], &Area { min: [0.0, 0.0], max: [0.0, 8.0] }), Some(SolveError::NotFinite));
         assert_eq!(at(&[good], &Area { min: [0.0, f64::NAN], max: [6.0, 8.0] }), Some(SolveError::NotFinite));
@@ -353,7 +356,7 @@ mod tests {
     #[test]
     fn levels_that_say_nothing_are_the_middle_of_the_area() {
         let blind = Heard { path_loss: PathLoss { deviation: 99.0, ..MODEL }, ..heard([0.0, 0.0], -60.0) };
-        let fix = posterior(&[blind], &ROOM, &[], &Belief::default()).expect("a position").fix;
+        let fix = posterior(&[blind], &ROOM, &[], &PosteriorSettings::default()).expect("a position").fix;
         // A box of 6 by 8: variances 36 ⁄ 12 and 64 ⁄ 12.
         assert!((fix.position[0] - 3.0).abs() < 0.05 && (fix.position[1] - 4.0).abs() < 0.05, "{fix:?}");
         assert!(

@@ -5,7 +5,7 @@
 //! with [`Mode::Track`] the first round (and the first after a track was given up) is solved, and from then on every
 //! measurement changes the track as it comes. Time without measurements makes the covariance grow; too much of it ends the track.
 
-mod level;
+mod height;
 mod measurement;
 mod output;
 mod round;
@@ -19,7 +19,7 @@ pub use settings::{Dimensions, Mode, NodeMethod, Settings, Solvers};
 
 use crate::Real;
 use crate::track::{Filter, Supervisor};
-use level::Level;
+use height::HeightSource;
 use measurement::height_is_sane;
 use round::Round;
 
@@ -33,7 +33,7 @@ pub struct Engine<T> {
     supervisor: Supervisor,
     round: Round<T>,
     /// Where a track in space has its height from.
-    level: Level<T>,
+    level: HeightSource<T>,
     /// Whether there is a track, and why not.
     track: Result<(), Missing>,
     /// Why the next track will be started.
@@ -60,7 +60,7 @@ impl<T: Real> Engine<T> {
             filter: Filter::new(),
             supervisor: Supervisor::default(),
             round: Round::new(),
-            level: Level::new(),
+            level: HeightSource::new(),
             track: Err(Missing::RoundOpen),
             next_start: Start::First,
             now_us: 0,
@@ -100,7 +100,7 @@ impl<T: Real> Engine<T> {
     /// Moves on to `now_us`; ends a track that did not outlive the time since.
     fn watch_clock(&mut self, now_us: u64) {
         if now_us.saturating_add(OVERTAKING_US) < self.now_us {
-            self.give_up(Start::Clock);
+            self.reset(Start::Clock);
             self.round.clear();
             (self.now_us, self.used_us) = (now_us, now_us);
             return;
@@ -108,18 +108,18 @@ impl<T: Real> Engine<T> {
         self.now_us = self.now_us.max(now_us);
         if self.track.is_ok() {
             if self.now_us.saturating_sub(self.used_us) > self.settings.gap_us {
-                self.give_up(Start::Gap);
+                self.reset(Start::Gap);
                 self.round.clear();
                 return;
             }
             self.filter.advance(self.now_us, &self.settings);
             if !(self.filter.state.spread() <= self.settings.lost.squared()) || !self.filter.state.is_finite() {
-                self.give_up(Start::Lost);
+                self.reset(Start::Lost);
             }
         }
     }
 
-    fn give_up(&mut self, reason: Start) {
+    fn reset(&mut self, reason: Start) {
         if self.track.is_ok() {
             self.track = Err(Missing::Lost(reason));
             self.next_start = reason;

@@ -1,7 +1,7 @@
 //! The end of a round: it starts a track, or audits it, or is solved by itself.
 
 use super::measurement::probability;
-use super::{Engine, Level, Missing, Mode, Output, Start, TrackFix, Verdict};
+use super::{Engine, HeightSource, Missing, Mode, Output, Start, TrackFix, Verdict};
 use crate::track::{Blocked, Supervisor};
 use crate::{Fix, Real};
 
@@ -24,7 +24,7 @@ impl<T: Real> Engine<T> {
         let output = match self.settings.mode {
             Mode::Solve => Output { verdict: Verdict::Concluded, fix: self.solved() },
             Mode::Track if self.track.is_err() => self.begin(),
-            Mode::Track => self.go_on(),
+            Mode::Track => self.update_track(),
         };
         self.round.clear();
         output
@@ -42,7 +42,7 @@ impl<T: Real> Engine<T> {
     fn begin(&mut self) -> Output<T> {
         match self.round.solve(&self.settings) {
             Ok(fix) => {
-                let start = self.begin_at(&fix);
+                let start = self.start_track(&fix);
                 Output { verdict: Verdict::Started(start), fix: self.fix() }
             }
             Err(reason) => Output { verdict: Verdict::Concluded, fix: Err(Missing::SolveError(reason)) },
@@ -50,7 +50,7 @@ impl<T: Real> Engine<T> {
     }
 
     /// Starts a track near a solved position, and lets the round's measurements into it.
-    fn begin_at(&mut self, fix: &Fix<T, 3>) -> Start {
+    fn start_track(&mut self, fix: &Fix<T, 3>) -> Start {
         // Where the solver did not know on which side of the anchors the tag is, its covariance reaches to the other one. The track
         // is on this side, and a doubt of metres would lead its first linearisations astray.
         let greatest = (0..3).fold(T::ZERO, |greatest, axis| greatest.at_least(fix.covariance[axis][axis]));
@@ -67,14 +67,14 @@ impl<T: Real> Engine<T> {
         let start = self.start(fix.position, &covariance);
         self.take_height(fix);
         (self.round.used, self.round.taken) = (0, 0);
-        self.admit_ranges();
+        self.check_ranges();
         for place in 0..self.round.tdoas.len() {
             if let Some(tdoa) = self.round.tdoas.get(place).copied() {
-                self.admit_tdoa(&tdoa);
+                self.check_tdoa(&tdoa);
             }
         }
-        self.heed_beacons();
-        self.keep_enough();
+        self.apply_beacon_position();
+        self.apply_min_anchors();
         self.supervisor = Supervisor::default();
         self.used_us = self.now_us;
         start
@@ -98,16 +98,16 @@ impl<T: Real> Engine<T> {
     }
 
     /// Lets the round's ranges into the track.
-    fn admit_ranges(&mut self) {
+    fn check_ranges(&mut self) {
         for place in 0..self.round.ranges.len() {
             if let Some(range) = self.round.ranges.get(place).copied() {
-                self.admit_range(&range, Some(place));
+                self.check_range(&range, Some(place));
             }
         }
     }
 
     /// Lets the position by beacons into the track, where the round has one.
-    fn heed_beacons(&mut self) {
+    fn apply_beacon_position(&mut self) {
         let height = self.settings.dimensions.height();
         if let Some((located, height)) = self.round.by_beacons.zip(height) {
             let fix = located.at(height);
@@ -117,7 +117,7 @@ impl<T: Real> Engine<T> {
     }
 
     /// Lets the least blocked of the ignored ranges into the track, where the settings want a round to keep some.
-    fn keep_enough(&mut self) {
+    fn apply_min_anchors(&mut self) {
         let Blocked::Ignore { threshold, at_least } = self.settings.blocked else { return };
         let mut kept = 0_u16;
         for (place, range) in self.round.ranges.iter().enumerate() {
@@ -137,26 +137,26 @@ impl<T: Real> Engine<T> {
 
     /// Ends a round of a track.
     #[inline(never)]
-    fn go_on(&mut self) -> Output<T> {
+    fn update_track(&mut self) -> Output<T> {
         if core::mem::take(&mut self.round.waits) {
             if let Ok(fix) = self.round.solve(&self.settings)
                 && self.agrees(&fix)
             {
-                self.begin_at(&fix);
+                self.start_track(&fix);
                 return Output { verdict: Verdict::Concluded, fix: self.fix() };
             }
-            self.admit_ranges();
+            self.check_ranges();
         }
-        self.keep_enough();
-        self.heed_beacons();
+        self.apply_min_anchors();
+        self.apply_beacon_position();
         let doubts = self.settings.supervised && self.supervisor.doubts();
         if (doubts || self.level.is_asked())
             && let Ok(fix) = self.round.solve(&self.settings)
         {
             let covariance = self.filter.state.position_covariance();
-            if doubts && self.supervisor.condemns(self.filter.state.position(), &covariance, &fix) {
-                self.give_up(Start::Contradicted);
-                let start = self.begin_at(&fix);
+            if doubts && self.supervisor.rejects(self.filter.state.position(), &covariance, &fix) {
+                self.reset(Start::Contradicted);
+                let start = self.start_track(&fix);
                 return Output { verdict: Verdict::Started(start), fix: self.fix() };
             }
             self.take_height(&fix);
@@ -177,7 +177,7 @@ impl<T: Real> Engine<T> {
     /// Starts a track.
     pub(super) fn start(&mut self, position: [T; 3], covariance: &[[T; 3]; 3]) -> Start {
         self.filter.start(self.now_us, position, covariance, &self.settings);
-        self.level = Level::new();
+        self.level = HeightSource::new();
         self.supervisor = Supervisor::default();
         self.track = Ok(());
         self.used_us = self.now_us;

@@ -20,11 +20,11 @@ impl<T: Real> Engine<T> {
             self.round.waits = true;
             return Verdict::Held;
         }
-        self.admit_range(range, place)
+        self.check_range(range, place)
     }
 
     /// Takes a range into the track, unless it is to be ignored.
-    pub(super) fn admit_range(&mut self, range: &Range<T>, place: Option<usize>) -> Verdict {
+    pub(super) fn check_range(&mut self, range: &Range<T>, place: Option<usize>) -> Verdict {
         match self.settings.blocked {
             Blocked::Ignore { threshold, .. } if probability(range.blocked) >= threshold => Verdict::Ignored,
             Blocked::Ignore { .. } | Blocked::Alike | Blocked::TwoVariances { .. } | Blocked::Weigh => {
@@ -48,11 +48,11 @@ impl<T: Real> Engine<T> {
         if self.track.is_err() {
             return if self.round.tdoas.push(*tdoa).is_ok() { Verdict::Held } else { Verdict::NoTrack };
         }
-        self.admit_tdoa(tdoa)
+        self.check_tdoa(tdoa)
     }
 
     /// Takes a difference into the track, unless it is to be ignored.
-    pub(super) fn admit_tdoa(&mut self, tdoa: &Tdoa<T>) -> Verdict {
+    pub(super) fn check_tdoa(&mut self, tdoa: &Tdoa<T>) -> Verdict {
         if let Blocked::Ignore { threshold, .. } = self.settings.blocked
             && tdoa.blocked.iter().any(|&blocked| probability(blocked) >= threshold)
         {
@@ -82,7 +82,7 @@ impl<T: Real> Engine<T> {
         if self.track.is_err() {
             return Verdict::NoTrack;
         }
-        self.level.is_told();
+        self.level.set_external();
         let fate = self.filter.height(height, deviation, &self.settings);
         self.judge(fate, None)
     }
@@ -92,7 +92,7 @@ impl<T: Real> Engine<T> {
             return Verdict::NotSane;
         }
         if self.track.is_ok() {
-            self.level.is_told();
+            self.level.set_external();
             let fate = self.filter.position(*position, covariance, &self.settings);
             return self.judge(fate, None);
         }

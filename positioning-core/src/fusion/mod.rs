@@ -155,7 +155,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
             self.nodes.iter_mut().for_each(|node| node.known = false);
             self.start();
         } else {
-            self.go_on(dt);
+            self.update_track(dt);
         }
         if fresh > 0 {
             self.weigh();
@@ -238,7 +238,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
     }
 
     /// The next step of a track.
-    fn go_on(&mut self, dt: T) {
+    fn update_track(&mut self, dt: T) {
         self.predict(dt);
         let delays = self.nodes.iter().filter(|node| !node.channel.is_power()).count();
         // Links take turns in changing.

@@ -25,7 +25,7 @@ struct Drift<T> {
 
 impl<T: Real> Drift<T> {
     /// Over `way` metres of such a process with this deviation and length, metres (C. E. Rasmussen and C. K. I. Williams, *Gaussian
-    /// Processes for Machine Learning*, 2006, equation 4.17, as a differential equation).
+    /// Processes for Protocol Learning*, 2006, equation 4.17, as a differential equation).
     fn new(way: T, deviation: T, length: T) -> Self {
         let rate = T::of(1.732_050_8) / length;
         let (passed, kept) = (rate * way, (-rate * way).exp());

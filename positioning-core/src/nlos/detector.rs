@@ -3,13 +3,13 @@
 //!
 //! A [`NlosDetector`] adds what only time gives (the moving means of a link, the range against the track) and asks its model. Not
 //! every reception has an impulse response, for reading one takes time: what the last one said of a link holds for a
-//! second. Without a model the powers are asked ([`POWER_DOUBT`]); also beside one that
+//! second. Without a model the powers are asked ([`POWER_DIFFERENCE_PRIOR`]); also beside one that
 //! a reception does not tell enough, and then as the small part of a blocked link's variance that their doubt amounts to.
 
 use heapless::Vec;
 
 use super::{Classifier, Feature, Features, MovingMean};
-use crate::{Noise, POWER_DOUBT, Real};
+use crate::{Noise, POWER_DIFFERENCE_PRIOR, Real};
 
 /// Links that are kept in mind, as many as a round has; of others the one not heard for longest goes.
 pub const LINKS: usize = 8;
@@ -106,7 +106,7 @@ impl<'a> NlosDetector<'a> {
     /// The probability that the direct path of this reception from `anchor` is blocked; `None` where nothing tells. Time may
     /// jump: then what is known of the link counts no more.
     pub fn blocked(&mut self, now_us: u64, anchor: u16, reception: &Reception) -> Option<f32> {
-        let by_powers = POWER_DOUBT.nlos_probability(&reception.features);
+        let by_powers = POWER_DIFFERENCE_PRIOR.nlos_probability(&reception.features);
         let Some(model) = self.model else { return by_powers };
         // That a range may be off by a decimetre is so much of the variance of a blocked one.
         let [doubt, blocked] =
@@ -170,7 +170,7 @@ mod tests {
     fn reception(skewness: Option<f32>) -> Reception {
         let mut features = Features::default();
         // Even odds, by powers.
-        features.set(Feature::PowerDifference, POWER_DOUBT.middle_db);
+        features.set(Feature::PowerDifference, POWER_DIFFERENCE_PRIOR.middle_db);
         features.set_known(Feature::SkewnessNear, skewness);
         Reception { features, range_m: 5.0, power_dbm: -80.0, ends_m: None }
     }

@@ -1,7 +1,7 @@
 //! The links that are being followed, to anchors and to beacons: who has which state, and what was seen of it.
 
 use super::gate::Gate;
-use super::noise::Shown;
+use super::noise::ObservedNoise;
 use super::state::LINKS;
 use crate::{MAX_ANCHORS, Real};
 
@@ -24,7 +24,7 @@ pub(crate) struct Link<T> {
     /// Its own gate.
     pub(crate) gate: Gate<T>,
     /// Its noise.
-    pub(crate) shown: Shown<T>,
+    pub(crate) shown: ObservedNoise<T>,
 }
 
 /// The table of links.
@@ -55,7 +55,7 @@ impl<T: Real> Links<T> {
         if let Some(place) = self.links.iter().position(|link| link.source == source) {
             return (place, false);
         }
-        let fresh = Link { source, measured_us: now_us, gate: Gate::default(), shown: Shown::nothing() };
+        let fresh = Link { source, measured_us: now_us, gate: Gate::default(), shown: ObservedNoise::nothing() };
         if self.links.push(fresh).is_ok() {
             return (self.links.len() - 1, true);
         }

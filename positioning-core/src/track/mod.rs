@@ -18,7 +18,7 @@ pub(crate) mod update;
 
 pub use hyperbolic::{TdoaSample, hyperbolic};
 pub use motion::Motion;
-pub use noise::{Blocked, Noise, POWER_DOUBT};
+pub use noise::{Blocked, Noise, POWER_DIFFERENCE_PRIOR};
 
 pub(crate) use filter::{Filter, UpdateResult};
 pub(crate) use supervisor::Supervisor;

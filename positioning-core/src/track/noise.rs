@@ -10,7 +10,7 @@ use crate::nlos::PowerDifference;
 
 /// How the received power less that of the first path becomes a doubt about a range; see [`Noise::by_powers`]. Far gentler than the
 /// chip maker's rule, which is after blocked paths: the squared errors of recorded ranges grow about evenly from 3 dB to 16 dB.
-pub const POWER_DOUBT: PowerDifference = PowerDifference { middle_db: 10.0, slope: 0.3 };
+pub const POWER_DIFFERENCE_PRIOR: PowerDifference = PowerDifference { middle_db: 10.0, slope: 0.3 };
 
 /// What to do with the probability that a link is without line of sight.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,7 +96,7 @@ impl<T: Real> Noise<T> {
         }
     }
 
-    /// The same with the probability of [`POWER_DOUBT`], which powers alone give: not that the path is blocked, but that the range
+    /// The same with the probability of [`POWER_DIFFERENCE_PRIOR`], which powers alone give: not that the path is blocked, but that the range
     /// may be off. A weak first path beside a strong rest is found early or late by a decimetre or two.
     pub fn by_powers() -> Self {
         Self {
@@ -153,7 +153,7 @@ impl<T: Real> Noise<T> {
 
 /// The noise that a link has shown.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Shown<T> {
+pub(crate) struct ObservedNoise<T> {
     variance: T,
 }
 
@@ -166,7 +166,7 @@ pub(crate) struct Variances<T> {
     pub(crate) link: T,
 }
 
-impl<T: Real> Shown<T> {
+impl<T: Real> ObservedNoise<T> {
     /// Nothing yet.
     pub(crate) fn nothing() -> Self {
         Self { variance: T::ZERO }
@@ -197,7 +197,7 @@ mod tests {
     fn a_blocked_link_is_doubted_in_proportion() {
         let noise =
             Noise::<f64> { link_sigma: 0.1, blocked_link_sigma: 0.4, blocked_noise_sigma: 0.2, ..Noise::white() };
-        let shown = Shown::nothing();
+        let shown = ObservedNoise::nothing();
         // Half blocked: 0.03² + 0.5 · 0.2² = 0.0209, and 0.1² + 0.5 · 0.4² = 0.09.
         let half = shown.variances(&noise, 0.0009, Some(0.5));
         assert!((half.white - 0.0209).abs() < 1e-12 && (half.link - 0.09).abs() < 1e-12, "{half:?}");
@@ -209,7 +209,7 @@ mod tests {
     #[test]
     fn a_link_that_jumps_about_is_found_out() {
         let noise = Noise::<f64>::indoors();
-        let mut shown = Shown::nothing();
+        let mut shown = ObservedNoise::nothing();
         for k in 0..400 {
             let innovation = if k % 2 == 0 { 0.3 } else { -0.3 };
             shown.learn(&noise, innovation, 0.0, 0.09);

@@ -45,7 +45,7 @@ impl Supervisor {
     }
 
     /// Compares the track with a round's own position; whether the track is to be given up.
-    pub(crate) fn condemns<T: Real>(&mut self, position: [T; 3], covariance: &[[T; 3]; 3], fix: &Fix<T, 3>) -> bool {
+    pub(crate) fn rejects<T: Real>(&mut self, position: [T; 3], covariance: &[[T; 3]; 3], fix: &Fix<T, 3>) -> bool {
         let (mut square, mut variance) = (T::ZERO, T::ZERO);
         for axis in 0..3 {
             square += (position[axis] - fix.position[axis]).squared();

@@ -4,12 +4,12 @@ use heapless::Vec;
 
 use super::known::{Exchange, Known, Later, Pending, Purpose, STOCK_MILLIS};
 use super::{Compensation, DEVIATION_M, FLIGHTS_IN_SUM, Software, bytes_on_air, flight, header, least_reply, short};
-use crate::exchange::{Action, Event, Link, Machine, Range, Report, Round};
+use crate::exchange::{Action, Event, Link, Protocol, Range, Report, Round};
 use crate::frame::decaranging::{
     Answer, Blink, Final, Frame, LONGEST_BYTES, Message, REPORT_FOLLOWS, Variant, delay_field,
 };
 use crate::frame::{Address, FrameBuffer, Header};
-use crate::native::Turnaround;
+use crate::native::ReplyDelay;
 use crate::{PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
 
 /// What an anchor is told at its start.
@@ -23,7 +23,7 @@ pub struct AnchorConfig {
     /// How frames are put on the air.
     pub phy: PhyConfig,
     /// The quickness of the slower of this board and the tag's.
-    pub turnaround: Turnaround,
+    pub turnaround: ReplyDelay,
     /// What the radio adds to the snapped start of a transmission, as [`Radio::departure`](crate::Radio::departure) does.
     pub antenna_delay: RadioDuration,
     /// From a blink's arrival to the ranging init's departure, for EVK1000 tags: [`INIT_DELAY`](super::INIT_DELAY). Another init
@@ -271,7 +271,7 @@ impl Anchor {
     }
 }
 
-impl Machine for Anchor {
+impl Protocol for Anchor {
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         match event {
             Event::Started => {

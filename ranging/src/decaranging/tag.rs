@@ -3,10 +3,10 @@
 
 use super::paired::Paired;
 use super::{Compensation, DEVIATION_M, FLIGHTS_IN_SUM, Mean, Software, bytes_on_air, header, least_reply, short};
-use crate::exchange::{Action, COMPENSATION, Event, Guidance, Link, Machine, Range, Report, Round};
+use crate::exchange::{Action, COMPENSATION, Event, Guidance, Link, Protocol, Range, Report, Round};
 use crate::frame::decaranging::{Answer, Blink, Final, Frame, LONGEST_BYTES, Message, REPORT_FOLLOWS, Variant};
 use crate::frame::{Address, FrameBuffer, Header};
-use crate::native::{Rate, Turnaround};
+use crate::native::{Rate, ReplyDelay};
 use crate::radio::Sensors;
 use crate::{PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, Start, TimeOfFlight};
 
@@ -21,7 +21,7 @@ pub struct TagConfig {
     /// How frames are put on the air.
     pub phy: PhyConfig,
     /// The quickness of this board.
-    pub turnaround: Turnaround,
+    pub turnaround: ReplyDelay,
     /// What the radio adds to the snapped start of a transmission, as [`Radio::departure`](crate::Radio::departure) does.
     pub antenna_delay: RadioDuration,
     /// From one poll to the next, 8 s at most.
@@ -262,7 +262,7 @@ impl Tag {
     }
 }
 
-impl Machine for Tag {
+impl Protocol for Tag {
     fn sense(&mut self, sensors: Sensors) {
         self.readings = sensors.raw;
     }

@@ -115,7 +115,7 @@ where
         Ok(true)
     }
 
-    /// Wakes the chip, if it does not wake by itself or by its pin, and makes it ready: 4 ms. Where it has lost its
+    /// WakeUps the chip, if it does not wake by itself or by its pin, and makes it ready: 4 ms. Where it has lost its
     /// configuration (its supply was off), it is initialised anew.
     pub async fn wake(&mut self) -> Result<(), Error<S::Error>> {
         self.transceiver = Transceiver::NotReady;

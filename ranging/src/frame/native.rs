@@ -115,12 +115,12 @@ pub struct Response {
     /// From the poll's arrival to this frame's departure, in the anchor's clock: below 67 ms.
     pub reply: RadioDuration,
     /// The last final of this tag that the anchor heard.
-    pub last_final: Option<FinalHeard>,
+    pub last_final: Option<FinalReceived>,
 }
 
 /// When an anchor heard a final.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FinalHeard {
+pub struct FinalReceived {
     /// Low byte of the number of the final's round.
     pub round: u8,
     /// From the departure of the anchor's response in that round to the arrival of the final, in the anchor's clock: below 67 ms.
@@ -302,7 +302,9 @@ impl Response {
         let reply = RadioDuration::from_ticks(reader.u32()?.into());
         let last_final = match reader.u8() {
             None => None,
-            Some(round) => Some(FinalHeard { round, after_response: RadioDuration::from_ticks(reader.u32()?.into()) }),
+            Some(round) => {
+                Some(FinalReceived { round, after_response: RadioDuration::from_ticks(reader.u32()?.into()) })
+            }
         };
         reader.end()?;
         Some(Self { round, poll_rx, reply, last_final })
@@ -313,7 +315,7 @@ impl Response {
         out.put(&self.round.to_le_bytes());
         out.put(&self.poll_rx.to_le_bytes());
         out.put(&(self.reply.ticks() as u32).to_le_bytes());
-        if let Some(FinalHeard { round, after_response }) = self.last_final {
+        if let Some(FinalReceived { round, after_response }) = self.last_final {
             out.put(&[round]);
             out.put(&(after_response.ticks() as u32).to_le_bytes());
         }
@@ -484,7 +486,7 @@ mod tests {
         assert_eq!(out.bytes().get(9..), Some(&golden[..]));
         assert_eq!(usize::from(RESPONSE_BYTES), 9 + golden.len() + 2);
 
-        let last_final = Some(FinalHeard { round: 0xFD, after_response: RadioDuration::from_ticks(0x0089_ABCD) });
+        let last_final = Some(FinalReceived { round: 0xFD, after_response: RadioDuration::from_ticks(0x0089_ABCD) });
         let with_final: std::vec::Vec<u8> = golden.into_iter().chain([0xFD, 0xCD, 0xAB, 0x89, 0x00]).collect();
         assert_eq!(usize::from(LONG_RESPONSE_BYTES), 9 + with_final.len() + 2);
         for (cut, bytes) in (0..5).map(|cut| (cut, &with_final[..with_final.len() - cut])) {

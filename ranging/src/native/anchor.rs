@@ -4,14 +4,14 @@ use heapless::Vec;
 
 use super::anchor_rounds::AnchorRounds;
 use super::compensation::Compensation;
-use super::coordinator::{Coordinator, Heard};
+use super::coordinator::{Coordinator, FollowUpdate};
 use super::layout::Scheme;
 use super::pace::Meter;
 use super::plan::Rate;
 use super::timing::{BEACON_SLOTS, Timing, end_of};
 use super::{Network, SHORTEST_WAIT, STAMP_DEVIATION_TICKS, spread};
-use crate::exchange::{Action, COMPENSATION, Event, Link, Machine, Range, Report, Round};
-use crate::frame::native::{Beacon, FinalHeard, Frame, MAX_MEMBERS, Member, Message, Poll, Position, Response};
+use crate::exchange::{Action, COMPENSATION, Event, Link, Protocol, Range, Report, Round};
+use crate::frame::native::{Beacon, FinalReceived, Frame, MAX_MEMBERS, Member, Message, Poll, Position, Response};
 use crate::frame::{BROADCAST, FrameBuffer};
 use crate::time::METRES_PER_TICK;
 use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
@@ -69,9 +69,9 @@ pub struct Anchor {
     rounds: AnchorRounds,
     compensation: Compensation,
     link: Option<Link>,
-    told: Option<Told>,
+    told: Option<ReportedRange>,
     /// The one that the node is reading.
-    reported: Option<Told>,
+    reported: Option<ReportedRange>,
     doing: Doing,
     /// When a window was to end so that a transmission can be made in time.
     wake_at: Option<RadioInstant>,
@@ -103,12 +103,12 @@ struct Answered {
     tag: u16,
     round: u16,
     departure: RadioInstant,
-    final_heard: Option<FinalHeard>,
+    final_heard: Option<FinalReceived>,
 }
 
 /// A distance that a tag has told.
 #[derive(Clone, Copy, Debug)]
-struct Told {
+struct ReportedRange {
     round: u16,
     poll: RadioInstant,
     range: [Range; 1],
@@ -176,8 +176,8 @@ impl Anchor {
         let phy = &self.config.network.phy;
         match &mut self.network {
             Some(network) => match network.hear(phy, source, beacon, frame.rx_time) {
-                Heard::Ignored | Heard::Followed => {}
-                Heard::Changed(link) => self.link = Some(link),
+                FollowUpdate::Ignored | FollowUpdate::Followed => {}
+                FollowUpdate::Changed(link) => self.link = Some(link),
             },
             None => {
                 self.network = Coordinator::join(self.config.address, phy, source, beacon, frame.rx_time);
@@ -190,12 +190,12 @@ impl Anchor {
         let answered = self.answered.iter_mut().find(|answered| answered.tag == tag && answered.round == round);
         if let Some(answered) = answered {
             let after_response = rx_time.since(answered.departure);
-            answered.final_heard = Some(FinalHeard { round: round as u8, after_response });
+            answered.final_heard = Some(FinalReceived { round: round as u8, after_response });
         }
     }
 
     /// A response to a tag in a round leaves at `departure`: the final of the one before, if that was heard.
-    fn note_response(&mut self, tag: u16, round: u16, departure: RadioInstant) -> Option<FinalHeard> {
+    fn note_response(&mut self, tag: u16, round: u16, departure: RadioInstant) -> Option<FinalReceived> {
         let last = self.answered.iter().position(|answered| answered.tag == tag);
         let final_heard = last.and_then(|place| self.answered.remove(place).final_heard);
         if self.answered.is_full() {
@@ -229,7 +229,7 @@ impl Anchor {
         // What anchors tell is for tags that listen.
         let asked = poll.anchors.get(slot).filter(|_| !self.rounds.knows(tag));
         let distance = asked.and_then(|asked| asked.distance.metres());
-        self.told = distance.map(|distance_m| Told {
+        self.told = distance.map(|distance_m| ReportedRange {
             // The distance is that of the round before.
             round: poll.round.wrapping_sub(1),
             poll: poll_rx,
@@ -361,7 +361,7 @@ impl Anchor {
     }
 }
 
-impl Machine for Anchor {
+impl Protocol for Anchor {
     fn pace(&mut self, pace: Pace) {
         self.listening_at = pace.listening;
         self.was_measured = pace.armed.is_some();
@@ -411,7 +411,7 @@ impl Machine for Anchor {
             return Action::Report(Report::Link(link));
         }
         if let Some(told) = self.told.take() {
-            let Told { round, poll, range } = self.reported.insert(told);
+            let ReportedRange { round, poll, range } = self.reported.insert(told);
             return Action::Report(Report::Round(Round { number: *round, poll: *poll, asked: 1, ranges: range }));
         }
         self.schedule(present)

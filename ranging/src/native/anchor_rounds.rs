@@ -11,7 +11,7 @@ use super::anchor_table::AnchorTable;
 use super::coordinator::Coordinator;
 use super::layout::{Layout, Scheme};
 use super::plan::{Rate, next_round, owned_slots, share_of};
-use super::round::Exchange;
+use super::round::RoundState;
 use super::timing::{Phase, Timing};
 use crate::frame::native::{Distance, Member, Poll, Response};
 use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame};
@@ -30,7 +30,7 @@ pub struct AnchorRounds {
     heard: Vec<Other, MAX_HEARD>,
     /// Whom the next round names first: with more anchors than a round has places, all have their turn.
     first: usize,
-    round: Exchange,
+    round: RoundState,
     /// Those who answered.
     anchors: AnchorTable,
     bias: RangeBias,
@@ -62,7 +62,7 @@ impl AnchorRounds {
             rate,
             heard: Vec::new(),
             first: 0,
-            round: Exchange::new(),
+            round: RoundState::new(),
             anchors: AnchorTable::new(),
             bias,
             planned: None,

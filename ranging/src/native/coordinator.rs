@@ -12,13 +12,13 @@
 //! learns that a neighbour hears somebody else in its slot picks another.
 
 use super::anchor_position::{hash, is_own_slot};
-use super::course::Course;
 use super::election::{Choice, Election};
 use super::layout::Layout;
+use super::layout_requests::LayoutRequests;
 use super::leases::Leases;
 use super::spread;
+use super::superframes::Superframes;
 use super::timing::{HOLDOVER_SUPERFRAMES, SHARED_SLOTS};
-use super::wishes::Wishes;
 use crate::exchange::Link;
 use crate::frame::native::{Beacon, Member, OWNED_BEACON_SLOTS, Position};
 use crate::{PhyConfig, RadioInstant};
@@ -35,7 +35,7 @@ type Owners = [(u8, u8); OWNED_BEACON_SLOTS];
 #[derive(Clone, Debug)]
 pub struct Coordinator {
     /// Where we are in time, and what counts there.
-    pub course: Course,
+    pub course: Superframes,
     address: u16,
     /// Who coordinates.
     election: Election,
@@ -48,7 +48,7 @@ pub struct Coordinator {
     heard_members: u32,
     leases: Leases,
     /// What tags, and anchors farther from the coordinator, ask of the layout.
-    wishes: Wishes,
+    wishes: LayoutRequests,
     /// The last superframe whose beacon is done with.
     told: Option<u16>,
     /// The last superframe whose beacon came too late in its own slot.
@@ -57,7 +57,7 @@ pub struct Coordinator {
 
 /// What a beacon did to us.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Heard {
+pub enum FollowUpdate {
     /// Nothing: of a network that does not prevail, or a repetition.
     Ignored,
     /// We follow as before.
@@ -70,18 +70,18 @@ impl Coordinator {
     /// A network of its own, beginning at `start`, laid out for this anchor itself.
     pub fn found(address: u16, phy: &PhyConfig, layout: Layout, start: RadioInstant) -> Self {
         let slot = Some((usize::from(address) % OWNED_BEACON_SLOTS) as u8);
-        Self { slot, ..Self::of_course(address, Course::begin(phy, layout, start)) }
+        Self { slot, ..Self::of_course(address, Superframes::begin(phy, layout, start)) }
     }
 
     /// Into a network that was heard of, unless its layout is just changing.
     pub fn join(address: u16, phy: &PhyConfig, source: u16, beacon: &Beacon, rx_time: RadioInstant) -> Option<Self> {
-        let mut joined = Self::of_course(address, Course::of_beacon(phy, beacon, rx_time)?);
+        let mut joined = Self::of_course(address, Superframes::of_beacon(phy, beacon, rx_time)?);
         joined.election = Election::joined(beacon);
         joined.follow(source, beacon);
         Some(joined)
     }
 
-    fn of_course(address: u16, course: Course) -> Self {
+    fn of_course(address: u16, course: Superframes) -> Self {
         Self {
             course,
             address,
@@ -92,7 +92,7 @@ impl Coordinator {
             told_owners: [(0, 0); OWNED_BEACON_SLOTS],
             heard_members: 0,
             leases: Leases::new(),
-            wishes: Wishes::new(),
+            wishes: LayoutRequests::new(),
             told: None,
             late: None,
         }
@@ -124,14 +124,14 @@ impl Coordinator {
     }
 
     /// A beacon of our PAN came at `rx_time`.
-    pub fn hear(&mut self, phy: &PhyConfig, source: u16, beacon: &Beacon, rx_time: RadioInstant) -> Heard {
+    pub fn hear(&mut self, phy: &PhyConfig, source: u16, beacon: &Beacon, rx_time: RadioInstant) -> FollowUpdate {
         self.advance(rx_time);
         let in_step = self.course.in_step(beacon, rx_time);
         let is_the_same = (beacon.term, beacon.coordinator) == (self.election.term, self.election.coordinator);
         if is_the_same && in_step.is_none() {
             let is_deaf = u16::from(self.election.age) > HOLDOVER_SUPERFRAMES && !self.coordinates();
             let followed = is_deaf && self.begin_anew(phy, source, beacon, rx_time);
-            return if followed { Heard::Followed } else { Heard::Ignored };
+            return if followed { FollowUpdate::Followed } else { FollowUpdate::Ignored };
         }
         let is_alone = self.coordinates()
             && self.course.membership.members().is_empty()
@@ -144,7 +144,7 @@ impl Coordinator {
                 }
                 self.note_members(source, beacon);
                 self.note_owners(source, beacon);
-                Heard::Followed
+                FollowUpdate::Followed
             }
             (Choice::Change, phase) => {
                 let link = match self.coordinates() {
@@ -158,11 +158,11 @@ impl Coordinator {
                         self.follow(source, beacon);
                     }
                     None if self.begin_anew(phy, source, beacon, rx_time) => {}
-                    None => return Heard::Ignored,
+                    None => return FollowUpdate::Ignored,
                 }
-                Heard::Changed(link)
+                FollowUpdate::Changed(link)
             }
-            (Choice::Same, None) | (Choice::Older | Choice::Refused, _) => Heard::Ignored,
+            (Choice::Same, None) | (Choice::Older | Choice::Refused, _) => FollowUpdate::Ignored,
         }
     }
 
@@ -245,7 +245,7 @@ impl Coordinator {
 
     /// The coordinator's work of a superframe: leases end, requests are granted, slots are laid out.
     fn coordinate(&mut self, begun: u16) {
-        let Course { membership, phase, .. } = &mut self.course;
+        let Superframes { membership, phase, .. } = &mut self.course;
         let layout = self.wishes.better_than(membership.layout()).unwrap_or(membership.layout());
         let heard = core::mem::take(&mut self.heard_members);
         self.leases.renew(membership, layout, heard, begun, phase.number);

@@ -5,7 +5,7 @@
 //! transmissions, and what it asks of the network's layout. A board that became slower (another task, flash, a compiler) shows it by a
 //! single late start; one that became quicker is believed slowly.
 
-use super::Turnaround;
+use super::ReplyDelay;
 use super::layout::{Layout, Scheme, Span};
 use crate::RadioDuration;
 
@@ -66,7 +66,7 @@ fn with_margin(duration: RadioDuration) -> RadioDuration {
 /// What the node has measured of itself, or what its record says instead.
 #[derive(Clone, Debug)]
 pub struct Meter {
-    pinned: Option<Turnaround>,
+    pinned: Option<ReplyDelay>,
     answer: Quantile,
     listen_again: Quantile,
     lead: Quantile,
@@ -77,10 +77,10 @@ pub struct Meter {
 
 impl Meter {
     /// Nothing measured yet. What is pinned is not measured.
-    pub const fn new(pinned: Option<Turnaround>) -> Self {
+    pub const fn new(pinned: Option<ReplyDelay>) -> Self {
         let start = match pinned {
             Some(pinned) => pinned,
-            None => Turnaround::START,
+            None => ReplyDelay::START,
         };
         Self {
             pinned,
@@ -223,7 +223,7 @@ mod tests {
 
     #[test]
     fn what_is_pinned_is_not_measured() {
-        let pinned = Turnaround { answer: us(256), listen_again: us(64), transmit: us(150) };
+        let pinned = ReplyDelay { answer: us(256), listen_again: us(64), transmit: us(150) };
         let mut meter = Meter::new(Some(pinned));
         meter.answered(us(900));
         meter.led(us(100), true);

@@ -13,14 +13,14 @@ use super::layout::{Layout, Scheme};
 use super::timing::Timing;
 use super::{MAX_ROUND, STAMP_DEVIATION_TICKS};
 use crate::exchange::{Action, Range, Round};
-use crate::frame::native::{Asked, Distance, FinalHeard, Poll, Response};
+use crate::frame::native::{Asked, Distance, FinalReceived, Poll, Response};
 use crate::time::METRES_PER_TICK;
 use crate::tof::{double_sided_asymmetric, single_sided_corrected};
 use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
 
 /// The round in progress, or the last.
 #[derive(Clone, Debug)]
-pub struct Exchange {
+pub struct RoundState {
     number: u16,
     poll_tx: RadioInstant,
     team: Team,
@@ -66,7 +66,7 @@ struct Former {
     answers: Vec<Answer, MAX_ROUND>,
 }
 
-impl Exchange {
+impl RoundState {
     /// No round yet.
     pub fn new() -> Self {
         Self {
@@ -269,7 +269,7 @@ impl Exchange {
 
 impl Former {
     /// An anchor tells when it heard this round's final: its range is double-sided now; its distance, metres.
-    fn complete(&mut self, anchor: u16, heard: FinalHeard) -> Option<f32> {
+    fn complete(&mut self, anchor: u16, heard: FinalReceived) -> Option<f32> {
         let final_tx = self.final_tx.filter(|_| heard.round == self.number as u8)?;
         let answer = self.answers.iter_mut().find(|answer| answer.range.peer == anchor)?;
         let (round2, reply2) = (heard.after_response, final_tx.since(answer.rx_time));
@@ -306,7 +306,7 @@ mod tests {
 
     /// Whom so many rounds ask last, a superframe each having chosen the team anew.
     fn last_of(turns: bool, rounds: usize) -> std::vec::Vec<u16> {
-        let (mut exchange, mut anchors) = (Exchange::new(), AnchorTable::new());
+        let (mut exchange, mut anchors) = (RoundState::new(), AnchorTable::new());
         exchange.set_turns(turns);
         let mut last = std::vec::Vec::new();
         for _ in 0..rounds {
@@ -322,7 +322,7 @@ mod tests {
         assert_eq!(last_of(false, 4), [7; 4]);
         assert_eq!(last_of(true, 7), [5, 6, 7, 5, 6, 7, 5]);
         // Several rounds a superframe go on where the last one ended.
-        let (mut exchange, mut anchors) = (Exchange::new(), AnchorTable::new());
+        let (mut exchange, mut anchors) = (RoundState::new(), AnchorTable::new());
         exchange.set_turns(true);
         exchange.set_team([5, 6, 7].into_iter().collect());
         let mut begin = || exchange.begin(&mut anchors, Scheme::SingleSided, Layout::LEAST, false);

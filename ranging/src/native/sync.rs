@@ -1,8 +1,8 @@
 //! How a tag follows the network that it hears: where it is in time, whose word counts, who may range when.
 
-use super::course::Course;
 use super::election::{Choice, Election};
 use super::plan::Members;
+use super::superframes::Superframes;
 use super::timing::HOLDOVER_SUPERFRAMES;
 use crate::frame::native::Beacon;
 use crate::{PhyConfig, RadioDuration, RadioInstant};
@@ -11,7 +11,7 @@ use crate::{PhyConfig, RadioDuration, RadioInstant};
 #[derive(Clone, Debug)]
 pub struct Sync {
     /// Where it is, and what counts there.
-    pub course: Course,
+    pub course: Superframes,
     /// Who coordinates.
     pub election: Election,
     /// Since when the phase is not known any more, after a doze: the next beacon tells it.
@@ -24,7 +24,7 @@ pub struct Sync {
 
 /// What a beacon did.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Heard {
+pub enum SyncUpdate {
     /// Nothing: of a network that does not prevail, or a repetition.
     Ignored,
     /// Nothing: of a coordinator that prevails, while the one followed is heard.
@@ -40,16 +40,16 @@ pub enum Heard {
 impl Sync {
     /// The network that this beacon tells of; `None` in the middle of a change of its layout.
     pub fn new(phy: &PhyConfig, beacon: &Beacon, rx_time: RadioInstant) -> Option<Self> {
-        Course::of_beacon(phy, beacon, rx_time).map(|course| Self::in_course(course, beacon))
+        Superframes::of_beacon(phy, beacon, rx_time).map(|course| Self::in_course(course, beacon))
     }
 
-    fn in_course(course: Course, beacon: &Beacon) -> Self {
+    fn in_course(course: Superframes, beacon: &Beacon) -> Self {
         let (heard, election) = (course.phase.number, Election::joined(beacon));
         Self { course, election, adrift: None, doubt: RadioDuration::ZERO, heard }
     }
 
     /// A beacon came.
-    pub fn hear(&mut self, phy: &PhyConfig, beacon: &Beacon, rx_time: RadioInstant) -> Heard {
+    pub fn hear(&mut self, phy: &PhyConfig, beacon: &Beacon, rx_time: RadioInstant) -> SyncUpdate {
         let is_the_same = (beacon.term, beacon.coordinator) == (self.election.term, self.election.coordinator);
         if self.adrift.is_none() {
             self.advance(rx_time);
@@ -69,10 +69,10 @@ impl Sync {
                         self.election.follow(beacon);
                     }
                     self.course.membership.hear(beacon);
-                    return if beacon.coordinator == followed { Heard::Followed } else { Heard::Changed };
+                    return if beacon.coordinator == followed { SyncUpdate::Followed } else { SyncUpdate::Changed };
                 }
-                (Choice::Same | Choice::Older, _) if !is_lost => return Heard::Ignored,
-                (Choice::Refused, _) if !is_lost => return Heard::Refused,
+                (Choice::Same | Choice::Older, _) if !is_lost => return SyncUpdate::Ignored,
+                (Choice::Refused, _) if !is_lost => return SyncUpdate::Refused,
                 (Choice::Change, None) | (Choice::Same | Choice::Older | Choice::Refused, _) => {}
             }
         }
@@ -80,10 +80,10 @@ impl Sync {
         let noticed = || self.course.of_notice(beacon, rx_time).filter(|_| is_as_before);
         let anew = Self::new(phy, beacon, rx_time);
         let Some(anew) = anew.or_else(|| noticed().map(|course| Self::in_course(course, beacon))) else {
-            return Heard::Ignored;
+            return SyncUpdate::Ignored;
         };
         *self = anew;
-        if is_as_before { Heard::Followed } else { Heard::Anew }
+        if is_as_before { SyncUpdate::Followed } else { SyncUpdate::Anew }
     }
 
     /// Goes on to the superframe that `now` is in; answers how many have begun since.
@@ -168,7 +168,7 @@ mod tests {
     fn who_wakes_in_the_middle_of_a_change_of_layout_keeps_step_by_the_former_one() {
         let (mut sync, start) = dozing();
         let rx_time = heard_late(start);
-        assert_eq!(sync.hear(&PHY, &beacon(20, 8, layout(300), NOTICE), rx_time), Heard::Followed);
+        assert_eq!(sync.hear(&PHY, &beacon(20, 8, layout(300), NOTICE), rx_time), SyncUpdate::Followed);
         assert_eq!((sync.adrift, sync.course.phase.number), (None, 20));
         let (former, new) = (Timing::of(&PHY, layout(600)), Timing::of(&PHY, layout(300)));
         assert_eq!(sync.course.timing, former);
@@ -184,12 +184,12 @@ mod tests {
     fn who_may_have_missed_a_change_waits_for_the_end_of_this_one() {
         let (mut sync, start) = dozing();
         let rx_time = heard_late(start);
-        assert_eq!(sync.hear(&PHY, &beacon(20, 9, layout(300), NOTICE), rx_time), Heard::Ignored);
+        assert_eq!(sync.hear(&PHY, &beacon(20, 9, layout(300), NOTICE), rx_time), SyncUpdate::Ignored);
         // Another coordinator's is no notice to go by.
         let other = Beacon { coordinator: 2, ..beacon(20, 8, layout(300), NOTICE) };
-        assert_eq!(sync.hear(&PHY, &other, rx_time), Heard::Ignored);
+        assert_eq!(sync.hear(&PHY, &other, rx_time), SyncUpdate::Ignored);
         assert!(sync.adrift.is_some());
-        assert_eq!(sync.hear(&PHY, &beacon(20, 9, layout(300), 0), rx_time), Heard::Followed);
+        assert_eq!(sync.hear(&PHY, &beacon(20, 9, layout(300), 0), rx_time), SyncUpdate::Followed);
         assert_eq!(sync.course.timing, Timing::of(&PHY, layout(300)));
     }
 }

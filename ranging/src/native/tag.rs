@@ -8,14 +8,14 @@ use super::compensation::Compensation;
 use super::layout::Scheme;
 use super::pace::Meter;
 use super::plan::{Rate, lists, next_round, owned_slots, share_of};
-use super::round::Exchange;
+use super::round::RoundState;
 use super::search::Search;
-use super::sync::{Heard, Sync};
+use super::sync::{Sync, SyncUpdate};
+use super::sync_schedule::SyncSchedule;
 use super::timing::{BEACON_SLOTS, SUPERFRAME, Timing, end_of};
-use super::wakes::{Slept, Wakes};
-use super::watch::Watch;
+use super::wake_ups::{Slept, WakeUps};
 use super::{Network, SHORTEST_WAIT, spread};
-use crate::exchange::{Action, Event, Guidance, Link, Machine, Report};
+use crate::exchange::{Action, Event, Guidance, Link, Protocol, Report};
 use crate::frame::native::{Beacon, Frame, MAX_MEMBERS, Message, RESPONSE_BYTES, Request, Share};
 use crate::frame::{BROADCAST, FrameBuffer};
 use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
@@ -84,7 +84,7 @@ pub struct Tag {
     busy: RadioDuration,
     /// … and so until when.
     free_at: Option<RadioInstant>,
-    round: Exchange,
+    round: RoundState,
     /// From the first pulse of a frame of this tag to that of its next, at least, where that is limited, …
     spacing: Option<RadioDuration>,
     /// … and so the first pulse of the next, at the earliest.
@@ -99,9 +99,9 @@ pub struct Tag {
     /// Whose beacon the last action awaits.
     awaited: Option<Awaited>,
     /// Which beacons are listened to.
-    watch: Watch,
+    watch: SyncSchedule,
     /// How well it wakes …
-    wakes: Wakes,
+    wakes: WakeUps,
     /// … and its sleeps since the last beacon.
     slept: Slept,
     search: Search,
@@ -161,7 +161,7 @@ impl Tag {
             position_m: None,
             busy: RadioDuration::ZERO,
             free_at: None,
-            round: Exchange::new(),
+            round: RoundState::new(),
             spacing: None,
             next_pulse: None,
             dozes: false,
@@ -169,8 +169,8 @@ impl Tag {
             compensation: Compensation::default(),
             aim: None,
             awaited: None,
-            watch: Watch::default(),
-            wakes: Wakes::new(),
+            watch: SyncSchedule::default(),
+            wakes: WakeUps::new(),
             slept: Slept::default(),
             search: Search::default(),
             is_off_after_poll: false,
@@ -248,28 +248,30 @@ impl Tag {
                 Some(sync) => {
                     self.network = Some(Followed::begin(sync));
                     self.search = Search::default();
-                    Heard::Anew
+                    SyncUpdate::Anew
                 }
-                None => Heard::Ignored,
+                None => SyncUpdate::Ignored,
             },
             Some(network) => match network.sync.hear(phy, beacon, frame.rx_time) {
-                Heard::Anew => {
+                SyncUpdate::Anew => {
                     *network = Followed::begin(network.sync.clone());
-                    Heard::Anew
+                    SyncUpdate::Anew
                 }
-                heard @ (Heard::Ignored | Heard::Refused | Heard::Followed | Heard::Changed) => heard,
+                heard @ (SyncUpdate::Ignored | SyncUpdate::Refused | SyncUpdate::Followed | SyncUpdate::Changed) => {
+                    heard
+                }
             },
         };
         match heard {
-            Heard::Ignored | Heard::Refused => {
+            SyncUpdate::Ignored | SyncUpdate::Refused => {
                 self.slept = slept;
-                if heard == Heard::Refused {
+                if heard == SyncUpdate::Refused {
                     self.anchors.refuse_coordinator();
                 }
                 return;
             }
-            Heard::Followed => {}
-            Heard::Changed | Heard::Anew => self.link = Some(Link::Synchronised(beacon.coordinator)),
+            SyncUpdate::Followed => {}
+            SyncUpdate::Changed | SyncUpdate::Anew => self.link = Some(Link::Synchronised(beacon.coordinator)),
         }
         self.aim = None;
         let phase = self.network.as_ref().map(|network| network.sync.course.phase);
@@ -530,7 +532,7 @@ impl Followed {
     }
 }
 
-impl Machine for Tag {
+impl Protocol for Tag {
     fn pace(&mut self, pace: Pace) {
         self.listening_at = pace.listening;
         self.was_measured = pace.armed.is_some();

@@ -2,7 +2,7 @@
 //! is than the one that asked. It never sends, so that any number of tags share the rounds.
 //!
 //! An anchor P at a known place polls; anchor i answers, and tells how long after the poll's arrival in its own clock (`reply`).
-//! Heard by the tag at t_P and t_i of the tag's clock,
+//! SyncUpdate by the tag at t_P and t_i of the tag's clock,
 //!
 //! d_i − d_P = c · (t_i − t_P − reply · (1 + r_i)) − D,
 //!
@@ -20,10 +20,10 @@ use positioning_core::Real;
 use super::anchor_table::{AnchorTable, Refused};
 use super::pace::Meter;
 use super::plan::{Rate, owned_slots};
-use super::sync::{Heard, Sync};
+use super::sync::{Sync, SyncUpdate};
 use super::timing::{BEACON_SLOTS, SUPERFRAME, end_of};
 use super::{MAX_ROUND, Network, SHORTEST_WAIT, STAMP_DEVIATION_TICKS};
-use crate::exchange::{Action, Difference, Differences, Event, Guidance, Link, Machine, Report};
+use crate::exchange::{Action, Difference, Differences, Event, Guidance, Link, Protocol, Report};
 use crate::frame::BROADCAST;
 use crate::frame::native::{Asked, Beacon, Frame, Message, Poll, Response};
 use crate::time::METRES_PER_TICK;
@@ -116,15 +116,15 @@ impl TdoaTag {
         let heard = match &mut self.network {
             None => {
                 self.network = Sync::new(phy, beacon, frame.rx_time);
-                if self.network.is_some() { Heard::Anew } else { Heard::Ignored }
+                if self.network.is_some() { SyncUpdate::Anew } else { SyncUpdate::Ignored }
             }
             Some(network) => network.hear(phy, beacon, frame.rx_time),
         };
         match heard {
-            Heard::Ignored => return,
-            Heard::Refused => return self.anchors.refuse_coordinator(),
-            Heard::Followed => {}
-            Heard::Changed | Heard::Anew => self.link = Some(Link::Synchronised(beacon.coordinator)),
+            SyncUpdate::Ignored => return,
+            SyncUpdate::Refused => return self.anchors.refuse_coordinator(),
+            SyncUpdate::Followed => {}
+            SyncUpdate::Changed | SyncUpdate::Anew => self.link = Some(Link::Synchronised(beacon.coordinator)),
         }
         self.anchors.hear_beacon(source, beacon, frame.diagnostics.rx_power_dbm);
     }
@@ -228,7 +228,7 @@ impl TdoaTag {
     }
 }
 
-impl Machine for TdoaTag {
+impl Protocol for TdoaTag {
     fn guide(&mut self, guidance: Guidance) {
         match guidance.rate {
             Some(Rate::Every(period)) => self.config.period = Some(period),

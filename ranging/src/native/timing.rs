@@ -17,7 +17,7 @@ use crate::{PhyConfig, RadioDuration, RadioInstant, RxFrame};
 /// measures it by itself while it runs, unless its record pins it; none of the values here was measured on a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Turnaround {
+pub struct ReplyDelay {
     /// From the end of a frame heard to the first pulse of the answer.
     pub answer: RadioDuration,
     /// From the end of a frame heard to the first pulse of the next frame that can be heard, the receiver being told to stay on.
@@ -26,7 +26,7 @@ pub struct Turnaround {
     pub transmit: RadioDuration,
 }
 
-impl Turnaround {
+impl ReplyDelay {
     /// What a node believes of itself before it has measured: half as much again as the simulation's cost of a DWM1001 comes to.
     pub const START: Self = Self {
         answer: RadioDuration::from_micros(500),
@@ -44,7 +44,7 @@ pub struct Network {
     /// How frames are put on the air.
     pub phy: PhyConfig,
     /// What this node says of its own quickness instead of measuring it.
-    pub pinned: Option<Turnaround>,
+    pub pinned: Option<ReplyDelay>,
 }
 
 impl Network {
@@ -261,8 +261,8 @@ pub fn end_of(phy: &PhyConfig, frame: &RxFrame<'_>) -> RadioInstant {
 
 #[cfg(test)]
 mod tests {
-    use super::super::course::Course;
     use super::super::layout::Span;
+    use super::super::superframes::Superframes;
     use super::*;
     use crate::phy::{Channel, DataRate, PreambleLength, Prf};
 
@@ -353,7 +353,7 @@ mod tests {
     fn phases_go_on_across_the_wrap() {
         let superframe = 6_389_760_000;
         let start = RadioInstant::from_ticks((1 << 40) - superframe);
-        let mut course = Course::begin(&PhyConfig::FAST, Layout::LEAST, start);
+        let mut course = Superframes::begin(&PhyConfig::FAST, Layout::LEAST, start);
         course.phase.number = u16::MAX;
         assert_eq!(course.advance(start.plus(RadioDuration::from_ticks(-5))), 0);
         assert_eq!(course.advance(start.plus(RadioDuration::from_ticks(2 * superframe as i64 + 7))), 2);

@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 use rand::{Rng, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
-use ranging::exchange::{Action, Difference, Event, Link, Machine, Range, Report};
+use ranging::exchange::{Action, Difference, Event, Link, Protocol, Range, Report};
 use ranging::{Diagnostics, Pace, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
 
 pub const TICKS: f64 = 63_897_600_000.0;
@@ -62,7 +62,7 @@ impl From<Action<'_>> for Owned {
     }
 }
 
-pub fn boxed(mut machine: impl Machine + 'static) -> Boxed {
+pub fn boxed(mut machine: impl Protocol + 'static) -> Boxed {
     Box::new(move |now, pace, event| {
         machine.pace(pace);
         machine.step(now, event).into()
@@ -70,7 +70,7 @@ pub fn boxed(mut machine: impl Machine + 'static) -> Boxed {
 }
 
 /// As [`boxed`], on a radio that sleeps where it may: its clock begins anew then.
-pub fn boxed_sleeper(mut machine: impl Machine + 'static) -> Boxed {
+pub fn boxed_sleeper(mut machine: impl Protocol + 'static) -> Boxed {
     Box::new(move |now, pace, event| {
         machine.pace(pace);
         match machine.step(now, event).into() {

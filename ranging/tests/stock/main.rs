@@ -15,12 +15,12 @@ use kit::{Kit, Software};
 use ranging::decaranging::{Anchor, AnchorConfig, INIT_DELAY, Tag, TagConfig};
 use ranging::exchange::Link;
 use ranging::frame::decaranging::Variant;
-use ranging::native::Turnaround;
+use ranging::native::ReplyDelay;
 use ranging::{PhyConfig, RadioDuration};
 use tag::StockTag;
 
 /// What a board takes whose air is that of these tests.
-const QUICK: Turnaround = Turnaround {
+const QUICK: ReplyDelay = ReplyDelay {
     answer: RadioDuration::from_micros(250),
     listen_again: RadioDuration::from_micros(40),
     transmit: RadioDuration::from_micros(150),

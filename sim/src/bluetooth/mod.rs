@@ -124,7 +124,7 @@ struct Ear {
 
 /// What became of an advertisement at an ear.
 enum Reception {
-    Heard(i8),
+    ReceptionEvent(i8),
     LostToNoise,
     LostByChance,
     LostToCollision,
@@ -203,7 +203,7 @@ impl Bluetooth {
             let others: Vec<&Packet> = others.collect();
             for ear in ears.iter_mut().filter(|ear| ear.listens(packet)) {
                 match self.receive(packet, &others, ear) {
-                    Reception::Heard(rssi) => {
+                    Reception::ReceptionEvent(rssi) => {
                         statistics.heard += 1;
                         heard.push((ear.hear.clone(), rssi));
                     }
@@ -233,10 +233,10 @@ impl Bluetooth {
         } else if others.iter().any(|other| level(other) > received_dbm - CAPTURE_DB) {
             Reception::LostToCollision
         } else if known < config.unknown_rssi {
-            Reception::Heard(config.unknown_rssi_dbm)
+            Reception::ReceptionEvent(config.unknown_rssi_dbm)
         } else {
             // No controller says more than 20 dBm or less than −127.
-            Reception::Heard((received_dbm + config.receiver_offset_db).round().clamp(-127.0, 20.0) as i8)
+            Reception::ReceptionEvent((received_dbm + config.receiver_offset_db).round().clamp(-127.0, 20.0) as i8)
         }
     }
 }

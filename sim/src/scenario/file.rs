@@ -21,7 +21,7 @@ use self::values::{
     anchors_per_round, board, clock_offset, method, not_negative, optional_board, optional_finite, optional_positive,
     optional_rate, place, places, positive, probability, scheme,
 };
-use super::{Anchor, Fault, FaultKind, Level, Motion, Network, Scenario, Tag, TagSettings, Walk};
+use super::{Anchor, Fault, FaultKind, Fidelity, Motion, Network, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
 use crate::board::BoardProfile;
 
@@ -90,7 +90,7 @@ struct File {
     seed: u64,
     #[serde(deserialize_with = "probability")]
     loss: f64,
-    level: LevelName,
+    level: FidelityName,
     #[serde(deserialize_with = "clock_offset")]
     clock_ppm: f64,
     #[serde(deserialize_with = "optional_finite")]
@@ -127,7 +127,7 @@ impl Default for File {
             seconds: 10.0,
             seed: 1,
             loss: 0.0,
-            level: LevelName::Spi,
+            level: FidelityName::Spi,
             clock_ppm: 20.0,
             height_m: tag.height_m,
             method: tag.method,
@@ -152,7 +152,7 @@ impl Default for File {
 
 #[derive(Clone, Copy, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-enum LevelName {
+enum FidelityName {
     Spi,
     Air,
 }
@@ -311,8 +311,8 @@ impl File {
             seed: self.seed,
             loss: self.loss,
             level: match self.level {
-                LevelName::Spi => Level::Spi,
-                LevelName::Air => Level::Air,
+                FidelityName::Spi => Fidelity::Spi,
+                FidelityName::Air => Fidelity::Air,
             },
             clock_ppm: self.clock_ppm,
             board: self.board.slowed(self.cpu_slowdown),
@@ -402,7 +402,7 @@ mod tests {
         let document = include_str!("../../../docs/scenarios.md");
         let text = document.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).unwrap();
         let scenario = Scenario::parse(text).unwrap();
-        assert_eq!((scenario.seconds, scenario.seed, scenario.loss, scenario.level), (30.0, 1, 0.1, Level::Spi));
+        assert_eq!((scenario.seconds, scenario.seed, scenario.loss, scenario.level), (30.0, 1, 0.1, Fidelity::Spi));
         assert_eq!((scenario.anchors.len(), scenario.tags.len(), scenario.walls.len()), (3, 1, 1));
         assert_eq!(scenario.beacons.len(), 1);
         assert_eq!(scenario.bluetooth, BluetoothSettings::default());

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use ranging::PhyConfig;
 use ranging::phy::{Channel, DataRate, PreambleLength, Prf};
 
-use super::{Anchor, BluetoothSettings, Level, Mode, Motion, Network, Scenario, Tag, TagSettings, Walk};
+use super::{Anchor, BluetoothSettings, Fidelity, Mode, Motion, Network, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
 use crate::board::BoardProfile;
 
@@ -50,7 +50,7 @@ impl Scenario {
             seconds: 10.0,
             seed: 1,
             loss: 0.0,
-            level: Level::Spi,
+            level: Fidelity::Spi,
             clock_ppm: 20.0,
             board: BoardProfile::DWM1001,
             tag: TagSettings { height_m: Some(TAG_HEIGHT_M), ..TagSettings::default() },

@@ -12,7 +12,7 @@ use ranging::dw1000::{ClockedSpi, Config, Dw1000, ResetLine, SpiClock};
 use ranging::node::Restart;
 
 use super::draw::Draw;
-use super::{FaultKind, Level};
+use super::{FaultKind, Fidelity};
 use crate::IrqPin;
 use crate::air::{Path, PortId};
 use crate::board::BoardProfile;
@@ -45,7 +45,7 @@ impl Hardware {
     /// Puts a node into the world and starts its firmware.
     pub(super) fn start(
         world: &World,
-        level: Level,
+        level: Fidelity,
         board: BoardProfile,
         node: NodePlan,
         firmware: impl Firmware,
@@ -57,7 +57,7 @@ impl Hardware {
         // To the board's own handlers comes the executor's way to the task.
         let board = BoardProfile { sleep_from, wake_instructions: board.wake_instructions + costs.wake, ..board };
         match level {
-            Level::Spi => {
+            Fidelity::Spi => {
                 let chip = ChipConfig { clock: node.clock, ..ChipConfig::default() };
                 let started = world.add_node(NodeConfig { path: node.path, chip, board });
                 let config = node.config;
@@ -74,7 +74,7 @@ impl Hardware {
                 });
                 Self::Board(started)
             }
-            Level::Air => {
+            Fidelity::Air => {
                 let processor = Processor::new(board);
                 let antenna = Antenna::new(world, node.path, node.clock, &node.config, processor.clone());
                 let (task_world, task_processor) = (world.clone(), processor.clone());

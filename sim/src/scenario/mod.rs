@@ -31,7 +31,7 @@ pub use file::ScenarioError;
 pub use motion::{Walk, distance};
 pub use record::{BluetoothSummary, Cover, DifferenceRecord, Epoch, RangeRecord, Record, Source, Summary, What};
 pub use run::Simulation;
-pub use survey::{Surveyed, survey};
+pub use survey::{SurveySample, survey};
 
 /// What is simulated.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,7 +43,7 @@ pub struct Scenario {
     /// Probability that a reception is lost, whatever its power.
     pub loss: f64,
     /// How deep the radios are simulated.
-    pub level: Level,
+    pub level: Fidelity,
     /// Every crystal is off by something between −this and +this, millionths.
     pub clock_ppm: f64,
     /// The board of nodes that have none of their own.
@@ -79,7 +79,7 @@ impl Scenario {
 
 /// How deep the radios are simulated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Level {
+pub enum Fidelity {
     /// The driver on a register-level chip behind SPI.
     #[default]
     Spi,
@@ -143,7 +143,7 @@ pub struct Network {
     /// How its frames are put on the air.
     pub phy: PhyConfig,
     /// How quick its nodes say they are, as a record may; `None`: as they measure.
-    pub pinned: Option<ranging::native::Turnaround>,
+    pub pinned: Option<ranging::native::ReplyDelay>,
 }
 
 impl Default for Network {

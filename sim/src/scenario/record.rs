@@ -5,7 +5,7 @@ use positioning_core::SolveError;
 use positioning_core::nlos::Shape;
 use ranging::exchange::{Difference, Link, Range};
 use serde::Serialize;
-use telemetry::{Condition, MotionSensor, Sighting, Whereabouts};
+use telemetry::{Condition, MotionSensor, RoomEstimate, Sighting};
 
 use super::draw::{Charges, Drawn};
 use crate::air::AirStatistics;
@@ -50,7 +50,7 @@ pub enum What {
     /// Something else is known of a tag's motion sensor.
     MotionSensor(MotionSensor),
     /// A tag has gone to another room.
-    Room(Whereabouts),
+    Room(RoomEstimate),
     /// A link has changed.
     Link(Link),
     /// The radio failed again; how many times in a row.

@@ -13,13 +13,13 @@ use firmware_common::lines::LinePace;
 use firmware_tag::motion;
 use firmware_tag::motion::lis2dh12::{Lis2dh12, Sa0Pad};
 use firmware_tag::scan::{self, Plan};
-use firmware_tag::{AnchorPlace, KnownBeacons, Locator, RateControl, Surveyed, TaskChannels};
+use firmware_tag::{AnchorPlace, KnownBeacons, LoadedModels, Locator, RateControl, TaskChannels};
 use positioning_core::Blocked;
 use positioning_core::engine::Solvers;
 use positioning_core::nlos::Model;
 use rand::Rng;
-use ranging::exchange::Machine;
-use ranging::native::{self, Turnaround};
+use ranging::exchange::Protocol;
+use ranging::native::{self, ReplyDelay};
 use ranging::node::Restart;
 use ranging::{RadioDuration, decaranging, dw1000};
 
@@ -29,7 +29,7 @@ use super::draw::{Draw, Drawn};
 use super::hardware::{Firmware, Hardware, NodePlan};
 use super::record::{BluetoothSummary, Record, Summary};
 use super::sink::{AnchorSink, Log, Notebook, TagSink};
-use super::{Anchor, FaultKind, Level, Mode, Network, Scenario, Tag, TagSettings};
+use super::{Anchor, FaultKind, Fidelity, Mode, Network, Scenario, Tag, TagSettings};
 use crate::air::{Path, PortId, Sniffed};
 use crate::bluetooth::Bluetooth;
 use crate::board::BoardProfile;
@@ -256,10 +256,10 @@ fn period(hz: f64) -> RadioDuration {
 }
 
 /// What the driver adds in sending; a radio straight on the air has no antenna delay.
-fn antenna_delay(level: Level) -> RadioDuration {
+fn antenna_delay(level: Fidelity) -> RadioDuration {
     RadioDuration::from_ticks(match level {
-        Level::Spi => i64::from(dw1000::DEFAULT_ANTENNA_DELAY),
-        Level::Air => 0,
+        Fidelity::Spi => i64::from(dw1000::DEFAULT_ANTENNA_DELAY),
+        Fidelity::Air => 0,
     })
 }
 
@@ -320,7 +320,7 @@ impl Firmware for AnchorFirmware {
                         address,
                         eui: eui(address),
                         phy: network.phy,
-                        turnaround: Turnaround::START,
+                        turnaround: ReplyDelay::START,
                         antenna_delay,
                         init_delay: decaranging::INIT_DELAY,
                     });
@@ -386,7 +386,7 @@ impl<S: scan::Scanner> scan::Scanner for Interfering<S> {
 async fn live<R: Restart + 'static>(
     radio: R,
     delay: SimDelay,
-    machine: impl Machine,
+    machine: impl Protocol,
     (locator, rates): (Locator<'_>, RateControl),
     sink: TagSink,
     (ears, sensor): (Option<Ears>, Option<Sensor>),
@@ -409,7 +409,7 @@ async fn live<R: Restart + 'static>(
 async fn tag_tasks<R: Restart + 'static>(
     radio: R,
     delay: SimDelay,
-    machine: impl Machine,
+    machine: impl Protocol,
     (locator, rates): (Locator<'_>, RateControl),
     (channels, sink): (&Rc<TaskChannels<NoopRawMutex>>, &Rc<TagSink>),
     ears: Option<Ears>,
@@ -427,7 +427,7 @@ async fn tag_tasks<R: Restart + 'static>(
     };
     let scanner = Interfering { scanner, world, processor, address };
     let models = levels.as_deref().map_or(Err(node_record::LoadError::Missing), node_record::decode_models);
-    let surveyed = Surveyed::of(models, &known, |condition| sink.unused(condition));
+    let surveyed = LoadedModels::of(models, &known, |condition| sink.unused(condition));
     let locator = locator.with_beacons(KnownBeacons::new(&known, None)).with_surveyed(&surveyed);
     let ranging = firmware_tag::ranging(radio, delay, machine, channels, &**sink);
     let engine = firmware_tag::engine(channels, background.clone(), locator, rates, &**sink);
@@ -489,7 +489,7 @@ impl Firmware for TagFirmware {
                         eui: eui(address),
                         variant,
                         phy: network.phy,
-                        turnaround: Turnaround::START,
+                        turnaround: ReplyDelay::START,
                         antenna_delay: antenna_delay(scenario.level),
                         period,
                     });

@@ -6,7 +6,7 @@ use std::fmt::Debug;
 use std::rc::Rc;
 
 use firmware_common::lines::LinePace;
-use firmware_tag::{Measured, RoomTold};
+use firmware_tag::{Measured, RoomReport};
 use ranging::RadioInstant;
 use ranging::exchange::{Difference, Guidance, Link, Report};
 use ranging::node::Listener;
@@ -171,7 +171,7 @@ impl firmware_tag::Sink for TagSink {
         self.notebook.write(What::MotionSensor(state));
     }
 
-    fn room(&self, told: RoomTold) {
+    fn room(&self, told: RoomReport) {
         if told.is_news {
             self.notebook.write(What::Room(told.room.is));
         }

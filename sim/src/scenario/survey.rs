@@ -16,7 +16,7 @@ use crate::{AirConfig, TrueTime, World};
 
 /// An advertisement heard at a surveyed place.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Surveyed {
+pub struct SurveySample {
     /// The place, by its number in the survey.
     pub place: usize,
     /// Since the stay began, seconds.
@@ -28,12 +28,12 @@ pub struct Surveyed {
 }
 
 /// What is heard at these places, metres, at each for so many seconds, by a receiver that reads as it should; in the order of time.
-pub fn survey(scenario: &Scenario, places: &[[f64; 3]], seconds: f64) -> Vec<Surveyed> {
+pub fn survey(scenario: &Scenario, places: &[[f64; 3]], seconds: f64) -> Vec<SurveySample> {
     let world = World::new(scenario.seed, AirConfig::default());
     let config = BluetoothConfig { receiver_offset_db: 0.0, ..scenario.bluetooth.air.clone() };
     let air = Bluetooth::new(&world, config, &scenario.walls);
     let _beacons: Vec<_> = scenario.beacons.iter().map(|beacon| BeaconNode::start(&world, &air, beacon)).collect();
-    let heard: Rc<RefCell<Vec<Surveyed>>> = Rc::default();
+    let heard: Rc<RefCell<Vec<SurveySample>>> = Rc::default();
     // All stays are at once: receivers do not disturb each other.
     let scanners = places.iter().enumerate().map(|(place, at)| {
         let (world, heard) = (world.clone(), heard.clone());
@@ -41,7 +41,7 @@ pub fn survey(scenario: &Scenario, places: &[[f64; 3]], seconds: f64) -> Vec<Sur
             if let Ok(said) = Advertised::parse(data) {
                 let (identity, t_s) = (said.identity(), world.now().as_secs_f64());
                 let beacon = format!("{}-{}", identity.major, identity.minor);
-                heard.borrow_mut().push(Surveyed { place, t_s, beacon, rssi_dbm });
+                heard.borrow_mut().push(SurveySample { place, t_s, beacon, rssi_dbm });
             }
         };
         let mut scanner = air.scanner(place as u16, Path::Fixed(*at), hear);

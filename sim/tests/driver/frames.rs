@@ -4,7 +4,7 @@ use crate::*;
 
 /// What a sender of `frames`, `gap` after one another (from RMARKER to RMARKER), got through to a receiver that keeps
 /// listening.
-fn burst(count: u8, bytes: usize, gap: RadioDuration) -> (Vec<RadioInstant>, Vec<Heard>, Node, Node) {
+fn burst(count: u8, bytes: usize, gap: RadioDuration) -> (Vec<RadioInstant>, Vec<Received>, Node, Node) {
     let (world, a, b) = two_nodes(5.0);
     let (mut sender, mut receiver) = (driver(a.peripherals(), fast()), driver(b.peripherals(), fast()));
     let (sent, heard) = run(

@@ -100,7 +100,7 @@ fn assert_well_treated(node: &Node) {
 }
 
 #[derive(Clone, Debug, PartialEq)]
-struct Heard {
+struct Received {
     bytes: Vec<u8>,
     rx_time: RadioInstant,
     ppm: f32,
@@ -115,9 +115,9 @@ async fn hear(
     start: Start,
     window: RadioDuration,
     keep: bool,
-) -> Result<Heard, ReceiveError<Error<Infallible>>> {
+) -> Result<Received, ReceiveError<Error<Infallible>>> {
     let mut buffer = [0; MAX_FRAME];
-    radio.receive(&mut buffer, start, window, keep).await.map(|frame| Heard {
+    radio.receive(&mut buffer, start, window, keep).await.map(|frame| Received {
         bytes: frame.bytes.to_vec(),
         rx_time: frame.rx_time,
         ppm: frame.diagnostics.clock_offset_ppm,

@@ -3,7 +3,7 @@
 use crate::*;
 
 /// Poll and answer, single-sided; the distance that its four stamps and the carrier integrator give, metres.
-fn ranged(config: Config, ppm: f64, reply: RadioDuration) -> (f64, Heard, Node, Node) {
+fn ranged(config: Config, ppm: f64, reply: RadioDuration) -> (f64, Received, Node, Node) {
     let (world, a, b) = two_nodes(ppm);
     let (mut tag, mut anchor) = (driver(a.peripherals(), config), driver(b.peripherals(), config));
     let ((poll_tx, response), (poll_rx, response_tx)) = run(

@@ -2,11 +2,11 @@
 
 use std::rc::Rc;
 
-use node_record::{BeaconModels, MODELS_BYTES, OfBeacons, encode_models};
+use node_record::{BeaconModel, MODELS_BYTES, SiteModels, encode_models};
 use positioning_core::ble::fingerprint::{Map, Receiver, locate};
 use sim::scenario::{Scenario, What};
 use system_tests::{Run, TAG};
-use telemetry::{Condition, Levels, RssiModelError, Whereabouts};
+use telemetry::{Condition, Levels, RoomEstimate, RssiModelError};
 
 use super::{by_beacons, errors};
 
@@ -18,9 +18,9 @@ const ROOMS: &[u8] = include_bytes!("../../../examples/fingerprints.rooms");
 fn region(map: &[u8]) -> Vec<u8> {
     let beacons: Vec<u8> = (1..=6).flat_map(|minor| [1, 0, minor, 0]).collect();
     let model = positioning_core::ble::rooms::Model::decode(ROOMS).map(|(_, rest)| &ROOMS[..ROOMS.len() - rest.len()]);
-    let models = BeaconModels {
-        map: Some(OfBeacons { beacons: &beacons, model: map }),
-        rooms: Some(OfBeacons { beacons: &beacons, model: model.expect("a model of rooms") }),
+    let models = SiteModels {
+        map: Some(BeaconModel { beacons: &beacons, model: map }),
+        rooms: Some(BeaconModel { beacons: &beacons, model: model.expect("a model of rooms") }),
         room_names: "",
     };
     encode_models(&models, &mut [0; MODELS_BYTES]).expect("they fit").to_vec()
@@ -73,7 +73,7 @@ fn a_tag_with_a_map_beats_path_loss_and_is_as_good_as_the_map_lets_it_be() {
 }
 
 /// The rooms of a tag with their times.
-fn rooms(run: &Run, tag: u16) -> Vec<(f64, Whereabouts)> {
+fn rooms(run: &Run, tag: u16) -> Vec<(f64, RoomEstimate)> {
     let of_tag = run.records.iter().filter(|record| record.node == tag);
     of_tag.filter_map(|record| if let What::Room(is) = record.what { Some((record.t_s, is)) } else { None }).collect()
 }
@@ -96,7 +96,7 @@ fn tags_that_stay_in_their_rooms_are_told_there() {
     for (tag, room) in (first.address..).zip(0..3) {
         let told = rooms(&run, tag);
         let last = told.last().map(|(_, is)| *is);
-        assert!(matches!(last, Some(Whereabouts::Room(likely)) if likely.room == room), "{room}: {told:?}");
+        assert!(matches!(last, Some(RoomEstimate::Room(likely)) if likely.room == room), "{room}: {told:?}");
         // After ten seconds nothing changes.
         assert!(told.iter().all(|(t_s, _)| *t_s < 10.0), "{room}: {told:?}");
     }
@@ -109,7 +109,7 @@ fn a_tag_that_walks_through_doors_changes_rooms_and_does_not_flap() {
     assert!((4..=22).contains(&told.len()), "{told:?}");
     let visited: std::collections::BTreeSet<u8> = told
         .iter()
-        .filter_map(|(_, is)| if let Whereabouts::Room(likely) = is { Some(likely.room) } else { None })
+        .filter_map(|(_, is)| if let RoomEstimate::Room(likely) = is { Some(likely.room) } else { None })
         .collect();
     assert!(visited.contains(&0) && visited.len() >= 2, "{told:?}");
 }

@@ -3,7 +3,7 @@
 use positioning_core::SolveError;
 use sim::scenario::What;
 use system_tests::{Run, TAG};
-use telemetry::{BeaconWord, Condition};
+use telemetry::{BeaconEvidence, Condition};
 
 use super::{ROUND, STANDS, by_beacons, errors, room};
 
@@ -85,8 +85,8 @@ fn a_beacon_that_was_moved_is_named_and_believed_when_it_is_back() {
         let text = hall(&format!("seconds = 240\nseed = {seed}"), "listed_at = [29.0, 4.0, 2.2]");
         let run = Run::of_text(&(text + at_home + &off(0.0, FIRST + 8) + &off(80.0, FIRST) + &on));
         let words = run.words(TAG);
-        let named = |word: &Condition| matches!(word, Condition::BeaconElsewhere(BeaconWord { minor: 1, .. }));
-        let believed = |word: &Condition| matches!(word, Condition::BeaconBelieved(BeaconWord { minor: 1, .. }));
+        let named = |word: &Condition| matches!(word, Condition::BeaconMoved(BeaconEvidence { minor: 1, .. }));
+        let believed = |word: &Condition| matches!(word, Condition::BeaconRestored(BeaconEvidence { minor: 1, .. }));
         let found = words.iter().find(|(t_s, word)| *t_s < 80.0 && named(word));
         let (named_s, _) = found.unwrap_or_else(|| panic!("seed {seed}: {words:?}"));
         assert!(words.iter().any(|(t_s, word)| *t_s > 80.0 && believed(word)), "seed {seed}: {words:?}");
@@ -115,7 +115,7 @@ fn a_clone_is_named_where_anchors_tell_the_place() {
     let run = Run::of_text(&(room("seconds = 60", &[]) + twin + &anchors + ROUND));
     let words = run.words(TAG);
     let (_, first) = words.first().expect("a word");
-    assert!(matches!(first, Condition::BeaconDoubled(BeaconWord { minor: 1, .. })), "{words:?}");
+    assert!(matches!(first, Condition::BeaconDuplicated(BeaconEvidence { minor: 1, .. })), "{words:?}");
 }
 
 #[test]

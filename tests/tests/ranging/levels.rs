@@ -1,9 +1,9 @@
 //! The same scenario on chips and straight on the air, on slow boards and on one that costs nothing: the same rounds.
 
 use ranging::RadioDuration;
-use ranging::native::Turnaround;
+use ranging::native::ReplyDelay;
 use sim::BoardProfile;
-use sim::scenario::{Level, Network, Record, Scenario, Simulation};
+use sim::scenario::{Fidelity, Network, Record, Scenario, Simulation};
 
 /// What a second of rounds brings, once everybody has joined.
 #[derive(Debug)]
@@ -45,7 +45,7 @@ fn alike(has_same_slots: bool, a: &Rounds, b: &Rounds) -> bool {
 fn pinned(scenario: Scenario, answer_us: u32, listen_again_us: u32) -> Scenario {
     let micros = RadioDuration::from_micros;
     let turnaround =
-        Turnaround { answer: micros(answer_us), listen_again: micros(listen_again_us), transmit: micros(250) };
+        ReplyDelay { answer: micros(answer_us), listen_again: micros(listen_again_us), transmit: micros(250) };
     let networks = scenario.networks.iter().map(|network| Network { pinned: Some(turnaround), ..*network });
     Scenario { networks: networks.collect(), ..scenario }
 }
@@ -55,7 +55,7 @@ fn chips_and_air_make_the_same_rounds_on_every_board() {
     for board in [BoardProfile::DWM1001, BoardProfile::EVB1000, BoardProfile::INSTANT] {
         for (anchors, tags) in [(4, 1), (8, 1), (8, 3)] {
             let of = |level, loss| rounds(Scenario { level, board, loss, ..Scenario::rooms(anchors, tags) });
-            let (chips, air) = (of(Level::Spi, 0.0), of(Level::Air, 0.0));
+            let (chips, air) = (of(Fidelity::Spi, 0.0), of(Fidelity::Air, 0.0));
             let is_free = board == BoardProfile::INSTANT;
             assert!(alike(is_free, &air, &chips), "{board:?}, {anchors} anchors, {tags} tags: {air:?} and {chips:?}");
             for all in [&chips, &air] {
@@ -64,7 +64,7 @@ fn chips_and_air_make_the_same_rounds_on_every_board() {
                 assert!((all.heard - all.asked).abs() < missed, "{board:?}: an answer is missed: {all:?}");
                 assert_eq!(all.collisions, 0, "{board:?}: {all:?}");
             }
-            let (chips, air) = (of(Level::Spi, 0.1), of(Level::Air, 0.1));
+            let (chips, air) = (of(Fidelity::Spi, 0.1), of(Fidelity::Air, 0.1));
             assert!(alike(is_free, &air, &chips), "{board:?}, {anchors} anchors, {tags} tags: {air:?} and {chips:?}");
         }
     }
@@ -79,7 +79,7 @@ fn with_the_same_slots_chips_and_air_make_the_same_rounds() {
                 let scenario = Scenario { level, board, loss, ..Scenario::rooms(anchors, tags) };
                 rounds(pinned(scenario, answer_us, listen_again_us))
             };
-            let (chips, air) = (of(Level::Spi), of(Level::Air));
+            let (chips, air) = (of(Fidelity::Spi), of(Fidelity::Air));
             let what = format!("{}, {anchors} anchors, {tags} tags, {loss} lost", board.name);
             assert!(alike(true, &air, &chips), "{what}: {air:?} and {chips:?}");
         }
@@ -90,7 +90,7 @@ fn with_the_same_slots_chips_and_air_make_the_same_rounds() {
 fn who_only_listens_hears_the_last_answer_too() {
     for board in [BoardProfile::DWM1001, BoardProfile::EVB1000] {
         let of = |level| rounds(Scenario { level, board, ..Scenario::listening(5, 2) });
-        let (chips, air) = (of(Level::Spi), of(Level::Air));
+        let (chips, air) = (of(Fidelity::Spi), of(Fidelity::Air));
         assert!(alike(false, &air, &chips), "{board:?}: {air:?} and {chips:?}");
         for all in [&chips, &air] {
             // The reference comes with the differences.

@@ -1,10 +1,10 @@
 //! Tags that only listen, whole nodes: eight anchors ask each other, any number of tags find themselves.
 
-use sim::scenario::{Level, Mode, Network, Scenario, Simulation};
+use sim::scenario::{Fidelity, Mode, Network, Scenario, Simulation};
 use system_tests::Run;
 
 /// Positions a second and tag from the first second on, their errors' root mean square in metres, and collisions.
-fn listen(level: Level, tags: usize, seconds: f64, loss: f64) -> (f64, f64, u64) {
+fn listen(level: Fidelity, tags: usize, seconds: f64, loss: f64) -> (f64, f64, u64) {
     let mut simulation = Simulation::new(Scenario { level, seconds, loss, ..Scenario::listening(8, tags) });
     simulation.run_until(1.0);
     let joined = simulation.summary();
@@ -18,7 +18,7 @@ fn listen(level: Level, tags: usize, seconds: f64, loss: f64) -> (f64, f64, u64)
 
 #[test]
 fn a_hundred_tags_have_fifty_positions_a_second_each() {
-    let (rate, rmse_m, collisions) = listen(Level::Air, 100, 2.0, 0.0);
+    let (rate, rmse_m, collisions) = listen(Fidelity::Air, 100, 2.0, 0.0);
     // Eight anchors, ten rounds a second each: eighty.
     assert!(rate >= 50.0, "{rate} a second");
     assert!(rmse_m <= 0.15, "{rmse_m} m");
@@ -27,7 +27,7 @@ fn a_hundred_tags_have_fifty_positions_a_second_each() {
 
 #[test]
 fn on_register_level_chips_as_well() {
-    let (rate, rmse_m, collisions) = listen(Level::Spi, 3, 4.0, 0.0);
+    let (rate, rmse_m, collisions) = listen(Fidelity::Spi, 3, 4.0, 0.0);
     assert!(rate >= 70.0, "{rate} a second");
     assert!(rmse_m <= 0.10, "{rmse_m} m");
     assert_eq!(collisions, 0);
@@ -35,7 +35,7 @@ fn on_register_level_chips_as_well() {
 
 #[test]
 fn a_lost_frame_costs_a_difference_and_not_the_position() {
-    let (rate, rmse_m, _) = listen(Level::Air, 20, 4.0, 0.3);
+    let (rate, rmse_m, _) = listen(Fidelity::Air, 20, 4.0, 0.3);
     // Seven polls in ten are heard.
     assert!(rate >= 40.0, "{rate} a second");
     assert!(rmse_m <= 0.15, "{rmse_m} m");
@@ -52,7 +52,7 @@ fn walls_between_anchors_are_not_in_the_differences() {
                 Err(error) => panic!("line {error}"),
             };
             let networks = vec![Network { mode, ..Network::default() }];
-            let run = Run::of(Scenario { level: Level::Air, seed, networks, ..scenario });
+            let run = Run::of(Scenario { level: Fidelity::Air, seed, networks, ..scenario });
             run.summary.rmse_m.map_or(f64::NAN, |rmse_m| rmse_m * rmse_m)
         });
         squares.sum::<f64>() / 3.0

@@ -5,7 +5,7 @@ use boards::node::{self, Reporter, Tasks};
 use embassy_executor::Spawner;
 use embassy_time::Delay;
 use firmware_anchor::TelemetrySink;
-use firmware_common::AnchorMachine;
+use firmware_common::AnchorProtocol;
 use node_record::Role;
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
@@ -15,10 +15,10 @@ type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
 
 static REPORTER: StaticCell<Reporter> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
-static MACHINE: StaticCell<AnchorMachine> = StaticCell::new();
+static MACHINE: StaticCell<AnchorProtocol> = StaticCell::new();
 
 #[embassy_executor::task]
-async fn ranging(radio: &'static mut Radio, machine: &'static mut AnchorMachine, reporter: &'static Reporter) {
+async fn ranging(radio: &'static mut Radio, machine: &'static mut AnchorProtocol, reporter: &'static Reporter) {
     firmware_anchor::run(radio, Delay, machine, TelemetrySink(reporter)).await;
 }
 
@@ -35,7 +35,7 @@ pub fn start(spawner: Spawner) {
                 tasks = Tasks::Ranging;
                 let radio =
                     RADIO.init_with(|| Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio));
-                let machine = MACHINE.init_with(|| AnchorMachine::new(&settings, position_m));
+                let machine = MACHINE.init_with(|| AnchorProtocol::new(&settings, position_m));
                 esp::thread::start(move |above| above.spawn(ranging(radio, machine, reporter).unwrap()));
             }
             (Role::Tag(_) | Role::Advertiser(_), Ok(_)) => complain(Condition::WrongRecord),

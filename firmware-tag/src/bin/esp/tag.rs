@@ -5,9 +5,9 @@ use boards::esp::{self, Board, Bus, Interrupt, Reset, Uwb};
 use boards::node::{self, Guard, Reporter, Tasks};
 use embassy_executor::Spawner;
 use embassy_time::Delay;
-use firmware_common::{Settings, TagMachine};
+use firmware_common::{Settings, TagProtocol};
 #[cfg(feature = "ble")]
-use firmware_tag::Surveyed;
+use firmware_tag::LoadedModels;
 use firmware_tag::{AnchorPlace, Locator, NlosModelStore, RateControl, TelemetrySink};
 use node_record::{Pages, Record, Role, Tag};
 use positioning_core::nlos::NodeModel;
@@ -23,7 +23,7 @@ type TaskChannels = firmware_tag::TaskChannels<Guard>;
 static REPORTER: StaticCell<Reporter> = StaticCell::new();
 static CHANNELS: StaticCell<TaskChannels> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
-static MACHINE: StaticCell<TagMachine> = StaticCell::new();
+static MACHINE: StaticCell<TagProtocol> = StaticCell::new();
 static RECORD: StaticCell<Record> = StaticCell::new();
 static NLOS_MODEL: NlosModelStore = NlosModelStore::new();
 static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
@@ -33,7 +33,7 @@ static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS
 static MODELS: ConstStaticCell<[u8; node_record::MODELS_BYTES]> = ConstStaticCell::new([0; node_record::MODELS_BYTES]);
 
 #[cfg(feature = "ble")]
-static SURVEYED: StaticCell<Surveyed<'static>> = StaticCell::new();
+static SURVEYED: StaticCell<LoadedModels<'static>> = StaticCell::new();
 
 /// What the tag's tasks share.
 #[derive(Clone, Copy)]
@@ -42,7 +42,7 @@ struct Shared {
     reporter: &'static Reporter,
     record: &'static Record,
     #[cfg(feature = "ble")]
-    surveyed: &'static Surveyed<'static>,
+    surveyed: &'static LoadedModels<'static>,
     tag: Tag,
     model: Option<&'static NodeModel>,
 }
@@ -54,7 +54,7 @@ impl Shared {
 }
 
 #[embassy_executor::task]
-async fn ranging(radio: &'static mut Radio, machine: &'static mut TagMachine, shared: Shared) {
+async fn ranging(radio: &'static mut Radio, machine: &'static mut TagProtocol, shared: Shared) {
     firmware_tag::ranging(radio, Delay, machine, shared.channels, &shared.sink()).await;
 }
 
@@ -101,7 +101,7 @@ mod bluetooth {
 /// Spawns what a tag does.
 fn work(spawner: Spawner, uwb: Uwb, settings: &Settings, shared: Shared) {
     let radio = RADIO.init_with(|| Dw1000::new(uwb.bus, uwb.interrupt, uwb.reset, uwb.delay, settings.radio));
-    let machine = MACHINE.init_with(|| TagMachine::new(settings, &shared.tag));
+    let machine = MACHINE.init_with(|| TagProtocol::new(settings, &shared.tag));
     esp::thread::start(move |above| above.spawn(ranging(radio, machine, shared).unwrap()));
     let anchors = ANCHORS.init_with(|| firmware_tag::places(shared.record));
     spawner.spawn(engine(shared, anchors).unwrap());
@@ -126,7 +126,7 @@ pub fn start(spawner: Spawner) {
                         Some(at) => node_record::load_models(&mut board.flash, at, MODELS.take()),
                         None => Err(node_record::LoadError::Missing),
                     };
-                    SURVEYED.init_with(|| Surveyed::of(models, &record.beacons, complain))
+                    SURVEYED.init_with(|| LoadedModels::of(models, &record.beacons, complain))
                 };
                 let shared = Shared {
                     channels: CHANNELS.init_with(TaskChannels::new),

@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use host_tools::files::beacons::{Capture, Stay, read_captures, read_stays};
+use host_tools::files::beacons::{Capture, Dwell, read_captures, read_stays};
 use host_tools::survey::fingerprint::{Average, Comparison, Making, Maps, Setup, Solver, held_out, names_of};
 use host_tools::{Solved, UserError};
 use positioning_core::ble::fingerprint::Map;
 
-use super::{Names, Place, epoch, read_bytes, survey_of};
+use super::{Names, PlanArguments, epoch, read_bytes, survey_of};
 use crate::cli::answers::{Answers, ByMethod, Told};
 use crate::cli::progress::Progress;
 
@@ -19,7 +19,7 @@ use crate::cli::progress::Progress;
 /// `baliza ble map` made (--map).
 #[derive(clap::Args)]
 #[command(
-    after_help = "Kernels:\n  knn      the K nearest points (7): w5nn, or 5nn without --weighted\n  gp       a Gaussian process of \
+    after_help = "RssiMethods:\n  knn      the K nearest points (7): w5nn, or 5nn without --weighted\n  gp       a Gaussian process of \
                   each beacon's level on a lattice; the posterior's mean\n  gp-walk  the same from scan to scan: the choice \
                   where captures are of one walk, and for others the same as gp\n\nExamples:\n  \
                   baliza ble fingerprint --fingerprints fingerprints.csv --targets targets.csv --kernel all\n  \
@@ -69,7 +69,7 @@ pub struct Arguments {
     #[arg(long, value_name = "HOW", default_value = "power")]
     average: Averages,
     #[command(flatten)]
-    place: Place,
+    place: PlanArguments,
     #[command(flatten)]
     answers: Answers,
 }
@@ -192,7 +192,7 @@ impl Arguments {
     fn held(
         &self,
         file: &Path,
-        stays: &[Stay],
+        stays: &[Dwell],
         making: Making,
         setup: &Setup,
         comparisons: &[Comparison],

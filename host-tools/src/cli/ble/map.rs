@@ -11,7 +11,7 @@ use host_tools::{Statistics, UserError};
 use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map, MapError};
 
 use super::fingerprint::Averages;
-use super::{Place, survey_of};
+use super::{PlanArguments, survey_of};
 use crate::cli::progress::Progress;
 use crate::cli::{print_json, tell, write};
 
@@ -49,7 +49,7 @@ pub struct Arguments {
     #[arg(long, value_name = "HOW", default_value = "power")]
     average: Averages,
     #[command(flatten)]
-    place: Place,
+    place: PlanArguments,
     /// Print JSON: beacons, points, bytes, step_m, survey_points, found_points, mae_m, rmse_m (null where no point was left to be found)
     #[arg(long)]
     json: bool,

@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use host_tools::files::beacons::{Beacon, Capture, Stay, read_beacons, read_walls};
+use host_tools::files::beacons::{Beacon, Capture, Dwell, read_beacons, read_walls};
 use host_tools::survey::fingerprint::{Average, Plan, Survey};
 use host_tools::{Epoch, UserError};
 use positioning_core::ble::fingerprint::MAX_BEACONS;
@@ -98,7 +98,7 @@ fn tell_unknown(beacons: &[Beacon], captures: &[Capture]) {
 
 /// What is known of a place beside its survey.
 #[derive(clap::Args)]
-struct Place {
+struct PlanArguments {
     /// Beacons whose places are known: CSV with beacon,x_m,y_m; levels are then expected to follow path loss from them
     #[arg(long, value_name = "FILE")]
     beacons: Option<PathBuf>,
@@ -108,7 +108,7 @@ struct Place {
     walls: Option<PathBuf>,
 }
 
-impl Place {
+impl PlanArguments {
     fn read(&self) -> Result<Plan, UserError> {
         let beacons = self.beacons.as_deref().map(read_beacons).transpose()?.unwrap_or_default();
         Ok(Plan { beacons, walls: self.walls.as_deref().map(read_walls).transpose()?.unwrap_or_default() })
@@ -116,7 +116,7 @@ impl Place {
 }
 
 /// The survey of a file's stays; one that makes no map is refused.
-fn survey_of(file: &Path, stays: &[Stay], average: Average) -> Result<Survey, UserError> {
+fn survey_of(file: &Path, stays: &[Dwell], average: Average) -> Result<Survey, UserError> {
     let survey = Survey::of(stays, average);
     let names = survey.beacons.len();
     if names > MAX_BEACONS {
@@ -133,6 +133,6 @@ fn survey_of(file: &Path, stays: &[Stay], average: Average) -> Result<Survey, Us
 
 /// A capture as the files of positions and the pictures know it.
 fn epoch(capture: &Capture) -> Epoch {
-    let truth = capture.truth_m.map(|[x_m, y_m]| host_tools::Place { x_m, y_m, z_m: None });
+    let truth = capture.truth_m.map(|[x_m, y_m]| host_tools::Coordinates { x_m, y_m, z_m: None });
     Epoch { name: capture.name.clone(), t_s: capture.t_s, ranges: Vec::new(), truth }
 }

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use anyhow::Result;
 use host_tools::Epoch;
 use host_tools::files::beacons::{read_beacons, read_captures, read_walls};
-use host_tools::locate::ble::{Kernel, Setup, Solver};
-use positioning_core::ble::beacon_monitor::{BeaconHealth, News};
+use host_tools::locate::ble::{RssiMethod, Setup, Solver};
+use positioning_core::ble::beacon_monitor::{BeaconHealth, HealthChange};
 
 use crate::cli::answers::{Answers, ByMethod, Told};
 use crate::cli::recorded::{CornersM, finite};
@@ -37,8 +37,8 @@ pub struct Arguments {
     #[arg(long, value_name = "DB", default_value_t = 0.0, value_parser = decibels, requires = "walls")]
     wall_db: f64,
     /// How levels become a position: a name, several with commas, or all
-    #[arg(long, value_name = "METHOD", default_value = "all", value_parser = Kernels::parse)]
-    method: Kernels,
+    #[arg(long, value_name = "METHOD", default_value = "all", value_parser = RssiMethods::parse)]
+    method: RssiMethods,
     /// The window of integration, milliseconds: 200 in a room, 500 over a floor
     #[arg(long, value_name = "MS", default_value_t = 500, value_parser = clap::value_parser!(u32).range(10..=60_000))]
     window_ms: u32,
@@ -61,16 +61,16 @@ pub struct Arguments {
 
 /// Methods asked for.
 #[derive(Clone, Debug)]
-struct Kernels(Vec<Kernel>);
+struct RssiMethods(Vec<RssiMethod>);
 
-impl Kernels {
+impl RssiMethods {
     fn parse(text: &str) -> Result<Self, String> {
         if text == "all" {
-            return Ok(Self(Kernel::ALL.to_vec()));
+            return Ok(Self(RssiMethod::ALL.to_vec()));
         }
-        let known = || Kernel::ALL.map(Kernel::as_str).join(", ");
+        let known = || RssiMethod::ALL.map(RssiMethod::as_str).join(", ");
         let find = |name: &str| {
-            let found = Kernel::ALL.into_iter().find(|kernel| kernel.as_str() == name.trim());
+            let found = RssiMethod::ALL.into_iter().find(|kernel| kernel.as_str() == name.trim());
             found.ok_or_else(|| format!("there is no method {name:?}; there are {}", known()))
         };
         text.split(',').map(find).collect::<Result<_, _>>().map(Self)
@@ -112,9 +112,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         neighbours: Some(vec![None; solved.len()]),
         solved: &solved,
     })?;
-    for News { beacon, standing, seconds } in news {
+    for HealthChange { beacon, health, seconds } in news {
         let name = beacons.get(beacon).map_or("?", |beacon| &beacon.name);
-        let found = match standing {
+        let found = match health {
             BeaconHealth::Agrees => "is believed again",
             BeaconHealth::Elsewhere => {
                 "contradicts the others and is left out: it stands elsewhere, or sends at another power"

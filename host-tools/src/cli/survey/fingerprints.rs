@@ -8,7 +8,7 @@ use anyhow::Result;
 use host_tools::UserError;
 use host_tools::node::decode::Stream;
 use host_tools::survey::campaign::{
-    Book, Guide, Person, Place, Stay, Typed, Visit, each_advert, parse_point, read_points,
+    Dwell, FingerprintFile, Person, SurveyPoint, Typed, Visit, Wizard, each_advert, parse_point, read_points,
 };
 use indicatif::ProgressBar;
 
@@ -61,7 +61,7 @@ struct Row {
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let places = arguments.points.as_deref().map(read_points).transpose()?;
-    let mut book = Book::open("--out", &arguments.out)?;
+    let mut book = FingerprintFile::open("--out", &arguments.out)?;
     let input = arguments.source.input()?;
     if input.is_some() && arguments.source.seconds.is_some() {
         return Err(UserError::flag("--seconds", "only with a live node").into());
@@ -87,7 +87,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// Points that are still to be visited; says which are not.
-fn missing<'p>(places: &'p [Place], book: &Book) -> Vec<&'p Place> {
+fn missing<'p>(places: &'p [SurveyPoint], book: &FingerprintFile) -> Vec<&'p SurveyPoint> {
     let (there, missing): (Vec<_>, Vec<_>) = places.iter().partition(|place| book.has(&place.name));
     if !there.is_empty() {
         let names: Vec<_> = there.iter().map(|place| place.name.as_str()).collect();
@@ -96,7 +96,12 @@ fn missing<'p>(places: &'p [Place], book: &Book) -> Vec<&'p Place> {
     missing
 }
 
-fn recorded(arguments: &Arguments, input: &Input, places: &[Place], book: &mut Book) -> Result<Vec<Visit>> {
+fn recorded(
+    arguments: &Arguments,
+    input: &Input,
+    places: &[SurveyPoint],
+    book: &mut FingerprintFile,
+) -> Result<Vec<Visit>> {
     if let (Some(place), Some(file)) = (places.iter().find(|place| place.from_s.is_none()), &arguments.points) {
         let wrong = format!("point {:?} has no from_s: when does its stay begin in the recording?", place.name);
         return Err(UserError::file(file, wrong).into());
@@ -104,7 +109,7 @@ fn recorded(arguments: &Arguments, input: &Input, places: &[Place], book: &mut B
     catch_ctrl_c()?;
     let mut stays: Vec<_> = missing(places, book)
         .into_iter()
-        .map(|place| (place, Stay::new(place.from_s, arguments.stay_s), false))
+        .map(|place| (place, Dwell::new(place.from_s, arguments.stay_s), false))
         .collect();
     let mut stream = Stream::default();
     let progress = input.progress();
@@ -176,11 +181,11 @@ impl Person for Terminal {
     }
 }
 
-fn live(arguments: &Arguments, places: Option<Vec<Place>>, book: &mut Book) -> Result<Vec<Visit>> {
+fn live(arguments: &Arguments, places: Option<Vec<SurveyPoint>>, book: &mut FingerprintFile) -> Result<Vec<Visit>> {
     catch_ctrl_c()?;
     let mut source = arguments.source.live(None, false);
     let mut person = Terminal::new();
-    let mut guide = Guide::new(source.as_mut(), &mut person, arguments.stay_s, &STOP);
+    let mut guide = Wizard::new(source.as_mut(), &mut person, arguments.stay_s, &STOP);
     guide.until = arguments.source.seconds.map(|seconds| Instant::now() + seconds);
     let mut visits = Vec::new();
     if let Some(places) = places {

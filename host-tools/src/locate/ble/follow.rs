@@ -2,11 +2,11 @@
 //! way.
 
 use positioning_core::SolveError;
-use positioning_core::ble::beacon_monitor::{BeaconMonitor, Level, News, Site};
+use positioning_core::ble::beacon_monitor::{BeaconMonitor, HealthChange, Level, Site};
 use positioning_core::ble::multilateration::Heard;
 use positioning_core::ble::offset::ReceiverOffset;
 use positioning_core::ble::particles::{self, Levels, Likelihood, ON_HOST, ParticleFilter};
-use positioning_core::ble::posterior::Belief;
+use positioning_core::ble::posterior::PosteriorSettings;
 use positioning_core::ble::signal::{Beacons, Smoothing};
 use positioning_core::engine::{Dimensions, Engine, Measurement, Settings};
 
@@ -51,7 +51,7 @@ pub(super) struct Learnt {
     /// What the tag knows of receiver and beacons.
     surroundings: Box<BeaconMonitor<f32, MOST_BEACONS>>,
     /// What it came to believe of beacons, in order.
-    pub(super) news: Vec<News>,
+    pub(super) news: Vec<HealthChange>,
     /// When the next capture begins for the kernel, microseconds.
     begin_us: u64,
 }
@@ -131,7 +131,7 @@ impl<'a> Follower<'a> {
         let scan = means(self.solver.beacons, samples);
         let receiver = &mut self.learnt.receiver;
         let heard = corrected(self.solver, receiver, &scan);
-        let belief = Belief { offset_deviation: receiver.deviation(), ..Belief::default() };
+        let belief = PosteriorSettings { offset_deviation: receiver.deviation(), ..PosteriorSettings::default() };
         let at = self.solver.local([found.place.x_m, found.place.y_m]);
         let (more, variance) = belief.of(&heard).through(self.solver.attenuating()).offset_at(at);
         receiver.learn(more, variance);

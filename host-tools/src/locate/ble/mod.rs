@@ -6,23 +6,23 @@
 
 mod follow;
 
-use positioning_core::ble::beacon_monitor::News;
+use positioning_core::ble::beacon_monitor::HealthChange;
 use positioning_core::ble::multilateration::{Heard, nonlinear, weighted_linear};
 use positioning_core::ble::path_loss::{PathLoss, Wall};
-use positioning_core::ble::posterior::{Belief, posterior};
+use positioning_core::ble::posterior::{PosteriorSettings, posterior};
 use positioning_core::ble::signal::level;
 use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, Side, SolveError};
 
 use self::follow::{Follower, Memory};
 use crate::files::beacons::{self as files, Beacon, Capture, Sample, in_order};
-use crate::{NoPosition, Place, Position, Solved};
+use crate::{Coordinates, NoPosition, Position, Solved};
 
 /// The most beacons that are followed.
 pub const MOST_BEACONS: usize = 64;
 
 /// How levels become a position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kernel {
+pub enum RssiMethod {
     /// Weighted linear least squares (6).
     WeightedLinear,
     /// Nonlinear least squares in the levels.
@@ -35,7 +35,7 @@ pub enum Kernel {
     ParticleFilter,
 }
 
-impl Kernel {
+impl RssiMethod {
     /// All of them.
     pub const ALL: [Self; 5] =
         [Self::WeightedLinear, Self::Nonlinear, Self::Posterior, Self::ParticleFilter, Self::Engine];
@@ -98,23 +98,26 @@ impl<'a> Solver<'a> {
 
     /// The positions of all captures, in their order, and their errors where the truth is known; and what the engine came to believe of
     /// beacons on the way, which it names by their places in the list.
-    pub fn solve(&self, kernel: Kernel, captures: &[Capture]) -> (Vec<Solved>, Vec<News>) {
+    pub fn solve(&self, kernel: RssiMethod, captures: &[Capture]) -> (Vec<Solved>, Vec<HealthChange>) {
         let mut follower: Option<Follower> = None;
         let mut position = |capture: &Capture| {
             let memory = match kernel {
-                Kernel::WeightedLinear => return self.at_once(capture, weighted_linear),
-                Kernel::Nonlinear => {
+                RssiMethod::WeightedLinear => return self.at_once(capture, weighted_linear),
+                RssiMethod::Nonlinear => {
                     let offset = self.setup.offset_db as f32;
                     return self.at_once(capture, |heard| nonlinear(heard, offset, &self.constraints()));
                 }
-                Kernel::Posterior => {
-                    let belief = Belief { offset_deviation: self.setup.offset_db as f32, ..Belief::default() };
+                RssiMethod::Posterior => {
+                    let belief = PosteriorSettings {
+                        offset_deviation: self.setup.offset_db as f32,
+                        ..PosteriorSettings::default()
+                    };
                     return self.at_once(capture, |heard| {
                         posterior(heard, &self.reach(), self.attenuating(), &belief).map(|found| found.fix)
                     });
                 }
-                Kernel::Engine => Memory::Engine,
-                Kernel::ParticleFilter => Memory::Particles,
+                RssiMethod::Engine => Memory::Engine,
+                RssiMethod::ParticleFilter => Memory::Particles,
             };
             let earlier = follower.take();
             let learnt = earlier.as_ref().map(|earlier| earlier.learnt.clone());
@@ -187,8 +190,8 @@ impl<'a> Solver<'a> {
         let [x_m, y_m] = std::array::from_fn(|axis| f64::from(at[axis]) + self.origin[axis]);
         let [sigma_x, sigma_y] = [0, 1].map(|axis: usize| f64::from(covariance[axis][axis]).sqrt());
         Position {
-            place: Place { x_m, y_m, z_m: None },
-            sigma: Place { x_m: sigma_x, y_m: sigma_y, z_m: None },
+            place: Coordinates { x_m, y_m, z_m: None },
+            sigma: Coordinates { x_m: sigma_x, y_m: sigma_y, z_m: None },
             covariance_xy: covariance[0][1].into(),
             used,
         }

@@ -8,9 +8,9 @@ use positioning_core::engine::{Dimensions, Engine, Measurement, Range, Settings}
 use positioning_core::nlos::{Model, NlosDetector, Reception};
 use positioning_core::{Area, Blocked, Noise};
 
-use crate::files::{Anchor, Epoch, Measured, Place};
+use crate::files::{Anchor, Coordinates, Epoch, Measured};
 use crate::locate::solve::{Half, Height, NoPosition, Position, Setup, Solved, Space, middle_m};
-use crate::train::Told;
+use crate::train::RowDiagnostics;
 
 /// Standard deviation of a DW1000 range's noise in line of sight, metres; what else it errs by, the engine knows.
 const DEVIATION_M: f32 = 0.03;
@@ -120,8 +120,8 @@ impl<'a> Tracker<'a> {
         let [x_m, y_m, z_m] = std::array::from_fn(|axis| f64::from(fix.position[axis]) + self.origin[axis]);
         let [sigma_x, sigma_y, sigma_z] = fix.sigma().map(f64::from);
         Ok(Position {
-            place: Place { x_m, y_m, z_m: in_space.then_some(z_m) },
-            sigma: Place { x_m: sigma_x, y_m: sigma_y, z_m: in_space.then_some(sigma_z) },
+            place: Coordinates { x_m, y_m, z_m: in_space.then_some(z_m) },
+            sigma: Coordinates { x_m: sigma_x, y_m: sigma_y, z_m: in_space.then_some(sigma_z) },
             covariance_xy: fix.covariance[0][1].into(),
             used: fix.used.len(),
         })
@@ -146,7 +146,7 @@ impl<'a> Tracker<'a> {
         let local = |axis: usize, coordinate: f64| (coordinate - self.origin[axis]) as f32;
         let place = [local(0, place.x_m), local(1, place.y_m), local(2, z_m)];
         let (anchor, distance) = (u16::try_from(measured.anchor).ok()?, measured.range_m as f32);
-        let Told { features, range_m, power_dbm } = measured.told;
+        let RowDiagnostics { features, range_m, power_dbm } = measured.diagnostics;
         let ends_m = self.last.map(|last| [last, place]);
         let blocked = self.judge.blocked(now_us, anchor, &Reception { features, range_m, power_dbm, ends_m });
         Some(Range { anchor, place, distance, deviation: DEVIATION_M, blocked, excess: None })

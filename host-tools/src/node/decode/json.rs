@@ -278,7 +278,7 @@ impl Object {
                     RssiModelError::Corrupt | RssiModelError::Invalid | RssiModelError::OtherBeacons => None,
                 };
             }
-            Condition::BeaconElsewhere(of) | Condition::BeaconDoubled(of) | Condition::BeaconBelieved(of) => {
+            Condition::BeaconMoved(of) | Condition::BeaconDuplicated(of) | Condition::BeaconRestored(of) => {
                 beacon = Some(format!("{}-{}", of.major, of.minor));
                 for_s = Some(of.seconds);
             }

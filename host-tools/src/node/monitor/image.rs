@@ -32,7 +32,7 @@ impl fmt::Debug for Build {
 
 /// What a log line's place is, in the sources.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Place {
+pub struct SourceLocation {
     /// The file, as the compiler was given it.
     pub file: String,
     /// The line, from 1.
@@ -58,7 +58,7 @@ pub struct Image {
     pub marks: Marks,
     pub(super) table: Table,
     pub(super) formats: Formats,
-    pub(super) places: BTreeMap<u64, Place>,
+    pub(super) places: BTreeMap<u64, SourceLocation>,
 }
 
 impl Image {
@@ -90,7 +90,7 @@ impl Image {
         // A stripped file has none; its log is as readable without.
         let places = table.get_locations(bytes).unwrap_or_default();
         let places = places.into_iter().map(|(index, location)| {
-            (index, Place { file: location.file.to_string_lossy().into_owned(), line: location.line })
+            (index, SourceLocation { file: location.file.to_string_lossy().into_owned(), line: location.line })
         });
         Ok(Self { file: file.to_owned(), build, marks, formats: Formats::of(&elf), places: places.collect(), table })
     }

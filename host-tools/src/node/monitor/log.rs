@@ -4,7 +4,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use defmt_parser::Level;
 
-use super::image::{Image, Place};
+use super::image::{Image, SourceLocation};
 
 /// Longer than any frame.
 const MAX_FRAME: usize = 4096;
@@ -19,7 +19,7 @@ pub struct LogLine {
     /// What it says.
     pub text: String,
     /// Where in the sources it is said, as far as the ELF file knows.
-    pub place: Option<Place>,
+    pub place: Option<SourceLocation>,
 }
 
 /// Cuts the stream of defmt into frames, without a table.

@@ -21,7 +21,7 @@ mod streams;
 mod words;
 
 pub use demux::Demux;
-pub use image::{Build, Image, Marks, Place};
+pub use image::{Build, Image, Marks, SourceLocation};
 pub use json::json;
 pub use listen::{Limits, Listener, listen};
 pub use log::LogLine;

@@ -238,9 +238,9 @@ impl Session {
             }
             Message::State(State {
                 is:
-                    Condition::BeaconElsewhere(_)
-                    | Condition::BeaconDoubled(_)
-                    | Condition::BeaconBelieved(_)
+                    Condition::BeaconMoved(_)
+                    | Condition::BeaconDuplicated(_)
+                    | Condition::BeaconRestored(_)
                     | Condition::MotionSensor(_),
                 ..
             }) => false,

@@ -184,7 +184,7 @@ mod tests {
         Reason, RecordError, Reset, ResetCause, Sighting, Solver, State,
     };
 
-    use super::super::image::Place;
+    use super::super::image::SourceLocation;
     use super::super::log::LogLine;
     use super::super::session::{Counts, Said};
     use super::super::testing::{BUILD, fix, hello};
@@ -290,7 +290,7 @@ mod tests {
 
     #[test]
     fn lines_of_the_log_have_their_level_and_place() {
-        let place = Place { file: "firmware-tag/src/lib.rs".into(), line: 12 };
+        let place = SourceLocation { file: "firmware-tag/src/lib.rs".into(), line: 12 };
         let said =
             Said::Log(LogLine { t_us: Some(2), level: Some(Level::Warn), text: "a\nb".into(), place: Some(place) });
         assert_eq!(line(&said), "     0.000002 WARN  a\n                    b  (firmware-tag/src/lib.rs:12)\n");

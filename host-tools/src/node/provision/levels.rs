@@ -4,7 +4,7 @@
 use std::fs;
 use std::path::Path;
 
-use node_record::{Beacon, BeaconModels, MODELS_BYTES, OfBeacons, decode_models, encode_models};
+use node_record::{Beacon, BeaconModel, MODELS_BYTES, SiteModels, decode_models, encode_models};
 use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map};
 use positioning_core::ble::rooms::{Classifier, Model, NodeModel};
 
@@ -101,14 +101,14 @@ pub fn encode(map: Option<&[u8]>, rooms: Option<&ModelFile>, beacons: &[Beacon])
         of_rooms =
             bind(rooms.names.beacons.iter().map(|name| called(name)), beacons).map_err(|what| (Part::Rooms, what))?;
     }
-    let models = BeaconModels {
-        map: map.map(|model| OfBeacons { beacons: &of_map, model }),
-        rooms: rooms.map(|rooms| OfBeacons { beacons: &of_rooms, model: &rooms.model }),
+    let models = SiteModels {
+        map: map.map(|model| BeaconModel { beacons: &of_map, model }),
+        rooms: rooms.map(|rooms| BeaconModel { beacons: &of_rooms, model: &rooms.model }),
         room_names: &rooms.map(|rooms| rooms.names.rooms.join("\n")).unwrap_or_default(),
     };
     let bytes = encode_models(&models, &mut [0; MODELS_BYTES]).map(<[u8]>::to_vec);
     bytes.ok_or_else(|| {
-        let size = |model: Option<OfBeacons<'_>>| model.map_or(0, |of| of.model.len());
+        let size = |model: Option<BeaconModel<'_>>| model.map_or(0, |of| of.model.len());
         let all = size(models.map) + size(models.rooms);
         let part = if map.is_some() { Part::Map } else { Part::Rooms };
         (part, format!("makes models of {all} bytes: a node has room for {MODELS_BYTES} in all"))
@@ -208,7 +208,7 @@ fn parts(region: &[u8]) -> [Option<Result<String, String>>; 2] {
         Ok(models) => models,
         Err(_) => return [Some(Err("damaged models of beacons".to_owned())), None],
     };
-    let beacons = |of: &OfBeacons<'_>| {
+    let beacons = |of: &BeaconModel<'_>| {
         let names: Vec<_> = of.numbers().map(|(major, minor)| format!("{major}-{minor}")).collect();
         format!("beacons {}", names.join(", "))
     };

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use node_record::{Mode, Network, Phy, Region, Turnaround};
+use node_record::{Mode, Network, Phy, Region, ReplyDelay};
 
 use super::document::{Section, nearest};
 use crate::UserError;
@@ -85,7 +85,7 @@ impl Shared {
         };
         let turnaround = match TURNAROUND_KEYS.map(|key| section.optional(key)) {
             [None, None, None] => None,
-            [Some(_), Some(_), Some(_)] => Some(Turnaround {
+            [Some(_), Some(_), Some(_)] => Some(ReplyDelay {
                 answer_us: number("answer_us", "network.turnaround.answer_us", 0, u16::MAX)?,
                 listen_again_us: number("listen_again_us", "network.turnaround.listen_again_us", 0, u16::MAX)?,
                 transmit_us: number("transmit_us", "network.turnaround.transmit_us", 0, u16::MAX)?,

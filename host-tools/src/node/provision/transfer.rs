@@ -167,7 +167,7 @@ mod tests {
     use super::*;
     use crate::node::probe::knows;
     use crate::node::provision::{EXAMPLE, Site};
-    use node_record::{BeaconModels, OfBeacons, Record, decode_models, encode_models};
+    use node_record::{BeaconModel, Record, SiteModels, decode_models, encode_models};
     use std::collections::BTreeMap;
 
     #[derive(Clone, Default)]
@@ -221,8 +221,8 @@ mod tests {
 
     /// Models that fill more than a page, of this byte.
     fn levels(byte: u8) -> Vec<u8> {
-        let map = Some(OfBeacons { beacons: &[], model: &[byte; 5000] });
-        let models = BeaconModels { map, ..BeaconModels::default() };
+        let map = Some(BeaconModel { beacons: &[], model: &[byte; 5000] });
+        let models = SiteModels { map, ..SiteModels::default() };
         encode_models(&models, &mut [0; MODELS_BYTES]).expect("they fit").to_vec()
     }
 

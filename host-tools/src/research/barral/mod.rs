@@ -1,4 +1,4 @@
-//! The benchmark of V. Barral et al., *Environmental Cross-Validation of NLOS Machine Learning Classification/Mitigation with Low-Cost
+//! The benchmark of V. Barral et al., *Environmental Cross-Validation of NLOS Protocol Learning Classification/Mitigation with Low-Cost
 //! UWB Positioning Systems* (Sensors 19, 2019): five anchors, nine points of a grid, and the configurations of tables 4 and 5, with the
 //! iterated filter and with least squares.
 //!

@@ -6,7 +6,7 @@ use crate::{Table, UserError};
 
 /// A point to go to.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Place {
+pub struct SurveyPoint {
     /// What it is called.
     pub name: String,
     /// Its room.
@@ -21,11 +21,11 @@ pub struct Place {
 ///
 /// # Errors
 /// The first line that is wrong; a point that stands twice.
-pub fn read_points(file: &Path) -> Result<Vec<Place>, UserError> {
+pub fn read_points(file: &Path) -> Result<Vec<SurveyPoint>, UserError> {
     let mut table = Table::open(file)?;
     let (point, x, y) = (table.column("point")?, table.column("x_m")?, table.column("y_m")?);
     let (room, from) = (table.optional("room"), table.optional("from_s"));
-    let mut places: Vec<Place> = Vec::new();
+    let mut places: Vec<SurveyPoint> = Vec::new();
     while let Some(row) = table.next_row()? {
         let name = row.some_text(point)?.to_owned();
         if places.iter().any(|place| place.name == name) {
@@ -33,7 +33,7 @@ pub fn read_points(file: &Path) -> Result<Vec<Place>, UserError> {
         }
         let room = Some(row.text(room)).filter(|room| !room.is_empty()).map(str::to_owned);
         let position_m = [row.some_number(x)?, row.some_number(y)?];
-        places.push(Place { name, room, position_m, from_s: row.number(from)? });
+        places.push(SurveyPoint { name, room, position_m, from_s: row.number(from)? });
     }
     if places.is_empty() { Err(UserError::line(file, 1, "no points below the header")) } else { Ok(places) }
 }
@@ -42,13 +42,13 @@ pub fn read_points(file: &Path) -> Result<Vec<Place>, UserError> {
 ///
 /// # Errors
 /// What is expected.
-pub fn parse_point(line: &str) -> Result<Place, String> {
+pub fn parse_point(line: &str) -> Result<SurveyPoint, String> {
     let expected = || "a point is: name x y, in metres, and its room, if it has one".to_owned();
     let mut words = line.split_whitespace();
     let (Some(name), Some(x), Some(y)) = (words.next(), words.next(), words.next()) else { return Err(expected()) };
     let number = |text: &str| text.parse::<f64>().ok().filter(|number| number.is_finite()).ok_or_else(expected);
     let room = words.collect::<Vec<_>>().join(" ");
-    Ok(Place {
+    Ok(SurveyPoint {
         name: name.to_owned(),
         room: Some(room).filter(|room| !room.is_empty()),
         position_m: [number(x)?, number(y)?],

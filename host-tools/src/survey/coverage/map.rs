@@ -4,7 +4,7 @@ use positioning_core::ble::path_loss::{PathLoss, Wall};
 
 use super::bound::{Information, Noise, Station};
 use super::grid::Grid;
-use crate::files::beacons::{self, Beacon, Stay};
+use crate::files::beacons::{self, Beacon, Dwell};
 use crate::locate::ble::{means, path_loss};
 
 /// A wall of which nothing else is known takes this, dB: a light partition.
@@ -56,7 +56,7 @@ impl Station {
 impl Map {
     /// Interpolates between fingerprints, by the inverse square of the distance (Shepard). Where fewer than half of the weights heard a
     /// beacon, it is not heard.
-    pub fn measured(grid: Grid, beacons: &[Beacon], stays: &[Stay]) -> Self {
+    pub fn measured(grid: Grid, beacons: &[Beacon], stays: &[Dwell]) -> Self {
         let heard: Vec<_> = stays.iter().map(|stay| (stay.position_m, means(beacons, &stay.samples))).collect();
         let cell = |at: [f64; 2]| {
             let distances = heard.iter().map(|(place, _)| (place[0] - at[0]).hypot(place[1] - at[1]).max(NEAREST_M));
@@ -122,7 +122,7 @@ pub fn errors_m(grid: Grid, stations: &[Station], walls: &[Wall<f64>], noise: No
 }
 
 /// How far the path losses of beacons are from what was measured at the points.
-pub fn fitted(beacons: &[Beacon], walls: &[Wall<f64>], stays: &[Stay]) -> Vec<Fitted> {
+pub fn fitted(beacons: &[Beacon], walls: &[Wall<f64>], stays: &[Dwell]) -> Vec<Fitted> {
     let measured: Vec<_> = stays.iter().map(|stay| (stay.position_m, means(beacons, &stay.samples))).collect();
     let of = |(index, beacon): (usize, &Beacon)| {
         let station = Station::of(beacon);
@@ -150,7 +150,7 @@ mod tests {
     use positioning_core::ble::path_loss::Wall;
 
     use super::{Map, errors_m, fitted};
-    use crate::files::beacons::{Beacon, Sample, Stay};
+    use crate::files::beacons::{Beacon, Dwell, Sample};
     use crate::survey::coverage::Grid;
     use crate::survey::coverage::bound::{Noise, Station};
 
@@ -165,10 +165,10 @@ mod tests {
         }
     }
 
-    fn stay(position_m: [f64; 2], levels: &[(&str, f64)]) -> Stay {
+    fn stay(position_m: [f64; 2], levels: &[(&str, f64)]) -> Dwell {
         let samples =
             levels.iter().map(|(beacon, level)| Sample { beacon: (*beacon).into(), rssi_dbm: *level, t_s: 0.0 });
-        Stay { point: format!("{position_m:?}"), room: None, position_m, samples: samples.collect() }
+        Dwell { point: format!("{position_m:?}"), room: None, position_m, samples: samples.collect() }
     }
 
     fn grid() -> Grid {

@@ -9,7 +9,7 @@ use super::maps::{Making, Maps, kernel};
 use super::solve::{Setup, Solver};
 use super::survey::Survey;
 use crate::Solved;
-use crate::files::beacons::{Capture, Stay};
+use crate::files::beacons::{Capture, Dwell};
 
 /// Positions of stays that their solver has not seen, in the survey's order: every fold's stays by a survey of the others.
 /// `fold_of` tells which fold a stay is in, `None`: it is in every survey and never solved. `done` hears of each fold.
@@ -17,7 +17,7 @@ use crate::files::beacons::{Capture, Stay};
 /// # Errors
 /// What is left of the survey makes no map.
 pub fn held_out(
-    stays: &[Stay],
+    stays: &[Dwell],
     making: Making,
     setup: &Setup,
     comparisons: &[Comparison],

@@ -26,7 +26,7 @@ pub struct Making<'a> {
 pub struct Maps {
     /// The names of the beacons, in the maps' order.
     beacons: Vec<String>,
-    /// Surveyed points.
+    /// LoadedModels points.
     points: Option<Vec<u8>>,
     /// A process on a lattice.
     lattice: Option<Vec<u8>>,

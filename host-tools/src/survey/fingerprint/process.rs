@@ -2,7 +2,7 @@
 //!
 //! Levels at points flow in; at any place flows out the level to be expected and its deviation. The kernel is Matérn's with ν = 3⁄2,
 //! whose functions have a slope but no curvature, as shadows of walls do; its three numbers make all beacons' levels likeliest together
-//! (Rasmussen and Williams, *Gaussian Processes for Machine Learning*, 2006, algorithm 2.1 and section 5.4.1). Points of one cell count
+//! (Rasmussen and Williams, *Gaussian Processes for Protocol Learning*, 2006, algorithm 2.1 and section 5.4.1). Points of one cell count
 //! as one, the surer the more stays it has; what stays of a cell differ by is a visit's scatter.
 
 use std::collections::BTreeMap;

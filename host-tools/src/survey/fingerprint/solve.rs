@@ -11,7 +11,7 @@ use super::maps::Maps;
 use super::survey::{Average, scan};
 use super::windows::{Window, span_s, windows};
 use crate::files::beacons::{self, Capture, in_order};
-use crate::{NoPosition, Place, Position, Solved};
+use crate::{Coordinates, NoPosition, Position, Solved};
 
 /// Captures that follow each other sooner than this are of one walk, seconds.
 const ONE_WALK_S: f64 = 2.0;
@@ -64,8 +64,8 @@ impl Solver<'_> {
             let outcome = way.position(&captures[at]).map_err(NoPosition::Unmatched).map(|found| {
                 let [x_m, y_m] = [0, 1].map(|axis: usize| f64::from(found.position[axis]) + origin_m[axis]);
                 let [xx, xy, yy] = found.covariance.map(f64::from);
-                let sigma = Place { x_m: xx.max(0.0).sqrt(), y_m: yy.max(0.0).sqrt(), z_m: None };
-                Position { place: Place { x_m, y_m, z_m: None }, sigma, covariance_xy: xy, used: found.used }
+                let sigma = Coordinates { x_m: xx.max(0.0).sqrt(), y_m: yy.max(0.0).sqrt(), z_m: None };
+                Position { place: Coordinates { x_m, y_m, z_m: None }, sigma, covariance_xy: xy, used: found.used }
             });
             solved[at] = Some(captures[at].solved(outcome));
         }

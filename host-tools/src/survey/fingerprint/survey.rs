@@ -6,7 +6,7 @@ use positioning_core::ble::fingerprint::{MAX_BEACONS, MapError, Point, encode};
 use positioning_core::ble::signal::level;
 
 use super::process::apart;
-use crate::files::beacons::{Sample, Stay};
+use crate::files::beacons::{Dwell, Sample};
 
 /// What counts for a beacon that no point ever heard, dBm.
 const NEVER_HEARD_DBM: f64 = -100.0;
@@ -81,7 +81,7 @@ pub struct Survey {
 
 impl Survey {
     /// The survey of stays at known points. What is no level is left out.
-    pub fn of(stays: &[Stay], average: Average) -> Self {
+    pub fn of(stays: &[Dwell], average: Average) -> Self {
         let names: BTreeSet<&str> =
             stays.iter().flat_map(|stay| &stay.samples).map(|sample| sample.beacon.as_str()).collect();
         let mut beacons: Vec<String> = names.into_iter().map(str::to_owned).collect();
@@ -91,7 +91,7 @@ impl Survey {
             numbers.sort();
             beacons = numbers.into_iter().map(|(_, name)| name).collect();
         }
-        let spot = |stay: &Stay| Spot { position_m: stay.position_m, levels: scan(&beacons, &stay.samples, average) };
+        let spot = |stay: &Dwell| Spot { position_m: stay.position_m, levels: scan(&beacons, &stay.samples, average) };
         let spots = stays.iter().map(spot).collect();
         Self { beacons, spots }
     }
@@ -187,9 +187,9 @@ pub fn to_bytes(
 mod tests {
     use super::*;
 
-    fn stay(point: &str, samples: &[(&str, f64)]) -> Stay {
+    fn stay(point: &str, samples: &[(&str, f64)]) -> Dwell {
         let sample = |&(beacon, rssi_dbm): &(&str, f64)| Sample { beacon: beacon.to_owned(), rssi_dbm, t_s: 0.0 };
-        Stay {
+        Dwell {
             point: point.to_owned(),
             room: None,
             position_m: [1.0, 2.0],

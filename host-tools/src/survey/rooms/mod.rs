@@ -11,5 +11,5 @@ mod train;
 
 pub use file::{ModelFile, Names};
 pub use score::{Score, Settled, judge, leave_one_out, score};
-pub use survey::{Heard, Point, Survey};
+pub use survey::{MeanRssi, Point, Survey};
 pub use train::{Method, Trained, train};

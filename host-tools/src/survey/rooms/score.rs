@@ -1,7 +1,7 @@
 //! How often a model is right: of whole stays, of short windows, and of the answers that do not flap.
 
 use anyhow::{Context, Result};
-use positioning_core::ble::rooms::{Classifier, Model, Presence, Settings, Whereabouts, likeliest};
+use positioning_core::ble::rooms::{Classifier, Model, RoomEstimate, RoomHysteresis, Settings, likeliest};
 
 use super::survey::{Point, Survey};
 use super::train::{Method, Trained, train};
@@ -21,11 +21,11 @@ pub struct Score {
     pub windows: usize,
     /// How often the room changed from one window of a stay to the next, by the windows alone.
     pub changes: usize,
-    /// What [`Presence`] made of the windows.
+    /// What [`RoomHysteresis`] made of the windows.
     pub settled: Settled,
 }
 
-/// Answers of [`Presence`], one a window.
+/// Answers of [`RoomHysteresis`], one a window.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Settled {
     /// In the right room.
@@ -70,7 +70,7 @@ impl Score {
         let none = row.len() - 1;
         row[room.unwrap_or(none)] += 1;
 
-        let mut presence = Presence::new(Settings::default());
+        let mut presence = RoomHysteresis::new(Settings::default());
         let (mut before, mut settled_before) = (None, None);
         for (window, scan) in (1..).zip(&point.windows) {
             let (probabilities, room) = answer(scan);
@@ -79,7 +79,7 @@ impl Score {
             self.changes += usize::from(before.is_some() && before != room);
             before = room.or(before);
             match presence.step(window * window_us, probabilities.as_ref()) {
-                Whereabouts::Room(number) => {
+                RoomEstimate::Room(number) => {
                     let room = trained.rooms.get(usize::from(number)).copied();
                     if room == Some(point.room) {
                         self.settled.right += 1;
@@ -89,7 +89,7 @@ impl Score {
                     self.settled.changes += usize::from(settled_before.is_some() && settled_before != room);
                     settled_before = room;
                 }
-                Whereabouts::Between(..) | Whereabouts::Unknown => self.settled.between += 1,
+                RoomEstimate::Between(..) | RoomEstimate::Unknown => self.settled.between += 1,
             }
         }
         Ok(())

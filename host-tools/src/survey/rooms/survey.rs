@@ -7,7 +7,7 @@ use positioning_core::ble::signal::level;
 
 use super::file::Names;
 use crate::UserError;
-use crate::files::beacons::{Sample, Stay};
+use crate::files::beacons::{Dwell, Sample};
 use crate::survey::fingerprint::{self, Average, scan};
 
 /// Levels are averaged as those of maps are.
@@ -17,7 +17,7 @@ const MOST_WINDOWS: f64 = 1e5;
 
 /// A beacon at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Heard {
+pub struct MeanRssi {
     /// Level of the mean power, dBm.
     pub mean_dbm: f64,
     /// Standard deviation of single adverts, dB.
@@ -32,7 +32,7 @@ pub struct Point {
     /// Its room, by its place in [`Survey::rooms`].
     pub room: usize,
     /// By the beacons' order.
-    pub heard: Vec<Option<Heard>>,
+    pub heard: Vec<Option<MeanRssi>>,
     /// One scan a window, in order of time; a window in which nothing is heard has no level.
     pub windows: Vec<Vec<Option<f32>>>,
 }
@@ -53,7 +53,7 @@ impl Survey {
     ///
     /// # Errors
     /// A point without a room; fewer than two rooms; more rooms or beacons than a model holds.
-    pub fn of_fingerprints(file: &Path, stays: &[Stay], window_s: f64) -> Result<Self, UserError> {
+    pub fn of_fingerprints(file: &Path, stays: &[Dwell], window_s: f64) -> Result<Self, UserError> {
         let beacons = fingerprint::Survey::of(stays, AVERAGE).beacons;
         let mut survey = Self { beacons, ..Self::default() };
         survey.add(file, stays, window_s, true)?;
@@ -83,13 +83,13 @@ impl Survey {
     ///
     /// # Errors
     /// A point without a room.
-    pub fn targets(&self, file: &Path, stays: &[Stay], window_s: f64) -> Result<Self, UserError> {
+    pub fn targets(&self, file: &Path, stays: &[Dwell], window_s: f64) -> Result<Self, UserError> {
         let mut targets = Self { beacons: self.beacons.clone(), rooms: self.rooms.clone(), points: Vec::new() };
         targets.add(file, stays, window_s, false)?;
         Ok(targets)
     }
 
-    fn add(&mut self, file: &Path, stays: &[Stay], window_s: f64, learnt: bool) -> Result<(), UserError> {
+    fn add(&mut self, file: &Path, stays: &[Dwell], window_s: f64, learnt: bool) -> Result<(), UserError> {
         for stay in stays {
             let Some(room) = &stay.room else {
                 return Err(UserError::line(
@@ -122,7 +122,7 @@ impl Point {
     }
 }
 
-fn heard(samples: &[Sample], beacons: &[String]) -> Vec<Option<Heard>> {
+fn heard(samples: &[Sample], beacons: &[String]) -> Vec<Option<MeanRssi>> {
     let means = scan(beacons, samples, AVERAGE);
     let deviation_db = |beacon: &String| {
         let of_it = samples.iter().filter(|sample| sample.beacon == *beacon);
@@ -132,7 +132,7 @@ fn heard(samples: &[Sample], beacons: &[String]) -> Vec<Option<Heard>> {
         (levels.iter().map(|level| (level - middle).powi(2)).sum::<f64>() / count).sqrt()
     };
     let heard = |(mean, beacon): (Option<f64>, &String)| {
-        mean.map(|mean_dbm| Heard { mean_dbm, deviation_db: deviation_db(beacon) })
+        mean.map(|mean_dbm| MeanRssi { mean_dbm, deviation_db: deviation_db(beacon) })
     };
     means.into_iter().zip(beacons).map(heard).collect()
 }
@@ -157,11 +157,11 @@ mod tests {
     use std::path::Path;
 
     use super::Survey;
-    use crate::files::beacons::{Sample, Stay};
+    use crate::files::beacons::{Dwell, Sample};
 
-    fn stay(point: &str, room: Option<&str>, samples: &[(&str, f64, f64)]) -> Stay {
+    fn stay(point: &str, room: Option<&str>, samples: &[(&str, f64, f64)]) -> Dwell {
         let samples = samples.iter().map(|&(beacon, rssi_dbm, t_s)| Sample { beacon: beacon.into(), rssi_dbm, t_s });
-        Stay { point: point.into(), room: room.map(str::to_owned), position_m: [0.0; 2], samples: samples.collect() }
+        Dwell { point: point.into(), room: room.map(str::to_owned), position_m: [0.0; 2], samples: samples.collect() }
     }
 
     #[test]
@@ -186,7 +186,7 @@ mod tests {
     #[test]
     fn what_cannot_be_learnt_from_is_refused() {
         let refused =
-            |stays: &[Stay]| Survey::of_fingerprints(Path::new("f"), stays, 1.0).expect_err("wrong").to_string();
+            |stays: &[Dwell]| Survey::of_fingerprints(Path::new("f"), stays, 1.0).expect_err("wrong").to_string();
         let one = stay("p", Some("hall"), &[("2", -60.0, 0.0)]);
         assert_eq!(
             refused(std::slice::from_ref(&one)),

@@ -2,22 +2,22 @@
 //! where it is listed. The tag, its simulation and the replays find themselves by this one.
 //!
 //! The levels of a window flow in, with the tag's position where anchors give one; out flows the position by the levels
-//! ([`posterior`]), as the engine wants it, and now and then [`News`] of a beacon. A beacon is judged by the position without it, one of them a
+//! ([`posterior`]), as the engine wants it, and now and then [`HealthChange`] of a beacon. A beacon is judged by the position without it, one of them a
 //! window, since that takes a lattice of its own; what is doubted makes no position until it agrees again.
 
-mod standing;
+mod history;
 
-pub use standing::BeaconHealth;
+pub use history::BeaconHealth;
 
 use heapless::Vec;
 
 use super::multilateration::Heard;
 use super::offset::ReceiverOffset;
 use super::path_loss::Wall;
-use super::posterior::{Belief, Posterior, posterior, too_loud};
+use super::posterior::{Posterior, PosteriorSettings, posterior, too_loud};
 use crate::engine::BeaconPosition;
 use crate::{Area, MAX_ANCHORS, Real, SolveError};
-use standing::Record;
+use history::History;
 
 /// Beacons are judged no sooner again, microseconds.
 const PASS_US: u64 = 3_000_000;
@@ -105,11 +105,11 @@ pub struct Located<T> {
 /// Something else is believed of a beacon from now on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct News {
+pub struct HealthChange {
     /// Its place in the list.
     pub beacon: usize,
     /// What is believed.
-    pub standing: BeaconHealth,
+    pub health: BeaconHealth,
     /// For how long its levels have told so, seconds.
     pub seconds: u32,
 }
@@ -118,13 +118,13 @@ pub struct News {
 #[derive(Clone, Debug)]
 pub struct BeaconMonitor<T, const N: usize> {
     receiver: ReceiverOffset<T>,
-    records: [Record<T>; N],
+    histories: [History<T>; N],
     pass: Pass<T>,
     /// Places that the receiver's offset has not been learnt at.
     due: T,
     /// The box around all places that anchors have had the tag at: where it was, it can be.
     been: Option<Area<T, 2>>,
-    news: Option<News>,
+    news: Option<HealthChange>,
 }
 
 /// Once through all beacons.
@@ -166,7 +166,7 @@ impl<T: Real, const N: usize> BeaconMonitor<T, N> {
     pub fn new(deviation: T) -> Self {
         Self {
             receiver: ReceiverOffset::new(deviation),
-            records: [Record::default(); N],
+            histories: [History::default(); N],
             pass: Pass { began_us: 0, at: None, weight: T::ONE, moved: T::ONE, next: 0 },
             due: T::ONE,
             been: None,
@@ -180,12 +180,12 @@ impl<T: Real, const N: usize> BeaconMonitor<T, N> {
     }
 
     /// What is believed of a beacon; nothing bad of one that is not listed.
-    pub fn standing(&self, beacon: usize) -> BeaconHealth {
-        self.records.get(beacon).map_or(BeaconHealth::Agrees, |record| record.standing)
+    pub fn health(&self, beacon: usize) -> BeaconHealth {
+        self.histories.get(beacon).map_or(BeaconHealth::Agrees, |record| record.health)
     }
 
     /// What is new of a beacon since it was asked last.
-    pub fn take_news(&mut self) -> Option<News> {
+    pub fn take_news(&mut self) -> Option<HealthChange> {
         self.news.take()
     }
 
@@ -201,7 +201,7 @@ impl<T: Real, const N: usize> BeaconMonitor<T, N> {
         site: &Site<'_, T>,
         known: Option<&Known<T>>,
     ) -> Result<Located<T>, SolveError> {
-        let belief = Belief { offset_deviation: self.receiver.deviation(), ..Belief::default() };
+        let belief = PosteriorSettings { offset_deviation: self.receiver.deviation(), ..PosteriorSettings::default() };
         let mut heard: Vec<Heard<T, 2>, MAX_ANCHORS> = Vec::new();
         let (mut lasting, mut all, mut used) = (T::ZERO, T::ZERO, 0_u16);
         for (place, level, one) in self.believed(levels) {
@@ -220,7 +220,7 @@ impl<T: Real, const N: usize> BeaconMonitor<T, N> {
         let found = posterior(&heard, &site.area, site.walls, &belief);
         let at = known.map(|known| known.position).or(found.as_ref().ok().map(|found| found.fix.position));
         if let Some(at) = at {
-            self.go_on(now_us, at);
+            self.update_track(now_us, at);
         }
         self.judge_next(now_us, levels, site, known, &belief);
         if self.due >= T::ONE && self.receiver.deviation() > T::ZERO {
@@ -239,7 +239,7 @@ impl<T: Real, const N: usize> BeaconMonitor<T, N> {
     /// The levels that make positions, with their places in the window and as [`corrected`](Self::corrected): sane ones, of beacons that
     /// agree.
     fn believed<'l>(&'l self, levels: &'l [Level<T>]) -> impl Iterator<Item = (usize, &'l Level<T>, Heard<T, 2>)> {
-        let agrees = |(_, level): &(usize, &Level<T>)| self.standing(level.beacon) == BeaconHealth::Agrees;
+        let agrees = |(_, level): &(usize, &Level<T>)| self.health(level.beacon) == BeaconHealth::Agrees;
         let counted = levels.iter().enumerate().take(MAX_ANCHORS).filter(agrees);
         counted.map(|(place, level)| (place, level, self.corrected(level))).filter(|(_, _, one)| one.is_sane())
     }
@@ -254,7 +254,7 @@ impl<T: Real, const N: usize> BeaconMonitor<T, N> {
     }
 
     /// Begins the next pass where the last one has ended.
-    fn go_on(&mut self, now_us: u64, at: [T; 2]) {
+    fn update_track(&mut self, now_us: u64, at: [T; 2]) {
         let since_us = now_us.saturating_sub(self.pass.began_us);
         let mut moved = T::ONE;
         let weight = match self.pass.at {
@@ -279,7 +279,7 @@ impl<T: Real, const N: usize> BeaconMonitor<T, N> {
         levels: &[Level<T>],
         site: &Site<'_, T>,
         known: Option<&Known<T>>,
-        belief: &Belief<T>,
+        belief: &PosteriorSettings<T>,
     ) {
         let next = self.pass.next;
         let candidates = levels.iter().enumerate().take(MAX_ANCHORS).filter(|(_, level)| level.beacon >= next);
@@ -296,19 +296,19 @@ impl<T: Real, const N: usize> BeaconMonitor<T, N> {
                     return;
                 }
                 // Where one beacon is does not hang on how many others share a shadow.
-                too_loud(&one, &others, &site.area, site.walls, &Belief { trust: T::ONE, ..*belief })
+                too_loud(&one, &others, &site.area, site.walls, &PosteriorSettings { trust: T::ONE, ..*belief })
             }
         };
-        let (Some([excess, variance]), Some(record)) = (off, self.records.get_mut(level.beacon)) else { return };
+        let (Some([excess, variance]), Some(record)) = (off, self.histories.get_mut(level.beacon)) else { return };
         // Where a tag stands, the levels of three channels may be as far apart as those of two senders.
         let weight = if level.is_torn { self.pass.moved } else { self.pass.weight };
         let weight = if known.is_some() { weight } else { weight * T::of(PEERS) };
         let change = record.take(now_us, excess.squared() / variance, level.is_torn, weight);
         let Some((standing, seconds)) = change else { return };
-        self.news = Some(News { beacon: level.beacon, standing, seconds });
+        self.news = Some(HealthChange { beacon: level.beacon, health: standing, seconds });
         if known.is_none() {
             // What it has spoilt is no sign against the others.
-            self.records.iter_mut().for_each(Record::excuse);
+            self.histories.iter_mut().for_each(History::clear_suspicion);
         }
     }
 }

@@ -53,7 +53,7 @@ impl<T: Real, const N: usize> Walk<T, N> {
     }
 
     /// Takes the scan of `now_us`. The map is a lattice whose points stand column by column; another one than before, or a clock that
-    /// was set back, starts anew. Belief does not spread through walls, in the map's metres; where the scans insist, a receiver is found
+    /// was set back, starts anew. PosteriorSettings does not spread through walls, in the map's metres; where the scans insist, a receiver is found
     /// again behind one all the same. A scan that is refused changes nothing.
     ///
     /// # Errors

@@ -2,7 +2,7 @@
 //!
 //! In flows a scan (levels in dBm by the beacons' order, `None` where a beacon is not heard), or a position with its covariance. A
 //! [`Classifier`] makes of it a probability a room: [`Svm`], the linear support vector machine of the thesis (section 3.5),
-//! [`Nearest`], the k nearest fingerprints, or [`Outlines`], the walls about the position. [`Presence`] makes answers of
+//! [`Nearest`], the k nearest fingerprints, or [`Outlines`], the walls about the position. [`RoomHysteresis`] makes answers of
 //! probabilities that come one after the other: a room, or *between* two of them, and none that flaps.
 //!
 //! Classifiers are trained on a desktop; a node reads them as a [`Model`], versioned and checksummed bytes in its flash (feature
@@ -11,18 +11,18 @@
 //! Section and table numbers are those of A. Linde Cerezo, *Desarrollo de un sistema de posicionamiento en interiores mediante
 //! Bluetooth Low Energy* (Universitat Oberta de Catalunya, 2024), unless another source is named.
 
+mod hysteresis;
 #[cfg(feature = "serde")]
 mod model;
 mod nearest;
 mod outline;
-mod presence;
 mod svm;
 
+pub use hysteresis::{RoomEstimate, RoomHysteresis, Settings};
 #[cfg(feature = "serde")]
 pub use model::{Kind, MODEL_VERSION, Model, NodeModel, StoredError};
 pub use nearest::{Nearest, UNHEARD, level_byte};
 pub use outline::{Outlines, Spot};
-pub use presence::{Presence, Settings, Whereabouts};
 pub use svm::{Svm, pairs};
 
 use heapless::Vec;

@@ -5,9 +5,9 @@ use super::super::SHORTEST_WAIT;
 use super::super::layout::Scheme;
 use super::super::plan::{next_round, owned_slots, share_of};
 use super::super::search::{Next, Search};
+use super::super::sync_schedule::{Listening, WatchedAnchor};
 use super::super::timing::{HOLDOVER_SUPERFRAMES, SUPERFRAME, Timing};
-use super::super::wakes::Slept;
-use super::super::watch::{Listening, Watched};
+use super::super::wake_ups::Slept;
 use super::{Doing, Rate, Tag};
 use crate::exchange::{Action, COMPENSATION};
 use crate::frame::native::{BEACON_BYTES, POLL_BYTES, Share};
@@ -200,7 +200,7 @@ impl Tag {
             return Some(self.pause(present, wait));
         }
         self.aim = None;
-        let (Watched { address, .. }, close) = one.filter(|(_, close)| *close > RadioDuration::ZERO)?;
+        let (WatchedAnchor { address, .. }, close) = one.filter(|(_, close)| *close > RadioDuration::ZERO)?;
         self.awaited = Some(Awaited { address, until: present.plus(close) });
         Some(Self::receive(present, present.plus(open), present.plus(close)))
     }

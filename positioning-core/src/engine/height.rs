@@ -15,7 +15,7 @@ const SCATTER_M: f64 = 0.15;
 
 /// Where the height comes from.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Level<T> {
+pub(super) enum HeightSource<T> {
     /// From ranges, or from whoever told it.
     Known,
     /// From solved rounds; this is the variance of the last one, m².
@@ -24,14 +24,14 @@ pub(super) enum Level<T> {
     Told,
 }
 
-impl<T: Real> Level<T> {
+impl<T: Real> HeightSource<T> {
     /// Until a round is solved, ranges are believed to tell it.
     pub(super) fn new() -> Self {
         Self::Known
     }
 
     /// Somebody has measured it.
-    pub(super) fn is_told(&mut self) {
+    pub(super) fn set_external(&mut self) {
         *self = Self::Told;
     }
 

@@ -1,11 +1,11 @@
 //! A node's side of its network's exchange, whichever that is: one type for boards whose mode is in the record.
 
-use ranging::exchange::{Action, Event, Guidance, Machine};
-use ranging::native::{Rate, Turnaround};
+use ranging::exchange::{Action, Event, Guidance, Protocol};
+use ranging::native::{Rate, ReplyDelay};
 use ranging::radio::Sensors;
 use ranging::{Pace, RadioDuration, RadioInstant, decaranging, native};
 
-use crate::settings::{Exchange, Settings};
+use crate::settings::{ProtocolConfig, Settings};
 
 /// Rounds a second of a DecaRanging tag that is told no rate: as often as such boards do with the shortest frames.
 const DECARANGING_CHZ: u32 = 2_000;
@@ -13,7 +13,7 @@ const DECARANGING_CHZ: u32 = 2_000;
 /// A tag's side.
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant, reason = "there is one in a node")]
-pub enum TagMachine {
+pub enum TagProtocol {
     /// Native mode.
     Native(native::Tag),
     /// DecaRanging.
@@ -25,7 +25,7 @@ pub enum TagMachine {
 /// An anchor's side.
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant, reason = "there is one in a node")]
-pub enum AnchorMachine {
+pub enum AnchorProtocol {
     /// Native mode.
     Native(native::Anchor),
     /// DecaRanging.
@@ -42,12 +42,12 @@ pub(crate) fn period(chz: u32) -> RadioDuration {
     RadioDuration::from_micros(100_000_000 / chz.max(1))
 }
 
-impl TagMachine {
+impl TagProtocol {
     /// That of a tag with these settings.
     pub fn new(settings: &Settings, tag: &node_record::Tag) -> Self {
         let network = settings.network;
-        match settings.exchange {
-            Exchange::Native => {
+        match settings.protocol {
+            ProtocolConfig::Native => {
                 let mut machine = native::Tag::new(native::TagConfig {
                     address: settings.address,
                     network,
@@ -64,15 +64,15 @@ impl TagMachine {
                 }
                 Self::Native(machine)
             }
-            Exchange::DecaRanging(variant) => Self::DecaRanging(decaranging::Tag::new(decaranging::TagConfig {
+            ProtocolConfig::DecaRanging(variant) => Self::DecaRanging(decaranging::Tag::new(decaranging::TagConfig {
                 eui: settings.eui,
                 variant,
                 phy: network.phy,
-                turnaround: network.pinned.unwrap_or(Turnaround::START),
+                turnaround: network.pinned.unwrap_or(ReplyDelay::START),
                 antenna_delay: settings.antenna_delay(),
                 period: period(tag.rate_chz.unwrap_or(DECARANGING_CHZ)),
             })),
-            Exchange::Listening { .. } => Self::Listening(native::TdoaTag::new(native::TdoaTagConfig {
+            ProtocolConfig::Listening { .. } => Self::Listening(native::TdoaTag::new(native::TdoaTagConfig {
                 network,
                 period: tag.rate_chz.map(period),
             })),
@@ -80,7 +80,7 @@ impl TagMachine {
     }
 }
 
-impl AnchorMachine {
+impl AnchorProtocol {
     /// That of an anchor with these settings, at this place in metres.
     pub fn new(settings: &Settings, position_m: Option<[f32; 3]>) -> Self {
         let (network, antenna_delay) = (settings.network, settings.antenna_delay());
@@ -93,15 +93,15 @@ impl AnchorMachine {
                 rounds,
             }))
         };
-        match settings.exchange {
-            Exchange::Native => native(None),
-            Exchange::Listening { period } => native(Some(Rate::Every(period))),
+        match settings.protocol {
+            ProtocolConfig::Native => native(None),
+            ProtocolConfig::Listening { period } => native(Some(Rate::Every(period))),
             // An anchor answers in the tag's variant.
-            Exchange::DecaRanging(_) => Self::DecaRanging(decaranging::Anchor::new(decaranging::AnchorConfig {
+            ProtocolConfig::DecaRanging(_) => Self::DecaRanging(decaranging::Anchor::new(decaranging::AnchorConfig {
                 address: settings.address,
                 eui: settings.eui,
                 phy: network.phy,
-                turnaround: network.pinned.unwrap_or(Turnaround::START),
+                turnaround: network.pinned.unwrap_or(ReplyDelay::START),
                 antenna_delay,
                 init_delay: decaranging::INIT_DELAY,
             })),
@@ -109,7 +109,7 @@ impl AnchorMachine {
     }
 }
 
-impl Machine for TagMachine {
+impl Protocol for TagProtocol {
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         match self {
             Self::Native(tag) => tag.step(now, event),
@@ -159,7 +159,7 @@ impl Machine for TagMachine {
     }
 }
 
-impl Machine for AnchorMachine {
+impl Protocol for AnchorProtocol {
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         match self {
             Self::Native(anchor) => anchor.step(now, event),

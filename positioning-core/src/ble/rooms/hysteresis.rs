@@ -32,7 +32,7 @@ impl Default for Settings {
 /// Where a tag is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Whereabouts {
+pub enum RoomEstimate {
     /// Nothing was heard lately.
     Unknown,
     /// In that room, by its number.
@@ -43,25 +43,25 @@ pub enum Whereabouts {
 
 /// Where a tag is, as the evidence comes.
 #[derive(Clone, Debug)]
-pub struct Presence {
+pub struct RoomHysteresis {
     settings: Settings,
     smoothed: Probabilities,
-    answer: Whereabouts,
+    answer: RoomEstimate,
     at_us: u64,
 }
 
-impl Presence {
+impl RoomHysteresis {
     /// Nothing is known.
     pub fn new(settings: Settings) -> Self {
-        Self { settings, smoothed: Probabilities::new(), answer: Whereabouts::Unknown, at_us: 0 }
+        Self { settings, smoothed: Probabilities::new(), answer: RoomEstimate::Unknown, at_us: 0 }
     }
 
     /// Takes what a classifier says at `now_us`, `None` where it says nothing, and answers. Probabilities that are no numbers say
     /// nothing.
-    pub fn step(&mut self, now_us: u64, probabilities: Option<&Probabilities>) -> Whereabouts {
+    pub fn step(&mut self, now_us: u64, probabilities: Option<&Probabilities>) -> RoomEstimate {
         let since_us = now_us.saturating_sub(self.at_us);
         if since_us > u64::from(self.settings.forgotten_us) {
-            self.answer = Whereabouts::Unknown;
+            self.answer = RoomEstimate::Unknown;
             self.smoothed.clear();
         }
         let told = probabilities.filter(|told| told.iter().all(|p| p.is_finite() && *p >= 0.0));
@@ -82,7 +82,7 @@ impl Presence {
     }
 
     /// The last answer.
-    pub fn answer(&self) -> Whereabouts {
+    pub fn answer(&self) -> RoomEstimate {
         self.answer
     }
 
@@ -91,7 +91,7 @@ impl Presence {
         self.smoothed.get(usize::from(room)).copied().unwrap_or(0.0)
     }
 
-    fn judge(&self) -> Whereabouts {
+    fn judge(&self) -> RoomEstimate {
         let (mut first, mut second) = (0, 0);
         let (mut most, mut next) = (-1.0, -1.0);
         for (room, &p) in (0..MAX_ROOMS as u8).zip(&self.smoothed) {
@@ -103,22 +103,22 @@ impl Presence {
             }
         }
         match self.answer {
-            Whereabouts::Room(room) if self.probability(room) >= self.settings.leave && most < self.settings.enter => {
-                Whereabouts::Room(room)
+            RoomEstimate::Room(room) if self.probability(room) >= self.settings.leave && most < self.settings.enter => {
+                RoomEstimate::Room(room)
             }
-            Whereabouts::Room(_) | Whereabouts::Between(..) | Whereabouts::Unknown => {
+            RoomEstimate::Room(_) | RoomEstimate::Between(..) | RoomEstimate::Unknown => {
                 if most >= self.settings.enter || self.smoothed.len() == 1 {
-                    Whereabouts::Room(first)
+                    RoomEstimate::Room(first)
                 } else {
                     match self.answer {
                         // Which of the two is the more probable is no news.
-                        Whereabouts::Between(one, other)
+                        RoomEstimate::Between(one, other)
                             if [(first, second), (second, first)].contains(&(one, other)) =>
                         {
-                            Whereabouts::Between(one, other)
+                            RoomEstimate::Between(one, other)
                         }
-                        Whereabouts::Room(_) | Whereabouts::Between(..) | Whereabouts::Unknown => {
-                            Whereabouts::Between(first, second)
+                        RoomEstimate::Room(_) | RoomEstimate::Between(..) | RoomEstimate::Unknown => {
+                            RoomEstimate::Between(first, second)
                         }
                     }
                 }
@@ -131,7 +131,7 @@ impl Presence {
 mod tests {
     use rand::{Rng, SeedableRng};
 
-    use super::{Presence, Settings, Whereabouts};
+    use super::{RoomEstimate, RoomHysteresis, Settings};
     use crate::ble::rooms::{Classifier, Probabilities, Svm, likeliest};
 
     const SECOND: u64 = 1_000_000;
@@ -144,36 +144,36 @@ mod tests {
     fn a_room_is_entered_at_once_and_left_when_it_has_become_improbable() {
         // After the change each second keeps e^−½ = 0.6065: the old room's 0.96 falls towards 0.04 as 0.04 + 0.92 · 0.6065ⁿ, to
         // 0.598, 0.378, 0.245, 0.165, 0.116, 0.086 (n = 6, left; the new one has 0.914 and is entered).
-        let mut presence = Presence::new(Settings::default());
-        assert_eq!(presence.step(SECOND, Some(&told(&[0.96, 0.04]))), Whereabouts::Room(0));
+        let mut presence = RoomHysteresis::new(Settings::default());
+        assert_eq!(presence.step(SECOND, Some(&told(&[0.96, 0.04]))), RoomEstimate::Room(0));
         let answers: std::vec::Vec<_> =
             (2..=7).map(|s| presence.step(s * SECOND, Some(&told(&[0.04, 0.96])))).collect();
-        assert_eq!(answers[..5], [Whereabouts::Room(0); 5]);
-        assert_eq!(answers[5], Whereabouts::Room(1));
+        assert_eq!(answers[..5], [RoomEstimate::Room(0); 5]);
+        assert_eq!(answers[5], RoomEstimate::Room(1));
     }
 
     #[test]
     fn whoever_is_in_neither_room_is_between_them() {
         // Three rooms: the first falls as before and is left at n = 6; the others have 0.476 and 0.438 then, and 0.367 and 0.565 a
         // second later.
-        let mut presence = Presence::new(Settings::default());
+        let mut presence = RoomHysteresis::new(Settings::default());
         presence.step(SECOND, Some(&told(&[0.96, 0.02, 0.02])));
-        let mut answer = Whereabouts::Unknown;
+        let mut answer = RoomEstimate::Unknown;
         for s in 2..=7 {
             answer = presence.step(s * SECOND, Some(&told(&[0.04, 0.5, 0.46])));
         }
-        assert_eq!(answer, Whereabouts::Between(1, 2));
-        assert_eq!(presence.step(8 * SECOND, Some(&told(&[0.04, 0.2, 0.76]))), Whereabouts::Between(1, 2), "no news");
+        assert_eq!(answer, RoomEstimate::Between(1, 2));
+        assert_eq!(presence.step(8 * SECOND, Some(&told(&[0.04, 0.2, 0.76]))), RoomEstimate::Between(1, 2), "no news");
     }
 
     #[test]
     fn silence_is_waited_for_and_then_nothing_is_known() {
-        let mut presence = Presence::new(Settings::default());
+        let mut presence = RoomHysteresis::new(Settings::default());
         presence.step(SECOND, Some(&told(&[0.9, 0.1])));
-        assert_eq!(presence.step(11 * SECOND, None), Whereabouts::Room(0));
-        assert_eq!(presence.step(11 * SECOND + 1, None), Whereabouts::Unknown);
-        assert_eq!(presence.step(12 * SECOND, Some(&told(&[f32::NAN, 0.1]))), Whereabouts::Unknown);
-        assert_eq!(presence.answer(), Whereabouts::Unknown);
+        assert_eq!(presence.step(11 * SECOND, None), RoomEstimate::Room(0));
+        assert_eq!(presence.step(11 * SECOND + 1, None), RoomEstimate::Unknown);
+        assert_eq!(presence.step(12 * SECOND, Some(&told(&[f32::NAN, 0.1]))), RoomEstimate::Unknown);
+        assert_eq!(presence.answer(), RoomEstimate::Unknown);
     }
 
     /// A tag in the doorway for ten minutes: both beacons alike but for noise of 4 dB that lasts for some three seconds (a body that
@@ -187,7 +187,7 @@ mod tests {
             let mut random = rand_pcg::Pcg32::seed_from_u64(seed);
             // Twelve uniform numbers less six: mean 0, deviation 1.
             let mut gaussian = move || (0..12).map(|_| random.random::<f32>()).sum::<f32>() - 6.0;
-            let mut presence = Presence::new(Settings::default());
+            let mut presence = RoomHysteresis::new(Settings::default());
             let mut lasting = [0.0; 2];
             let (mut raw, mut raw_changes, mut answers) = (None, 0, std::vec::Vec::new());
             for second in 1..=600 {

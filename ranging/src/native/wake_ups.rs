@@ -48,14 +48,14 @@ impl Slept {
 
 /// What is known of wake-ups.
 #[derive(Clone, Debug)]
-pub struct Wakes {
+pub struct WakeUps {
     /// Ticks that each waking is late, and ticks that each second of sleep adds, the latter by the weight of a second.
     late: [f32; 2],
     /// Mean deviation of the errors from that, ticks.
     deviation: f32,
 }
 
-impl Wakes {
+impl WakeUps {
     /// Nothing known.
     pub const fn new() -> Self {
         Self { late: [0.0; 2], deviation: MOST.ticks() as f32 / DEVIATIONS }
@@ -108,7 +108,7 @@ mod tests {
 
     #[test]
     fn what_is_the_same_each_time_is_learned_and_the_doubt_shrinks() {
-        let mut wakes = Wakes::new();
+        let mut wakes = WakeUps::new();
         let slept = Slept::once(us(1_000_000));
         assert_eq!(wakes.doubt(slept), MOST);
         for _ in 0..40 {
@@ -128,7 +128,7 @@ mod tests {
 
     #[test]
     fn one_large_error_widens_the_doubt_at_once_and_what_is_missed_too() {
-        let mut wakes = Wakes::new();
+        let mut wakes = WakeUps::new();
         let slept = Slept::once(us(100_000));
         (0..60).for_each(|_| wakes.learn(slept, RadioDuration::ZERO));
         assert!(wakes.doubt(slept).as_micros() < 55);

@@ -4,7 +4,7 @@
 
 use std::fmt;
 
-use super::stay::Stay;
+use super::dwell::Dwell;
 
 /// The best-heard beacon has so many adverts a second at least.
 const LEAST_RATE_HZ: f64 = 2.0;
@@ -80,7 +80,7 @@ impl fmt::Display for Bias {
 }
 
 /// Why a stay does not stand for its point; nothing where it does.
-pub fn judge(stay: &Stay) -> Vec<Bias> {
+pub fn judge(stay: &Dwell) -> Vec<Bias> {
     let beacons = stay.by_beacon();
     let most = beacons.values().map(Vec::len).max().unwrap_or(0);
     let rate_hz = most as f64 / stay.length_s;
@@ -146,11 +146,11 @@ fn drift(adverts: &[(f64, f64)]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::{Bias, judge};
-    use crate::survey::campaign::Stay;
+    use crate::survey::campaign::Dwell;
 
     /// Ten seconds of three beacons at ten adverts a second; `level` says what the beacon has at a time, if it is heard.
-    fn stay(level: impl Fn(usize, f64) -> Option<f64>) -> Stay {
-        let mut stay = Stay::new(None, 10.0);
+    fn stay(level: impl Fn(usize, f64) -> Option<f64>) -> Dwell {
+        let mut stay = Dwell::new(None, 10.0);
         for advert in 0..100 {
             let t_s = f64::from(advert) * 0.1;
             stay.at(t_s);

@@ -6,7 +6,7 @@ use super::layout::Layout;
 use super::plan::{Members, lists};
 use crate::frame::native::MAX_MEMBERS;
 
-/// Wishes of anchors, and of tags that are no members, are kept for one to two times this many superframes: anchors repeat them in
+/// LayoutRequests of anchors, and of tags that are no members, are kept for one to two times this many superframes: anchors repeat them in
 /// their beacons. Those of members are kept until they ask for something else, or leave.
 const KEPT_SUPERFRAMES: u16 = 10;
 /// A layout may be made shorter from this superframe of a network on, or of an anchor's coordination: until then not all were heard.
@@ -17,7 +17,7 @@ const SPARE_STEPS: u8 = 3;
 
 /// The longest of what was asked for lately.
 #[derive(Clone, Debug)]
-pub struct Wishes {
+pub struct LayoutRequests {
     /// Tags that are members, and the byte by which they asked last.
     members: Vec<(u16, u8), MAX_MEMBERS>,
     current: Layout,
@@ -28,7 +28,7 @@ pub struct Wishes {
     is_settled: bool,
 }
 
-impl Wishes {
+impl LayoutRequests {
     /// Nobody has asked for anything.
     pub const fn new() -> Self {
         Self { members: Vec::new(), current: Layout::LEAST, former: Layout::LEAST, superframes: 0, is_settled: false }
@@ -115,7 +115,7 @@ mod tests {
 
     #[test]
     fn a_slower_node_counts_at_once_and_one_that_left_after_two_periods_at_most() {
-        let mut wishes = Wishes::new();
+        let mut wishes = LayoutRequests::new();
         wishes.note(layout(300));
         assert_eq!(wishes.better_than(layout(300)), None);
         wishes.note(layout(900));
@@ -130,14 +130,14 @@ mod tests {
 
     #[test]
     fn what_a_founder_began_with_is_made_shorter_once_all_had_time_to_ask() {
-        let mut wishes = Wishes::new();
+        let mut wishes = LayoutRequests::new();
         wishes.advance(SETTLED_AFTER - 1);
         wishes.note(layout(300));
         assert_eq!(wishes.better_than(layout(900)), None);
         wishes.advance(1);
         assert_eq!(wishes.better_than(layout(900)), Some(layout(300)));
         // Only who has measured asks.
-        let mut silent = Wishes::new();
+        let mut silent = LayoutRequests::new();
         silent.advance(SETTLED_AFTER);
         assert_eq!(silent.better_than(layout(900)), None);
         silent.note(Layout { answer: Span::default(), ..layout(300) });
@@ -148,7 +148,7 @@ mod tests {
     fn a_member_that_ranges_seldom_is_not_forgotten_until_it_leaves() {
         let member = |tag| Member { tag, share: Share::OneIn(100) };
         let members: Members = [member(1), member(2)].into_iter().collect();
-        let mut wishes = Wishes::new();
+        let mut wishes = LayoutRequests::new();
         wishes.note_tag(2, layout(0), &members);
         wishes.note_tag(3, layout(300), &members);
         wishes.note_tag(2, Layout { scheme: Scheme::DoubleSided, ..layout(0) }, &members);
@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn a_layout_a_little_too_long_stays() {
-        let mut wishes = Wishes::new();
+        let mut wishes = LayoutRequests::new();
         for _ in 0..4 {
             wishes.note(layout(300));
             wishes.advance(KEPT_SUPERFRAMES);
@@ -176,7 +176,7 @@ mod tests {
     #[test]
     fn a_final_is_made_room_for_as_long_as_somebody_asks_for_it() {
         let double = Layout { scheme: Scheme::DoubleSided, ..layout(300) };
-        let mut wishes = Wishes::new();
+        let mut wishes = LayoutRequests::new();
         wishes.note(double);
         assert_eq!(wishes.better_than(layout(300)), Some(double));
         (0..2).for_each(|_| {

@@ -30,14 +30,14 @@ pub enum BeaconHealth {
 
 /// What was found of one beacon.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Record<T> {
+pub(super) struct History<T> {
     sum: T,
     /// When it began to contradict, seconds.
     since_s: u32,
-    pub(super) standing: BeaconHealth,
+    pub(super) health: BeaconHealth,
 }
 
-impl<T: Real> Record<T> {
+impl<T: Real> History<T> {
     /// A level that is off by so many of its variances, or that of two senders; worth `weight` of one at a place of its own. What is
     /// believed from now on, if it is another thing, and for how many seconds the levels have told so.
     pub(super) fn take(&mut self, now_us: u64, variances: T, is_torn: bool, weight: T) -> Option<(BeaconHealth, u32)> {
@@ -48,7 +48,7 @@ impl<T: Real> Record<T> {
             return None;
         }
         let contradicts = more > T::ZERO;
-        let turns = match self.standing {
+        let turns = match self.health {
             BeaconHealth::Agrees => self.sum <= T::ZERO && contradicts,
             BeaconHealth::Elsewhere | BeaconHealth::TwoPlaces => self.sum >= T::of(FULL) && !contradicts,
         };
@@ -56,20 +56,20 @@ impl<T: Real> Record<T> {
             self.since_s = now_s;
         }
         self.sum = (self.sum + more).at_least(T::ZERO).at_most(T::of(FULL));
-        let standing = match self.standing {
+        let standing = match self.health {
             BeaconHealth::Agrees if self.sum > T::of(DOUBTED) && is_torn => BeaconHealth::TwoPlaces,
             BeaconHealth::Agrees if self.sum > T::of(DOUBTED) => BeaconHealth::Elsewhere,
             BeaconHealth::Elsewhere | BeaconHealth::TwoPlaces if self.sum < T::of(BELIEVED) => BeaconHealth::Agrees,
             same => same,
         };
-        let changed = standing != self.standing;
-        self.standing = standing;
+        let changed = standing != self.health;
+        self.health = standing;
         changed.then(|| (standing, now_s.saturating_sub(self.since_s)))
     }
 
     /// Forgets a doubt that has not come to a word: another beacon was its cause.
-    pub(super) fn excuse(&mut self) {
-        if self.standing == BeaconHealth::Agrees {
+    pub(super) fn clear_suspicion(&mut self) {
+        if self.health == BeaconHealth::Agrees {
             self.sum = T::ZERO;
         }
     }
@@ -77,11 +77,11 @@ impl<T: Real> Record<T> {
 
 #[cfg(test)]
 mod tests {
-    use super::{BeaconHealth, Record};
+    use super::{BeaconHealth, History};
 
     #[test]
     fn contradictions_at_several_places_are_a_word_and_agreement_takes_it_back() {
-        let mut record = Record::<f64>::default();
+        let mut record = History::<f64>::default();
         let mut take =
             |second: u64, variances, is_torn, weight| record.take(second * 1_000_000, variances, is_torn, weight);
         // 6 − 1.6 = 4.4, and 4 − 1.6 = 2.4 more are 6.8; 4.4 more are beyond 8, and held at 10.
@@ -97,7 +97,7 @@ mod tests {
 
     #[test]
     fn one_place_counts_once_and_agreement_between_forgets() {
-        let mut record = Record::<f32>::default();
+        let mut record = History::<f32>::default();
         // Ten looks at one place, a tenth each, are worth one, 4.4.
         for _ in 0..10 {
             assert_eq!(record.take(0, 9.0, false, 0.1), None);
@@ -113,7 +113,7 @@ mod tests {
 
     #[test]
     fn two_senders_are_told_as_such() {
-        let mut record = Record::<f32>::default();
+        let mut record = History::<f32>::default();
         // 4.4 each.
         let told = (0..3).find_map(|k| record.take(k * 4_000_000, 0.0, true, 1.0));
         assert_eq!(told, Some((BeaconHealth::TwoPlaces, 4)));

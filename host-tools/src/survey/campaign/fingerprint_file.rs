@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
-use super::points::Place;
-use super::stay::Stay;
+use super::dwell::Dwell;
+use super::points::SurveyPoint;
 use crate::files::output;
 use crate::{Table, UserError};
 
@@ -16,14 +16,14 @@ const COLUMNS: [&str; 7] = ["point", "room", "x_m", "y_m", "beacon", "rssi_dbm",
 
 /// The file, as it is on the disk.
 #[derive(Clone, Debug)]
-pub struct Book {
+pub struct FingerprintFile {
     file: PathBuf,
     columns: Vec<String>,
     text: Vec<u8>,
     points: HashSet<String>,
 }
 
-impl Book {
+impl FingerprintFile {
     /// Opens the file; one that is not there begins with its header.
     ///
     /// # Errors
@@ -65,7 +65,7 @@ impl Book {
     ///
     /// # Errors
     /// The file system's.
-    pub fn add(&mut self, place: &Place, stay: &Stay) -> Result<()> {
+    pub fn add(&mut self, place: &SurveyPoint, stay: &Dwell) -> Result<()> {
         let mut rows = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
         let [x, y] = place.position_m.map(|metres| metres.to_string());
         for advert in &stay.adverts {
@@ -94,11 +94,11 @@ impl Book {
 
 #[cfg(test)]
 mod tests {
-    use super::Book;
-    use crate::survey::campaign::{Stay, parse_point};
+    use super::FingerprintFile;
+    use crate::survey::campaign::{Dwell, parse_point};
 
-    fn stay() -> Stay {
-        let mut stay = Stay::new(None, 10.0);
+    fn stay() -> Dwell {
+        let mut stay = Dwell::new(None, 10.0);
         stay.at(3.0);
         stay.hear(3.25, "7", -61.0);
         stay
@@ -108,12 +108,12 @@ mod tests {
     fn a_new_file_has_a_header_and_what_was_there_stays() {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("f.csv");
-        let mut book = Book::open("--out", &file).expect("none yet");
+        let mut book = FingerprintFile::open("--out", &file).expect("none yet");
         assert!(!file.exists(), "nothing is written before there is anything");
         book.add(&parse_point("p 1 2.5 hall, north").expect("a point"), &stay()).expect("written");
         let first = "point,room,x_m,y_m,beacon,rssi_dbm,t_s\np,\"hall, north\",1,2.5,7,-61,0.2500\n";
         assert_eq!(std::fs::read_to_string(&file).expect("there"), first);
-        let mut book = Book::open("--out", &file).expect("good");
+        let mut book = FingerprintFile::open("--out", &file).expect("good");
         assert!(book.has("p") && !book.has("q"));
         book.add(&parse_point("q 0 0").expect("a point"), &stay()).expect("written");
         assert_eq!(std::fs::read_to_string(&file).expect("there"), format!("{first}q,,0,0,7,-61,0.2500\n"));
@@ -124,13 +124,13 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("f.csv");
         std::fs::write(&file, "beacon,phone,rssi_dbm,y_m,x_m,point\n7,x,-60,2,1,p").expect("written");
-        Book::open("--out", &file)
+        FingerprintFile::open("--out", &file)
             .expect("good")
             .add(&parse_point("q 3 4").expect("a point"), &stay())
             .expect("written");
         let text = std::fs::read_to_string(&file).expect("there");
         assert_eq!(text, "beacon,phone,rssi_dbm,y_m,x_m,point\n7,x,-60,2,1,p\n7,,-61,4,3,q\n");
         std::fs::write(&file, "some,thing\n1,2\n").expect("written");
-        assert!(Book::open("--out", &file).is_err());
+        assert!(FingerprintFile::open("--out", &file).is_err());
     }
 }

@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use telemetry::Message;
 
-use super::book::Book;
-use super::judge::{Bias, judge};
-use super::points::Place;
-use super::stay::Stay;
+use super::checks::{Bias, judge};
+use super::dwell::Dwell;
+use super::fingerprint_file::FingerprintFile;
+use super::points::SurveyPoint;
 use crate::node::decode::{Stream, beacon_name};
 use crate::node::monitor::{Channel, Event, Source};
 
@@ -62,7 +62,7 @@ impl Visit {
     ///
     /// # Errors
     /// The file system's.
-    pub fn conclude(place: &Place, stay: &Stay, book: &mut Book) -> Result<Self> {
+    pub fn conclude(place: &SurveyPoint, stay: &Dwell, book: &mut FingerprintFile) -> Result<Self> {
         let biases = judge(stay);
         if biases.is_empty() {
             book.add(place, stay)?;
@@ -94,7 +94,7 @@ enum Left {
 }
 
 /// Leads a person.
-pub struct Guide<'a> {
+pub struct Wizard<'a> {
     /// What the node says.
     pub source: &'a mut dyn Source,
     /// Who carries it.
@@ -110,7 +110,7 @@ pub struct Guide<'a> {
     silent: u32,
 }
 
-impl<'a> Guide<'a> {
+impl<'a> Wizard<'a> {
     /// A guide who has not begun.
     pub fn new(source: &'a mut dyn Source, person: &'a mut dyn Person, stay_s: f64, stop: &'a AtomicBool) -> Self {
         Self { source, person, stay_s, stop, until: None, stream: Stream::default(), silent: 0 }
@@ -120,7 +120,12 @@ impl<'a> Guide<'a> {
     ///
     /// # Errors
     /// The source's and the file system's.
-    pub fn visit(&mut self, place: &Place, book: &mut Book, visits: &mut Vec<Visit>) -> Result<Option<()>> {
+    pub fn visit(
+        &mut self,
+        place: &SurveyPoint,
+        book: &mut FingerprintFile,
+        visits: &mut Vec<Visit>,
+    ) -> Result<Option<()>> {
         let [x_m, y_m] = place.position_m;
         let room = place.room.as_ref().map_or_else(String::new, |room| format!("{room}, "));
         self.person.tell(&format!(
@@ -171,8 +176,8 @@ impl<'a> Guide<'a> {
     }
 
     /// Listens until the stay is over; `None`: the node's words ended before.
-    fn stay(&mut self) -> Result<Option<Stay>> {
-        let mut stay = Stay::new(None, self.stay_s);
+    fn stay(&mut self) -> Result<Option<Dwell>> {
+        let mut stay = Dwell::new(None, self.stay_s);
         let mut over = false;
         while !over {
             let heard = self.next(&mut |t_s, sighting| {
@@ -243,9 +248,9 @@ mod tests {
     use anyhow::Result;
     use telemetry::{BeaconId, MAX_FRAME, Message, Sighting, encode};
 
-    use super::{Guide, Person, Typed};
+    use super::{Person, Typed, Wizard};
     use crate::node::monitor::{Channel, Event, Source};
-    use crate::survey::campaign::{Book, parse_point};
+    use crate::survey::campaign::{FingerprintFile, parse_point};
 
     /// A node that hears one beacon ten times a second; it is silent while its clock is in the gap.
     struct Node {
@@ -290,12 +295,12 @@ mod tests {
     #[test]
     fn a_refused_stay_is_tried_again_and_a_skipped_point_is_not_written() {
         let folder = tempfile::tempdir().expect("a folder");
-        let mut book = Book::open("--out", &folder.path().join("f.csv")).expect("none yet");
+        let mut book = FingerprintFile::open("--out", &folder.path().join("f.csv")).expect("none yet");
         // The beacon is away from 4 s to 9 s of the node's clock: in the first stay.
         let mut node = Node { t_us: 0, gap_us: 4_000_000..9_000_000 };
         let mut person = Script { lines: ["", "", "s", "q"].into(), asked: false, told: Vec::new() };
         let (stop, mut visits) = (AtomicBool::new(false), Vec::new());
-        let mut guide = Guide::new(&mut node, &mut person, 10.0, &stop);
+        let mut guide = Wizard::new(&mut node, &mut person, 10.0, &stop);
         let mut visit =
             |point| guide.visit(&parse_point(point).expect("a point"), &mut book, &mut visits).expect("no failure");
         assert_eq!(visit("p 1 2 hall"), Some(()));

@@ -8,7 +8,7 @@ use crate::{PhyConfig, RadioDuration, RadioInstant};
 
 /// The course of superframes as a node knows it.
 #[derive(Clone, Debug)]
-pub struct Course {
+pub struct Superframes {
     /// Where it is in time.
     pub phase: Phase,
     /// Who may range, and the layout of the slots.
@@ -18,7 +18,7 @@ pub struct Course {
     phy: PhyConfig,
 }
 
-impl Course {
+impl Superframes {
     /// A network without members that begins at `start`.
     pub fn begin(phy: &PhyConfig, layout: Layout, start: RadioInstant) -> Self {
         Self {

@@ -19,7 +19,7 @@ const MOST_MISSES: u8 = 6;
 
 /// An anchor that has a beacon slot of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Watched {
+pub struct WatchedAnchor {
     /// Short address.
     pub address: u16,
     /// Its beacon slot.
@@ -33,15 +33,15 @@ pub enum Listening {
     /// All beacon slots.
     All,
     /// This anchor's.
-    One(Watched),
+    One(WatchedAnchor),
     /// None.
     Nothing,
 }
 
 /// The anchors whose beacon slots are known.
 #[derive(Clone, Debug, Default)]
-pub struct Watch {
-    anchors: Vec<Watched, MAX_NEIGHBOURS>,
+pub struct SyncSchedule {
+    anchors: Vec<WatchedAnchor, MAX_NEIGHBOURS>,
     /// Whose turn it is.
     turn: usize,
     /// Superframes since all slots were listened to.
@@ -50,7 +50,7 @@ pub struct Watch {
     plan: Option<(u16, Listening)>,
 }
 
-impl Watch {
+impl SyncSchedule {
     /// A beacon came.
     pub fn hear(&mut self, address: u16, slot: u8) {
         if usize::from(slot) >= OWNED_BEACON_SLOTS {
@@ -59,10 +59,10 @@ impl Watch {
             return;
         }
         match self.anchors.iter_mut().find(|anchor| anchor.address == address) {
-            Some(anchor) => *anchor = Watched { address, slot, misses: 0 },
+            Some(anchor) => *anchor = WatchedAnchor { address, slot, misses: 0 },
             None => {
                 // As many as anchors: who finds no place is none of them.
-                let _ = self.anchors.push(Watched { address, slot, misses: 0 });
+                let _ = self.anchors.push(WatchedAnchor { address, slot, misses: 0 });
             }
         }
     }
@@ -88,7 +88,7 @@ impl Watch {
     }
 
     /// Whose beacon is next.
-    fn next(&mut self) -> Option<Watched> {
+    fn next(&mut self) -> Option<WatchedAnchor> {
         self.turn = (self.turn + 1).checked_rem(self.anchors.len())?;
         self.anchors.get(self.turn).copied()
     }
@@ -133,8 +133,8 @@ impl Watch {
 mod tests {
     use super::*;
 
-    fn watch(anchors: u16) -> Watch {
-        let mut watch = Watch::default();
+    fn watch(anchors: u16) -> SyncSchedule {
+        let mut watch = SyncSchedule::default();
         (0..anchors).for_each(|i| watch.hear(10 + i, i as u8));
         watch
     }
@@ -163,7 +163,7 @@ mod tests {
     fn all_are_listened_to_seldom_and_sooner_where_few_are_known() {
         for (anchors, every) in [(4, 600), (3, 20), (0, 20)] {
             let mut watch = watch(anchors);
-            let all = |watch: &mut Watch| (0..6_000).filter(|n| watch.plan(*n, 1) == Listening::All).count();
+            let all = |watch: &mut SyncSchedule| (0..6_000).filter(|n| watch.plan(*n, 1) == Listening::All).count();
             assert_eq!(all(&mut watch), 6_000 / every, "{anchors} anchors");
         }
         assert_eq!(watch(4).plan(0, 3), Listening::All, "too long without a beacon");

@@ -17,7 +17,7 @@ pub struct Advert {
 
 /// A stay at a point.
 #[derive(Clone, Debug)]
-pub struct Stay {
+pub struct Dwell {
     from_s: Option<f64>,
     /// How long it is, seconds.
     pub length_s: f64,
@@ -28,7 +28,7 @@ pub struct Stay {
     now_s: f64,
 }
 
-impl Stay {
+impl Dwell {
     /// A stay of that length; it begins at that time, or with the first message.
     pub fn new(from_s: Option<f64>, length_s: f64) -> Self {
         Self { from_s, length_s, adverts: Vec::new(), refused: 0, now_s: 0.0 }
@@ -76,11 +76,11 @@ impl Stay {
 
 #[cfg(test)]
 mod tests {
-    use super::Stay;
+    use super::Dwell;
 
     #[test]
     fn a_stay_begins_with_the_first_message_and_ends_by_the_nodes_time() {
-        let mut stay = Stay::new(None, 10.0);
+        let mut stay = Dwell::new(None, 10.0);
         assert!(!stay.at(100.0));
         stay.hear(100.5, "1", -60.0);
         stay.hear(101.0, "1", 127.0);
@@ -94,7 +94,7 @@ mod tests {
 
     #[test]
     fn what_came_before_a_stay_of_a_recording_is_not_its() {
-        let mut stay = Stay::new(Some(50.0), 10.0);
+        let mut stay = Dwell::new(Some(50.0), 10.0);
         assert!(!stay.at(49.0));
         stay.hear(49.0, "1", -60.0);
         stay.hear(50.0, "1", -60.0);
