@@ -12,7 +12,7 @@
 //! much; the coordinator lays the slots out by what the slowest node asked for ([`Layout`]). What came too late is sent in the next
 //! slot there is.
 //!
-//! **Superframe.** Anchors repeat a beacon (time, coordinator, members, position); tags learn from it where they are in time,
+//! **Superframe.** Anchors repeat a sync frame (time, coordinator, members, position); tags learn from it where they are in time,
 //! who is there, and which slots are theirs.
 //!
 //! **Listening.** Anchors may ask each other as tags do, in slots of their own. Tags that only listen position themselves by the

@@ -1,4 +1,4 @@
-//! What one DW1000 without any key can do to native mode, and what it cannot: forged beacons, requests and responses on a small air.
+//! What one DW1000 without any key can do to native mode, and what it cannot: forged sync frames, requests and responses on a small air.
 //! `docs/security.md` says what is left.
 
 mod air;
@@ -10,7 +10,7 @@ use std::rc::Rc;
 use air::anchors::{self, corner};
 use air::{ANTENNA_DELAY, Air, Boxed, Owned};
 use ranging::exchange::{Event, Link, Protocol};
-use ranging::frame::native::{Beacon, Frame, Member, Message, Position, Request, Response, Share};
+use ranging::frame::native::{Frame, Member, Message, Position, Request, Response, Share, SyncFrame};
 use ranging::frame::{BROADCAST, FrameBuffer};
 use ranging::native::{Layout, Network, Rate, Refused, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig, Timing};
 use ranging::{PhyConfig, RadioDuration, RadioInstant, Start};
@@ -58,11 +58,11 @@ fn bytes(source: u16, destination: u16, message: Message) -> Vec<u8> {
     out.bytes().to_vec()
 }
 
-/// What `forge` makes of a superframe's first beacon heard, and of the last one of each anchor: frames, and when from the superframe's
+/// What `forge` makes of a superframe's first sync frame heard, and of the last one of each anchor: frames, and when from the superframe's
 /// beginning they are sent.
-type Forge = Box<dyn FnMut(&Timing, &Beacon, &BTreeMap<u16, Beacon>) -> Vec<(RadioDuration, Vec<u8>)>>;
+type Forge = Box<dyn FnMut(&Timing, &SyncFrame, &BTreeMap<u16, SyncFrame>) -> Vec<(RadioDuration, Vec<u8>)>>;
 
-/// Listens, and from `armed` on sends what is forged. It follows the layout that beacons tell.
+/// Listens, and from `armed` on sends what is forged. It follows the layout that sync frames tell.
 fn forger(armed: &Rc<Cell<bool>>, mut forge: Forge) -> Boxed {
     let armed = Rc::clone(armed);
     let mut known = BTreeMap::new();
@@ -70,14 +70,14 @@ fn forger(armed: &Rc<Cell<bool>>, mut forge: Forge) -> Boxed {
     let mut done = None;
     Box::new(move |now, _, event| {
         if let Event::Received(frame) = event
-            && let Some(Frame { source, message: Message::Beacon(beacon), .. }) = Frame::parse(frame.bytes)
+            && let Some(Frame { source, message: Message::SyncFrame(sync_frame), .. }) = Frame::parse(frame.bytes)
         {
-            known.insert(source, beacon.clone());
-            if armed.get() && done != Some(beacon.superframe) && !beacon.layout_is_new {
-                done = Some(beacon.superframe);
-                let timing = Timing::of(&NETWORK.phy, beacon.layout);
-                let start = frame.rx_time.plus(ticks(-timing.beacon(beacon.slot.into()).ticks()));
-                let mut forged = forge(&timing, &beacon, &known);
+            known.insert(source, sync_frame.clone());
+            if armed.get() && done != Some(sync_frame.superframe) && !sync_frame.layout_is_new {
+                done = Some(sync_frame.superframe);
+                let timing = Timing::of(&NETWORK.phy, sync_frame.layout);
+                let start = frame.rx_time.plus(ticks(-timing.sync_frame(sync_frame.slot.into()).ticks()));
+                let mut forged = forge(&timing, &sync_frame, &known);
                 forged.sort_by_key(|(at, _)| *at);
                 queue.extend(forged.into_iter().map(|(at, bytes)| (start.plus(at).plus(ticks(-ANTENNA_DELAY)), bytes)));
             }
@@ -99,12 +99,13 @@ fn forger(armed: &Rc<Cell<bool>>, mut forge: Forge) -> Boxed {
     })
 }
 
-/// Every anchor's beacon again, in a shared slot or in a free one claimed for it, five metres aside.
+/// Every anchor's sync frame again, in a shared slot or in a free one claimed for it, five metres aside.
 fn five_metres_aside(own_slots: bool) -> Forge {
     Box::new(move |timing, heard, known| {
-        let anchors = known.iter().filter(|(source, beacon)| **source < 100 && beacon.position.is_some()).take(4);
-        let forge = |(i, (&source, beacon)): (usize, (&u16, &Beacon))| {
-            let [x, y, z] = beacon.position.expect("a position").metres();
+        let anchors =
+            known.iter().filter(|(source, sync_frame)| **source < 100 && sync_frame.position.is_some()).take(4);
+        let forge = |(i, (&source, sync_frame)): (usize, (&u16, &SyncFrame))| {
+            let [x, y, z] = sync_frame.position.expect("a position").metres();
             // Free slots: the anchors 1 to 4 have 1 to 4.
             let slot = if own_slots { 10 + i } else { 16 + i };
             let mut slot_owners = heard.slot_owners;
@@ -112,8 +113,8 @@ fn five_metres_aside(own_slots: bool) -> Forge {
                 *owner = source as u8 + 1;
             }
             let position = Position::from_metres([x + 5.0, y, z]);
-            let forged = Beacon { slot: slot as u8, slot_owners, position, ..heard.clone() };
-            (timing.beacon(slot), bytes(source, BROADCAST, Message::Beacon(forged)))
+            let forged = SyncFrame { slot: slot as u8, slot_owners, position, ..heard.clone() };
+            (timing.sync_frame(slot), bytes(source, BROADCAST, Message::SyncFrame(forged)))
         };
         anchors.enumerate().map(forge).collect()
     })
@@ -128,7 +129,7 @@ fn displaced(air: &Air, node: usize, from: f64, anchors: u16) -> (usize, usize) 
 }
 
 #[test]
-fn forged_beacons_move_no_anchor_of_a_tag_that_has_heard_the_true_ones() {
+fn forged_sync_frames_move_no_anchor_of_a_tag_that_has_heard_the_true_ones() {
     for (seed, own_slots) in [(1, false), (2, true)] {
         let mut air = Air::new(NETWORK.phy, seed);
         room(&mut air, 4, None);
@@ -151,7 +152,7 @@ fn forged_beacons_move_no_anchor_of_a_tag_that_has_heard_the_true_ones() {
 
 #[test]
 fn a_later_term_does_not_end_a_network_whose_coordinator_is_heard() {
-    // One beacon in so many superframes, that many terms ahead, of another coordinator or of none better.
+    // One sync frame in so many superframes, that many terms ahead, of another coordinator or of none better.
     for (seed, every, ahead) in [(3, 1, 100), (4, 3, 100), (5, 3, 1), (6, 1, 2)] {
         let mut air = Air::new(NETWORK.phy, seed);
         let anchors = room(&mut air, 4, None);
@@ -162,7 +163,7 @@ fn a_later_term_does_not_end_a_network_whose_coordinator_is_heard() {
             if heard.superframe % every != 0 {
                 return Vec::new();
             }
-            let forged = Beacon {
+            let forged = SyncFrame {
                 slot: 19,
                 term: *term.get_or_insert(heard.term.wrapping_add(ahead)),
                 coordinator: 0x0BAD,
@@ -175,7 +176,7 @@ fn a_later_term_does_not_end_a_network_whose_coordinator_is_heard() {
                 request: None,
                 ..heard.clone()
             };
-            vec![(timing.beacon(19), bytes(0x0BAD, BROADCAST, Message::Beacon(forged)))]
+            vec![(timing.sync_frame(19), bytes(0x0BAD, BROADCAST, Message::SyncFrame(forged)))]
         });
         air.add([0.0, 3.0, 1.0], 5.0, forger(&armed, forge));
         air.run_until(2.0);
@@ -210,7 +211,7 @@ fn tags_that_do_not_exist_neither_stay_nor_keep_others_out() {
         let invent = |i: u16| 0x4000 + (2 * number + i) % 24;
         let request = Request { share: Share::Slots(1), wish: Layout::LEAST };
         // A relay that nobody else hears of says that it heard them all, and passes one more request on.
-        let relay = Beacon {
+        let relay = SyncFrame {
             slot: 18,
             hops: heard.hops.saturating_add(3),
             heard: u32::MAX,
@@ -220,7 +221,7 @@ fn tags_that_do_not_exist_neither_stay_nor_keep_others_out() {
         };
         vec![
             (timing.request(1), bytes(invent(0), BROADCAST, Message::Request(request))),
-            (timing.beacon(18), bytes(0x4999, BROADCAST, Message::Beacon(relay))),
+            (timing.sync_frame(18), bytes(0x4999, BROADCAST, Message::SyncFrame(relay))),
         ]
     });
     air.add([0.0, 3.0, 1.0], 5.0, forger(&armed, forge));
@@ -251,7 +252,7 @@ struct Impostor {
 }
 
 impl Impostor {
-    /// Answers wherever polls name its address, and sends a beacon for it.
+    /// Answers wherever polls name its address, and sends a sync frame for it.
     fn boxed(self) -> Boxed {
         let (mut sent_for, mut timing) = (None, None);
         Box::new(move |now, _, event| {
@@ -276,31 +277,34 @@ impl Impostor {
                             return Owned::Transmit { frame, start: Start::At(start), listen: true };
                         }
                     }
-                    (Message::Beacon(beacon), _) if sent_for != Some(beacon.superframe) && !beacon.layout_is_new => {
-                        sent_for = Some(beacon.superframe);
-                        let now_counts = Timing::of(&NETWORK.phy, beacon.layout);
+                    (Message::SyncFrame(sync_frame), _)
+                        if sent_for != Some(sync_frame.superframe) && !sync_frame.layout_is_new =>
+                    {
+                        sent_for = Some(sync_frame.superframe);
+                        let now_counts = Timing::of(&NETWORK.phy, sync_frame.layout);
                         timing = Some(now_counts);
-                        let between = now_counts.beacon(12).ticks() - now_counts.beacon(beacon.slot.into()).ticks();
+                        let between =
+                            now_counts.sync_frame(12).ticks() - now_counts.sync_frame(sync_frame.slot.into()).ticks();
                         let start = heard.rx_time.plus(ticks(between - ANTENNA_DELAY));
                         if start.since(now).as_micros() > 300 {
-                            let mut slot_owners = beacon.slot_owners;
+                            let mut slot_owners = sync_frame.slot_owners;
                             slot_owners[12] = self.address as u8 + 1;
-                            let forged = Beacon {
+                            let forged = SyncFrame {
                                 slot: 12,
                                 slot_owners,
                                 position: Position::from_metres(self.position),
-                                hops: beacon.hops.saturating_add(1),
+                                hops: sync_frame.hops.saturating_add(1),
                                 heard: 0,
                                 request: None,
-                                ..beacon
+                                ..sync_frame
                             };
-                            let frame = bytes(self.address, BROADCAST, Message::Beacon(forged));
+                            let frame = bytes(self.address, BROADCAST, Message::SyncFrame(forged));
                             return Owned::Transmit { frame, start: Start::At(start), listen: true };
                         }
                     }
                     (
                         Message::Poll(_)
-                        | Message::Beacon(_)
+                        | Message::SyncFrame(_)
                         | Message::Response(_)
                         | Message::Request(_)
                         | Message::Final { .. },
@@ -370,7 +374,7 @@ fn another_crystal_does_not_answer_for_a_known_anchor() {
 }
 
 #[test]
-fn forged_beacons_move_no_anchor_of_a_listening_tag() {
+fn forged_sync_frames_move_no_anchor_of_a_listening_tag() {
     for (seed, own_slots) in [(10, false), (11, true)] {
         let mut air = Air::new(NETWORK.phy, seed);
         room(&mut air, 4, Some(Rate::Every(RadioDuration::from_micros(100_000))));

@@ -238,7 +238,7 @@ fn an_anchor_off_on_and_reset_moves_no_other_range() {
     air.run_until(7.0);
     let back = air.rounds(node, 5.0).iter().find(|(_, ranges)| ranges.iter().any(|r| r.peer == address)).unwrap().0;
     assert!(back < 6.0, "back after {} s", back - 5.0);
-    // A reset as short as a watchdog's: polls are answered from the first beacon on, which tells how long an answer takes.
+    // A reset as short as a watchdog's: polls are answered from the first sync frame on, which tells how long an answer takes.
     air.switch_off(victim);
     air.run_until(7.01);
     air.switch_on(victim, anchor(address, corner(address - 1, 5)));
@@ -264,7 +264,7 @@ fn a_tag_reset_ranges_again_within_a_second() {
     air.run_until(2.0);
     air.switch_on(node, tag(0x100, Rate::Greedy));
     air.run_until(3.0);
-    // Its slots are still its own: a beacon is all it needs.
+    // Its slots are still its own: a sync frame is all it needs.
     let back = air.rounds(node, 2.0)[0].0;
     assert!(back < 2.25, "after {} s", back - 2.0);
     // Away for long, its lease is over: it asks again.
@@ -509,7 +509,7 @@ fn a_round_without_answers_is_reported_empty() {
     air.run_until(4.0);
     let rounds = air.rounds(node, 2.0);
     assert!(rounds.iter().any(|(_, ranges): &(f64, Vec<Range>)| ranges.is_empty()));
-    // No beacon for more than the holdover: no poll any more, for the plan may have changed.
+    // No sync frame for more than the holdover: no poll any more, for the plan may have changed.
     assert!(rounds.iter().all(|(time, _)| *time < 2.4));
     assert!(air.links(node).iter().any(|(time, link)| *time < 2.8 && *link == Link::Unsynchronised));
 }

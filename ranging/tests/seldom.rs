@@ -61,7 +61,7 @@ fn ten_rounds_a_second_need_the_receiver_for_a_fiftieth_of_the_time() {
         let node = air.add([1.0, 2.0, 1.0], -20.0, tag);
         let (rate, share, (bias, deviation)) = figures(&mut air, node, &anchors, 5.0, 35.0);
         assert!(rate > 9.9, "{rate} rounds a second");
-        // Each four responses, 1.1 ms, each second a beacon of 0.4 ms: 1.3 % of 100 ms.
+        // Each four responses, 1.1 ms, each second a sync frame of 0.4 ms: 1.3 % of 100 ms.
         assert!((0.008..0.02).contains(&share), "{share}");
         assert!(bias.abs() < 0.01 && deviation < deviation_m, "{bias}, {deviation}");
         assert_eq!(air.collisions, 0);
@@ -75,7 +75,7 @@ fn a_round_a_second_needs_the_receiver_for_a_five_hundredth_of_the_time() {
     let node = air.add([1.0, 2.0, 1.0], 20.0, sleeper(0x100, 1_000));
     let (rate, share, (bias, deviation)) = figures(&mut air, node, &anchors, 60.0, 360.0);
     assert!(rate > 0.98, "{rate} rounds a second");
-    // 1.0 ms for the responses, and 0.5 ms for a beacon before every second round.
+    // 1.0 ms for the responses, and 0.5 ms for a sync frame before every second round.
     assert!((0.0011..0.0014).contains(&share), "{share}");
     assert!(bias.abs() < 0.02 && deviation < 0.1, "{bias}, {deviation}");
 }
@@ -95,7 +95,7 @@ fn losses_cost_ranges_and_few_rounds() {
 }
 
 #[test]
-fn an_anchor_that_is_gone_is_asked_no_more_and_the_others_beacons_serve() {
+fn an_anchor_that_is_gone_is_asked_no_more_and_the_others_sync_frames_serve() {
     for period_ms in [100, 500] {
         let mut air = Air::new(NETWORK.phy, 6);
         let anchors = room(&mut air, 5);

@@ -35,7 +35,7 @@ fn frames_of_a_tag_are_a_millisecond_apart_where_that_is_asked_for() {
         assert!(spacing_s < 0.95e-3, "{what}: {spacing_s} s without being asked");
         // The tag's clock is 20 ppm slow.
         assert!(spaced_s > 0.9999e-3, "{what}: {spaced_s} s");
-        // Three seconds less half of one to join, and a sixth for beacons: 2.1 s. A round of one anchor takes a millisecond or a little more, a
+        // Three seconds less half of one to join, and a sixth for sync frames: 2.1 s. A round of one anchor takes a millisecond or a little more, a
         // double-sided one of four anchors three and a half.
         assert!(spaced_rounds > 600 && spaced_rounds <= rounds, "{what}");
     }

@@ -244,7 +244,7 @@ impl ProtocolCosts {
                     }
                     Message::Response(_) if reports_round => self.round_ended,
                     Message::Response(_) => self.response_received,
-                    Message::Beacon(_) | Message::Request(_) | Message::Final { .. } => self.beacon_received,
+                    Message::SyncFrame(_) | Message::Request(_) | Message::Final { .. } => self.beacon_received,
                 },
                 None if sent.is_some() => self.poll_answered,
                 None => self.response_received,
@@ -257,7 +257,7 @@ impl ProtocolCosts {
             | Event::Late
             | Event::Woken
             | Event::Reported => match sent {
-                Some(Some(Message::Beacon(_))) => self.beacon_made,
+                Some(Some(Message::SyncFrame(_))) => self.beacon_made,
                 Some(
                     Some(Message::Poll(_) | Message::Request(_) | Message::Response(_) | Message::Final { .. }) | None,
                 ) => self.poll_made,

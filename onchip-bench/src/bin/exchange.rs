@@ -8,7 +8,7 @@ use core::hint::black_box;
 
 use onchip_bench::instrument::Instrument;
 use ranging::exchange::{Action, Event, Protocol, Report};
-use ranging::frame::native::{Beacon, Frame, Member, Message, OWNED_BEACON_SLOTS, Share};
+use ranging::frame::native::{Beacon, Frame, Member, Message, OWNED_SYNC_SLOTS, Share};
 use ranging::frame::{BROADCAST, FrameBuffer};
 use ranging::native::{Anchor, AnchorConfig, Layout, Network, Rate, Scheme, Tag, TagConfig, Timing};
 use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
@@ -128,7 +128,7 @@ fn beacon(slot: u8) -> FrameBuffer {
         hops: u8::from(slot > 0),
         coordinator: 1,
         slot,
-        slot_owners: [0; OWNED_BEACON_SLOTS],
+        slot_owners: [0; OWNED_SYNC_SLOTS],
         request: None,
         wish: Layout::LEAST,
         heard: 0,
@@ -145,7 +145,7 @@ fn beacon(slot: u8) -> FrameBuffer {
         pan: NETWORK.pan,
         destination: BROADCAST,
         source: u16::from(slot) + 1,
-        message: Message::Beacon(beacon),
+        message: Message::SyncFrame(beacon),
     }
     .emit(&mut out);
     out

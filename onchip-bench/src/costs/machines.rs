@@ -73,7 +73,7 @@ impl Costs {
                         | Action::Sleep { .. }
                         | Action::Compensate => &self.response_received,
                     }),
-                    Message::Beacon(_) => Some(&self.beacon_received),
+                    Message::SyncFrame(_) => Some(&self.beacon_received),
                     Message::Request(_) | Message::Final { .. } => None,
                 }
             }
@@ -86,7 +86,7 @@ impl Costs {
             | Event::Woken
             | Event::Reported => match sent {
                 Some(Message::Poll(_)) => Some(&self.poll_made),
-                Some(Message::Beacon(_)) => Some(&self.beacon_made),
+                Some(Message::SyncFrame(_)) => Some(&self.beacon_made),
                 Some(Message::Request(_) | Message::Response(_) | Message::Final { .. }) => None,
                 None => Some(&self.scheduled),
             },

@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | poll, tag → all | 30 | round (2), number of anchors (high nibble) and options (1), what the tag asks of the layout (1), anchors in slot order (2 each); with option 1, the last distance to each (2 each) |
 //! | response, anchor → tag | 31 | round (2), poll RX (5), response TX − poll RX (4); if the anchor heard the final of an earlier round: low byte of that round (1), final RX − response TX (4) |
-//! | beacon, anchor → all | 32 | superframe (2), term (1), age (1), hops (1), coordinator (2), slot (low five bits) and countdown (high three) (1), slot owners (16), request or what is asked of the layout (3), heard (3), version (1), layout (2), position (9), number of members, with the highest bit where a request is told (1), members (3 each) |
+//! | sync frame, anchor → all | 32 | superframe (2), term (1), age (1), hops (1), coordinator (2), slot (low five bits) and countdown (high three) (1), slot owners (16), request or what is asked of the layout (3), heard (3), version (1), layout (2), position (9), number of members, with the highest bit where a request is told (1), members (3 each) |
 //! | request, tag → all | 33 | share (1), what the tag asks of the layout (1) |
 //! | final, tag → all | 34 | round (2) |
 //!
@@ -23,15 +23,15 @@ use crate::{RadioDuration, RadioInstant};
 
 pub use values::{Distance, Position, Share};
 
-/// Beacon slots of a superframe that an anchor can own.
-pub const OWNED_BEACON_SLOTS: usize = 16;
-/// The most tags of a network: as many as a beacon can list.
+/// Sync slots of a superframe that an anchor can own.
+pub const OWNED_SYNC_SLOTS: usize = 16;
+/// The most tags of a network: as many as a sync frame can list.
 pub const MAX_MEMBERS: usize = 24;
 
 // Codes that no protocol above 802.15.4 begins its payload with: an analyser takes them for data and for nothing else.
 const POLL: u8 = 0x30;
 const RESPONSE: u8 = 0x31;
-const BEACON: u8 = 0x32;
+const SYNC: u8 = 0x32;
 const REQUEST: u8 = 0x33;
 const FINAL: u8 = 0x34;
 
@@ -65,7 +65,7 @@ pub enum Message {
     /// An anchor answers.
     Response(Response),
     /// An anchor keeps the network together.
-    Beacon(Beacon),
+    SyncFrame(SyncFrame),
     /// A tag asks for slots.
     Request(Request),
     /// A tag ends a double-sided round.
@@ -129,7 +129,7 @@ pub struct FinalReceived {
 
 /// An anchor's view of the network.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Beacon {
+pub struct SyncFrame {
     /// Number of the superframe.
     pub superframe: u16,
     /// Counts changes of coordinator: the higher term (across a wrap) is right.
@@ -140,10 +140,10 @@ pub struct Beacon {
     pub hops: u8,
     /// Who coordinates.
     pub coordinator: u16,
-    /// The beacon slot in which this frame is sent.
+    /// The sync slot in which this frame is sent.
     pub slot: u8,
-    /// Who owns the beacon slots, as far as the sender hears: a byte of the address's hash each, 0 is nobody.
-    pub slot_owners: [u8; OWNED_BEACON_SLOTS],
+    /// Who owns the sync slots, as far as the sender hears: a byte of the address's hash each, 0 is nobody.
+    pub slot_owners: [u8; OWNED_SYNC_SLOTS],
     /// A tag's request on its way to the coordinator.
     pub request: Option<Member>,
     /// What the sender, and those farther from the coordinator, ask of the layout; not told beside a request.
@@ -185,7 +185,7 @@ impl Frame {
         let message = match reader.u8()? {
             POLL => Message::Poll(Poll::parse(reader)?),
             RESPONSE => Message::Response(Response::parse(reader)?),
-            BEACON => Message::Beacon(Beacon::parse(reader)?),
+            SYNC => Message::SyncFrame(SyncFrame::parse(reader)?),
             REQUEST => {
                 let share = Share::parse(reader.u8()?)?;
                 let wish = Layout::from_tag_byte(reader.u8()?);
@@ -216,7 +216,7 @@ impl Frame {
         match &self.message {
             Message::Poll(poll) => poll.emit(out),
             Message::Response(response) => response.emit(out),
-            Message::Beacon(beacon) => beacon.emit(out),
+            Message::SyncFrame(sync_frame) => sync_frame.emit(out),
             Message::Request(Request { share, wish }) => out.put(&[REQUEST, share.byte(), wish.tag_byte()]),
             Message::Final { round } => {
                 let [low, high] = round.to_le_bytes();
@@ -238,8 +238,8 @@ pub const LONG_RESPONSE_BYTES: u16 = RESPONSE_BYTES + 5;
 pub const FINAL_BYTES: u16 = HEAD + 2 + 2;
 /// Bytes of a request on the air, its check bytes counted.
 pub const REQUEST_BYTES: u16 = HEAD + 2 + 2;
-/// Bytes of the longest beacon on the air, its check bytes counted.
-pub const BEACON_BYTES: u16 = HEAD + 43 + 3 * MAX_MEMBERS as u16 + 2;
+/// Bytes of the longest sync frame on the air, its check bytes counted.
+pub const SYNC_FRAME_BYTES: u16 = HEAD + 43 + 3 * MAX_MEMBERS as u16 + 2;
 
 /// In the byte with the number of members: a request is passed on, and not what is asked of the layout.
 const PASSES_REQUEST_ON: u8 = 0x80;
@@ -322,7 +322,7 @@ impl Response {
     }
 }
 
-impl Beacon {
+impl SyncFrame {
     fn parse(mut reader: Reader<'_>) -> Option<Self> {
         let superframe = reader.u16()?;
         let [term, age, hops] = reader.take()?;
@@ -368,7 +368,7 @@ impl Beacon {
     }
 
     fn emit(&self, out: &mut FrameBuffer) {
-        out.put(&[BEACON]);
+        out.put(&[SYNC]);
         out.put(&self.superframe.to_le_bytes());
         out.put(&[self.term, self.age, self.hops]);
         out.put(&self.coordinator.to_le_bytes());
@@ -409,7 +409,7 @@ impl Member {
 }
 
 #[cfg(test)]
-impl Beacon {
+impl SyncFrame {
     /// Of a new network of nobody, for tests: superframe 0, slot 1, no members.
     pub(crate) fn blank() -> Self {
         Self {
@@ -513,8 +513,8 @@ mod tests {
         }
     }
 
-    fn beacon(members: usize) -> Beacon {
-        Beacon {
+    fn sync_frame(members: usize) -> SyncFrame {
+        SyncFrame {
             superframe: 0x0102,
             term: 3,
             age: 4,
@@ -535,24 +535,24 @@ mod tests {
     }
 
     #[test]
-    fn golden_beacon() {
+    fn golden_sync_frame() {
         // 1000 = 0x0003E8, −1 = 0xFFFFFF, 8388 = 0x0020C4.
         // Slot 8 and countdown 7: 8 + 7 · 32 = 0xE8. Layout 35 90, new: B5 90.
         let mut golden = std::vec![0x32, 2, 1, 3, 4, 5, 7, 6, 0xE8];
         golden.extend(0x10..0x20);
         golden.extend([0x21, 0x43, 0, 0x0C, 0x0B, 0x0A, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
         golden.extend([2, 0x00, 0x04, 127, 0x01, 0x04, 127]);
-        round_trip(Message::Beacon(beacon(2)), &golden);
+        round_trip(Message::SyncFrame(sync_frame(2)), &golden);
     }
 
     #[test]
-    fn golden_beacon_that_passes_a_request_on() {
+    fn golden_sync_frame_that_passes_a_request_on() {
         let request = Some(Member { tag: 0x0506, share: Share::Slots(3) });
         let mut golden = std::vec![0x32, 2, 1, 3, 4, 5, 7, 6, 0xE8];
         golden.extend(0x10..0x20);
         golden.extend([0x06, 0x05, 3, 0x0C, 0x0B, 0x0A, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
         golden.push(0x80);
-        round_trip(Message::Beacon(Beacon { request, wish: Layout::LEAST, ..beacon(0) }), &golden);
+        round_trip(Message::SyncFrame(SyncFrame { request, wish: Layout::LEAST, ..sync_frame(0) }), &golden);
     }
 
     #[test]
@@ -562,8 +562,8 @@ mod tests {
             Frame { sequence: 0, pan: 0, destination: BROADCAST, source: 0, message }.emit(&mut out);
             out.bytes().len()
         };
-        let longest = length(Message::Beacon(beacon(MAX_MEMBERS)));
-        assert_eq!((longest, longest + 2), (MAX_FRAME, usize::from(BEACON_BYTES)));
+        let longest = length(Message::SyncFrame(sync_frame(MAX_MEMBERS)));
+        assert_eq!((longest, longest + 2), (MAX_FRAME, usize::from(SYNC_FRAME_BYTES)));
         let asked = Asked { address: 1, distance: Distance::Unknown };
         let poll = Poll { round: 0, wish: Layout::LEAST, anchors: core::iter::repeat_n(asked, MAX_ROUND).collect() };
         assert_eq!(length(Message::Poll(poll)) + 2, usize::from(POLL_BYTES));
@@ -572,9 +572,9 @@ mod tests {
     #[test]
     fn members_out_of_order_or_twice_are_refused() {
         let mut out = FrameBuffer::new();
-        let mut jumbled = beacon(2);
+        let mut jumbled = sync_frame(2);
         jumbled.members[1].tag = jumbled.members[0].tag;
-        let message = Message::Beacon(jumbled);
+        let message = Message::SyncFrame(jumbled);
         Frame { sequence: 0, pan: 0, destination: BROADCAST, source: 0, message }.emit(&mut out);
         assert_eq!(Frame::parse(out.bytes()), None);
     }

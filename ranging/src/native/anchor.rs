@@ -8,10 +8,10 @@ use super::coordinator::{Coordinator, FollowUpdate};
 use super::layout::Scheme;
 use super::pace::Meter;
 use super::plan::Rate;
-use super::timing::{BEACON_SLOTS, Timing, end_of};
+use super::timing::{SYNC_SLOTS, Timing, end_of};
 use super::{Network, SHORTEST_WAIT, STAMP_DEVIATION_TICKS, spread};
 use crate::exchange::{Action, COMPENSATION, Event, Link, Protocol, Range, Report, Round};
-use crate::frame::native::{Beacon, FinalReceived, Frame, MAX_MEMBERS, Member, Message, Poll, Position, Response};
+use crate::frame::native::{FinalReceived, Frame, MAX_MEMBERS, Member, Message, Poll, Position, Response, SyncFrame};
 use crate::frame::{BROADCAST, FrameBuffer};
 use crate::time::METRES_PER_TICK;
 use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
@@ -35,7 +35,7 @@ pub struct AnchorConfig {
 
 /// Superframes to listen for a network before founding one …
 const SEARCH_SUPERFRAMES: i64 = 2;
-/// … and as many beacon slots as the address says, of this many: of anchors switched on together, one is first.
+/// … and as many sync slots as the address says, of this many: of anchors switched on together, one is first.
 const SEARCH_SPREAD: u16 = 128;
 /// What a distance told by a tag is worth: two stamps, halved (see [`tof`](crate::tof)).
 const DEVIATION_M: f32 = 0.5 * core::f32::consts::SQRT_2 * STAMP_DEVIATION_TICKS * METRES_PER_TICK as f32;
@@ -47,8 +47,8 @@ enum Doing {
     Nothing,
     /// Answers a poll that was over at this instant.
     Answering(RadioInstant),
-    /// Sends its beacon.
-    Beaconing,
+    /// Sends its sync frame.
+    Syncing,
     /// Polls other anchors.
     Polling,
 }
@@ -152,7 +152,7 @@ impl Anchor {
                     network.wish(told.source, request.wish);
                 }
             }
-            Message::Beacon(beacon) if everyone => self.hear_beacon(told.source, &beacon, frame),
+            Message::SyncFrame(sync_frame) if everyone => self.on_sync_frame(told.source, &sync_frame, frame),
             Message::Response(response) if told.destination == self.config.address => {
                 if let Some(network) = &self.network {
                     self.rounds.answer(&network.course.timing, told.source, response, frame);
@@ -162,26 +162,26 @@ impl Anchor {
             // Other anchors', and what is not for us.
             Message::Poll(_)
             | Message::Request(_)
-            | Message::Beacon(_)
+            | Message::SyncFrame(_)
             | Message::Response(_)
             | Message::Final { .. } => {}
         }
     }
 
-    fn hear_beacon(&mut self, source: u16, beacon: &Beacon, frame: &RxFrame<'_>) {
-        if usize::from(beacon.slot) >= BEACON_SLOTS || source == self.config.address {
+    fn on_sync_frame(&mut self, source: u16, sync_frame: &SyncFrame, frame: &RxFrame<'_>) {
+        if usize::from(sync_frame.slot) >= SYNC_SLOTS || source == self.config.address {
             return;
         }
         self.rounds.hear(source);
         let phy = &self.config.network.phy;
         match &mut self.network {
-            Some(network) => match network.hear(phy, source, beacon, frame.rx_time) {
+            Some(network) => match network.hear(phy, source, sync_frame, frame.rx_time) {
                 FollowUpdate::Ignored | FollowUpdate::Followed => {}
                 FollowUpdate::Changed(link) => self.link = Some(link),
             },
             None => {
-                self.network = Coordinator::join(self.config.address, phy, source, beacon, frame.rx_time);
-                self.link = self.network.as_ref().map(|_| Link::Synchronised(beacon.coordinator));
+                self.network = Coordinator::join(self.config.address, phy, source, sync_frame, frame.rx_time);
+                self.link = self.network.as_ref().map(|_| Link::Synchronised(sync_frame.coordinator));
             }
         }
     }
@@ -253,7 +253,7 @@ impl Anchor {
         Action::Receive { start: Start::Now, window, keep_listening: true }
     }
 
-    /// What is next in the course of the superframe: the beacon when it is due, else listening.
+    /// What is next in the course of the superframe: the sync frame when it is due, else listening.
     fn schedule(&mut self, present: RadioInstant) -> Action<'_> {
         let (address, lead) = (self.config.address, self.meter.lead());
         let phy = &self.config.network.phy;
@@ -263,7 +263,7 @@ impl Anchor {
                 let first_layout = self.meter.first_layout();
                 let timing = Timing::of(phy, first_layout);
                 let patience = SEARCH_SUPERFRAMES * timing.superframe.ticks()
-                    + i64::from(spread(address, 0, SEARCH_SPREAD)) * timing.beacon_slot.ticks();
+                    + i64::from(spread(address, 0, SEARCH_SPREAD)) * timing.sync_slot.ticks();
                 let found_at = *self.found_at.get_or_insert(present.plus(RadioDuration::from_ticks(patience)));
                 let rest = found_at.since(present);
                 if rest > RadioDuration::ZERO {
@@ -274,7 +274,7 @@ impl Anchor {
                 return Action::Report(Report::Link(Link::Coordinating));
             }
         };
-        // A superframe begins for us as early as we must decide on a beacon in its first slot.
+        // A superframe begins for us as early as we must decide on a sync frame in its first slot.
         let early = RadioDuration::from_ticks(lead.ticks() + SHORTEST_WAIT.ticks());
         network.advance(present.plus(early));
         let (timing, phase) = (network.course.timing, network.course.phase);
@@ -283,7 +283,7 @@ impl Anchor {
         let rest = timing.superframe.ticks() - passed - early.ticks();
         let rest = RadioDuration::from_ticks(rest.max(SHORTEST_WAIT.ticks()));
         let Some(slot) = network.due() else { return self.among_rounds(RadioDuration::from_ticks(passed), rest) };
-        let rmarker = timing.beacon(slot.into());
+        let rmarker = timing.sync_frame(slot.into());
         let until_pulse = rmarker.ticks() - timing.to_rmarker.ticks() - passed;
         let spare = RadioDuration::from_ticks(until_pulse - lead.ticks());
         if spare > SHORTEST_WAIT {
@@ -303,12 +303,12 @@ impl Anchor {
         let start = phase.at(rmarker).plus(RadioDuration::from_ticks(-self.config.antenna_delay.ticks()));
         // Room for finals is for tags to ask.
         let wish = self.meter.wish(Scheme::SingleSided);
-        let (beacon, takes_over) = network.tell(slot, self.position, wish);
+        let (sync_frame, takes_over) = network.tell(slot, self.position, wish);
         if takes_over {
             self.link = Some(Link::Coordinating);
         }
-        self.doing = Doing::Beaconing;
-        self.write(BROADCAST, Message::Beacon(beacon));
+        self.doing = Doing::Syncing;
+        self.write(BROADCAST, Message::SyncFrame(sync_frame));
         Action::Transmit { frame: self.out.bytes(), start: Start::At(start), listen: true }
     }
 
@@ -352,10 +352,10 @@ impl Anchor {
     fn was_late(&mut self) {
         match (self.doing, self.was_measured) {
             (Doing::Answering(_), false) => self.meter.answer_was_late(),
-            (Doing::Beaconing | Doing::Polling, false) => self.meter.lead_was_short(),
+            (Doing::Syncing | Doing::Polling, false) => self.meter.lead_was_short(),
             (Doing::Nothing, _) | (_, true) => {}
         }
-        if let Some(network) = self.network.as_mut().filter(|_| self.doing == Doing::Beaconing) {
+        if let Some(network) = self.network.as_mut().filter(|_| self.doing == Doing::Syncing) {
             network.was_late();
         }
     }
@@ -368,8 +368,8 @@ impl Protocol for Anchor {
         let Some(armed) = pace.armed else { return };
         match (self.doing, self.wake_at.take()) {
             (Doing::Answering(polled), _) => self.meter.answered(armed.since(polled)),
-            (Doing::Beaconing | Doing::Polling, Some(wake)) => self.meter.led(armed.since(wake), self.was_awaited),
-            (Doing::Beaconing | Doing::Polling, None) | (Doing::Nothing, _) => {}
+            (Doing::Syncing | Doing::Polling, Some(wake)) => self.meter.led(armed.since(wake), self.was_awaited),
+            (Doing::Syncing | Doing::Polling, None) | (Doing::Nothing, _) => {}
         }
     }
 

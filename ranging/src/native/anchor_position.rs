@@ -1,17 +1,17 @@
 //! Which position is believed of an anchor that a tag hears.
 //!
-//! An anchor's beacon tells where it stands. Beacons are not authenticated: anybody can send one in an anchor's name. What such a beacon
+//! An anchor's sync frame tells where it stands. Sync frames are not authenticated: anybody can send one in an anchor's name. What such a sync frame
 //! must not do is to move an anchor that is known. So, as long as the tag follows one network without losing it (a session):
 //!
-//! - the position of a beacon that came in the anchor's own slot is believed, and stays; one that came in a shared slot serves only
+//! - the position of a sync frame that came in the anchor's own slot is believed, and stays; one that came in a shared slot serves only
 //!   until then;
-//! - a beacon that tells another position is ignored for positions and counted;
+//! - a sync frame that tells another position is ignored for positions and counted;
 //! - an anchor that was moved is believed once its own slot has told the same new position [`MOVED_AFTER`] times and the old one never in
 //!   between, or once it was forgotten because nobody heard it.
 //!
 //! So a false position needs an anchor that is silent, or a tag that has just started.
 
-use crate::frame::native::{Beacon, Position};
+use crate::frame::native::{Position, SyncFrame};
 
 /// A position within so much of another, in each axis, is the same, metres: anchors tell millimetres.
 const SAME_M: f32 = 0.01;
@@ -36,7 +36,7 @@ impl AnchorPosition {
         self.believed_m
     }
 
-    /// A beacon of the anchor tells this position; whether that agrees with what is believed.
+    /// A sync frame of the anchor tells this position; whether that agrees with what is believed.
     pub fn hear(&mut self, told: Option<Position>, is_own_slot: bool) -> bool {
         // Who tells nothing contradicts nothing.
         let Some(told_m) = told.map(Position::metres) else { return true };
@@ -71,14 +71,14 @@ fn is_same(a: [f32; 3], b: [f32; 3]) -> bool {
     a.into_iter().zip(b).all(|(a, b)| (a - b).abs() <= SAME_M)
 }
 
-/// A byte that stands for an address in beacons; never 0.
+/// A byte that stands for an address in sync frames; never 0.
 pub fn hash(address: u16) -> u8 {
     (address % 255) as u8 + 1
 }
 
-/// Whether a beacon came in a slot that belongs to its sender, as the beacon itself tells. Shared slots belong to nobody.
-pub fn is_own_slot(source: u16, beacon: &Beacon) -> bool {
-    beacon.slot_owners.get(usize::from(beacon.slot)) == Some(&hash(source))
+/// Whether a sync frame came in a slot that belongs to its sender, as the sync frame itself tells. Shared slots belong to nobody.
+pub fn is_own_slot(source: u16, sync_frame: &SyncFrame) -> bool {
+    sync_frame.slot_owners.get(usize::from(sync_frame.slot)) == Some(&hash(source))
 }
 
 #[cfg(test)]

@@ -78,7 +78,7 @@ impl AnchorRounds {
         self.round.forget();
     }
 
-    /// An anchor's beacon came.
+    /// An anchor's sync frame came.
     pub fn hear(&mut self, anchor: u16) {
         match self.other(anchor) {
             Some(other) => other.unheard = 0,

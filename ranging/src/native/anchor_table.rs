@@ -11,7 +11,7 @@ use super::MAX_ROUND;
 use super::anchor_position::{AnchorPosition, is_own_slot};
 use super::clock::ClockModel;
 use crate::RadioInstant;
-use crate::frame::native::Beacon;
+use crate::frame::native::SyncFrame;
 
 /// Anchors that a tag keeps in mind.
 pub const MAX_NEIGHBOURS: usize = 24;
@@ -45,9 +45,9 @@ pub struct Neighbour {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Refused {
-    /// Beacons that told another position of an anchor than the one that is known.
+    /// Sync frames that told another position of an anchor than the one that is known.
     pub positions: u32,
-    /// Beacons of a coordinator whose term prevails and that is not followed, because the one followed is heard.
+    /// Sync frames of a coordinator whose term prevails and that is not followed, because the one followed is heard.
     pub coordinators: u32,
     /// Responses that came off their slot, or told of a departure off it.
     pub off_slot: u32,
@@ -97,11 +97,11 @@ impl AnchorTable {
         }
     }
 
-    /// An anchor told of its position in a beacon of the network that is followed.
-    pub fn hear_beacon(&mut self, source: u16, beacon: &Beacon, power_dbm: f32) {
-        let is_own_slot = is_own_slot(source, beacon);
+    /// An anchor told of its position in a sync frame of the network that is followed.
+    pub fn on_sync_frame(&mut self, source: u16, sync_frame: &SyncFrame, power_dbm: f32) {
+        let is_own_slot = is_own_slot(source, sync_frame);
         let Some(anchor) = self.hear(source, power_dbm) else { return };
-        if !anchor.position.hear(beacon.position, is_own_slot) {
+        if !anchor.position.hear(sync_frame.position, is_own_slot) {
             self.refused.positions = self.refused.positions.saturating_add(1);
         }
     }
@@ -150,7 +150,7 @@ impl AnchorTable {
         Some(anchor)
     }
 
-    /// Another coordinator's beacon was not followed.
+    /// Another coordinator's sync frame was not followed.
     pub fn refuse_coordinator(&mut self) {
         self.refused.coordinators = self.refused.coordinators.saturating_add(1);
     }
@@ -208,7 +208,7 @@ impl AnchorTable {
 }
 
 impl Neighbour {
-    /// It is there, though few of its beacons are listened to.
+    /// It is there, though few of its sync frames are listened to.
     pub fn keep(&mut self) {
         self.unheard = 0;
     }

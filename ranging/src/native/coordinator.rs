@@ -1,14 +1,14 @@
 //! How anchors keep one time, one coordinator and one list of members among themselves.
 //!
-//! Each beacon repeats the coordinator's last message, with its age in superframes (`age`) and the number of hops. An anchor follows the
+//! Each sync frame repeats the coordinator's last message, with its age in superframes (`age`) and the number of hops. An anchor follows the
 //! freshest message; its clock follows only senders that are nearer to the coordinator. If the age exceeds the limit, the coordinator is gone:
-//! the first anchor whose beacon slot comes takes over, with a later term, the same time and the same list; those behind it hear that before
+//! the first anchor whose sync slot comes takes over, with a later term, the same time and the same list; those behind it hear that before
 //! their own slot. Which of two
 //! coordinators is followed, and when, is in [`election`](super::election). A coordinator that comes back hears that first, and follows.
 //!
-//! Polls that others heard count where those others tell of them in beacon slots of their own, which they had before.
+//! Polls that others heard count where those others tell of them in sync slots of their own, which they had before.
 //!
-//! A beacon slot is picked where nobody is heard or told of (each beacon tells whom its sender hears in which slot). Who
+//! A sync slot is picked where nobody is heard or told of (each sync frame tells whom its sender hears in which slot). Who
 //! learns that a neighbour hears somebody else in its slot picks another.
 
 use super::anchor_position::{hash, is_own_slot};
@@ -20,16 +20,16 @@ use super::spread;
 use super::superframes::Superframes;
 use super::timing::{HOLDOVER_SUPERFRAMES, SHARED_SLOTS};
 use crate::exchange::Link;
-use crate::frame::native::{Beacon, Member, OWNED_BEACON_SLOTS, Position};
+use crate::frame::native::{Member, OWNED_SYNC_SLOTS, Position, SyncFrame};
 use crate::{PhyConfig, RadioInstant};
 
 /// Word of the coordinator older than this many superframes, and two more a hop, means that it is gone.
 const COORDINATOR_GONE: u8 = 3;
-/// An owner of a beacon slot not heard or told of for this many superframes has left it.
+/// An owner of a sync slot not heard or told of for this many superframes has left it.
 const SLOT_LEFT: u8 = 5;
 
-/// Owners of beacon slots: a byte of the address's hash (0: nobody) and superframes since the last sign of it.
-type Owners = [(u8, u8); OWNED_BEACON_SLOTS];
+/// Owners of sync slots: a byte of the address's hash (0: nobody) and superframes since the last sign of it.
+type Owners = [(u8, u8); OWNED_SYNC_SLOTS];
 
 /// An anchor's part in its network.
 #[derive(Clone, Debug)]
@@ -49,13 +49,13 @@ pub struct Coordinator {
     leases: Leases,
     /// What tags, and anchors farther from the coordinator, ask of the layout.
     wishes: LayoutRequests,
-    /// The last superframe whose beacon is done with.
+    /// The last superframe whose sync frame is done with.
     told: Option<u16>,
-    /// The last superframe whose beacon came too late in its own slot.
+    /// The last superframe whose sync frame came too late in its own slot.
     late: Option<u16>,
 }
 
-/// What a beacon did to us.
+/// What a sync frame did to us.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FollowUpdate {
     /// Nothing: of a network that does not prevail, or a repetition.
@@ -69,15 +69,21 @@ pub enum FollowUpdate {
 impl Coordinator {
     /// A network of its own, beginning at `start`, laid out for this anchor itself.
     pub fn found(address: u16, phy: &PhyConfig, layout: Layout, start: RadioInstant) -> Self {
-        let slot = Some((usize::from(address) % OWNED_BEACON_SLOTS) as u8);
+        let slot = Some((usize::from(address) % OWNED_SYNC_SLOTS) as u8);
         Self { slot, ..Self::of_course(address, Superframes::begin(phy, layout, start)) }
     }
 
     /// Into a network that was heard of, unless its layout is just changing.
-    pub fn join(address: u16, phy: &PhyConfig, source: u16, beacon: &Beacon, rx_time: RadioInstant) -> Option<Self> {
-        let mut joined = Self::of_course(address, Superframes::of_beacon(phy, beacon, rx_time)?);
-        joined.election = Election::joined(beacon);
-        joined.follow(source, beacon);
+    pub fn join(
+        address: u16,
+        phy: &PhyConfig,
+        source: u16,
+        sync_frame: &SyncFrame,
+        rx_time: RadioInstant,
+    ) -> Option<Self> {
+        let mut joined = Self::of_course(address, Superframes::of_sync_frame(phy, sync_frame, rx_time)?);
+        joined.election = Election::joined(sync_frame);
+        joined.follow(source, sync_frame);
         Some(joined)
     }
 
@@ -88,8 +94,8 @@ impl Coordinator {
             election: Election::founded(address),
             listened: 0,
             slot: None,
-            heard_owners: [(0, 0); OWNED_BEACON_SLOTS],
-            told_owners: [(0, 0); OWNED_BEACON_SLOTS],
+            heard_owners: [(0, 0); OWNED_SYNC_SLOTS],
+            told_owners: [(0, 0); OWNED_SYNC_SLOTS],
             heard_members: 0,
             leases: Leases::new(),
             wishes: LayoutRequests::new(),
@@ -102,19 +108,19 @@ impl Coordinator {
         self.election.coordinator == self.address
     }
 
-    /// Takes a beacon's coordinator for its own.
-    fn follow(&mut self, source: u16, beacon: &Beacon) {
-        self.election.follow(beacon);
-        if beacon.coordinator == self.address {
+    /// Takes a sync frame's coordinator for its own.
+    fn follow(&mut self, source: u16, sync_frame: &SyncFrame) {
+        self.election.follow(sync_frame);
+        if sync_frame.coordinator == self.address {
             // Word of our own from before a restart: we go on as the coordinator, by a later term, and all who follow us stay.
             self.election.take_over(self.address);
         }
-        self.note_owners(source, beacon);
+        self.note_owners(source, sync_frame);
     }
 
-    /// Into the network of a beacon, as if nothing had been known; false in the middle of a change of its layout.
-    fn begin_anew(&mut self, phy: &PhyConfig, source: u16, beacon: &Beacon, rx_time: RadioInstant) -> bool {
-        match Self::join(self.address, phy, source, beacon, rx_time) {
+    /// Into the network of a sync frame, as if nothing had been known; false in the middle of a change of its layout.
+    fn begin_anew(&mut self, phy: &PhyConfig, source: u16, sync_frame: &SyncFrame, rx_time: RadioInstant) -> bool {
+        match Self::join(self.address, phy, source, sync_frame, rx_time) {
             Some(joined) => {
                 *self = joined;
                 true
@@ -123,41 +129,47 @@ impl Coordinator {
         }
     }
 
-    /// A beacon of our PAN came at `rx_time`.
-    pub fn hear(&mut self, phy: &PhyConfig, source: u16, beacon: &Beacon, rx_time: RadioInstant) -> FollowUpdate {
+    /// A sync frame of our PAN came at `rx_time`.
+    pub fn hear(
+        &mut self,
+        phy: &PhyConfig,
+        source: u16,
+        sync_frame: &SyncFrame,
+        rx_time: RadioInstant,
+    ) -> FollowUpdate {
         self.advance(rx_time);
-        let in_step = self.course.in_step(beacon, rx_time);
-        let is_the_same = (beacon.term, beacon.coordinator) == (self.election.term, self.election.coordinator);
+        let in_step = self.course.in_step(sync_frame, rx_time);
+        let is_the_same = (sync_frame.term, sync_frame.coordinator) == (self.election.term, self.election.coordinator);
         if is_the_same && in_step.is_none() {
             let is_deaf = u16::from(self.election.age) > HOLDOVER_SUPERFRAMES && !self.coordinates();
-            let followed = is_deaf && self.begin_anew(phy, source, beacon, rx_time);
+            let followed = is_deaf && self.begin_anew(phy, source, sync_frame, rx_time);
             return if followed { FollowUpdate::Followed } else { FollowUpdate::Ignored };
         }
         let is_alone = self.coordinates()
             && self.course.membership.members().is_empty()
             && self.heard_owners.iter().all(|(owner, _)| *owner == 0);
-        match (self.election.hear(beacon, is_alone), in_step) {
+        match (self.election.hear(sync_frame, is_alone), in_step) {
             (Choice::Same, Some(phase)) => {
-                if beacon.hops < self.election.hops {
+                if sync_frame.hops < self.election.hops {
                     self.course.phase = phase;
-                    self.course.membership.hear(beacon);
+                    self.course.membership.hear(sync_frame);
                 }
-                self.note_members(source, beacon);
-                self.note_owners(source, beacon);
+                self.note_members(source, sync_frame);
+                self.note_owners(source, sync_frame);
                 FollowUpdate::Followed
             }
             (Choice::Change, phase) => {
                 let link = match self.coordinates() {
-                    true => Link::Following(beacon.coordinator),
-                    false => Link::Synchronised(beacon.coordinator),
+                    true => Link::Following(sync_frame.coordinator),
+                    false => Link::Synchronised(sync_frame.coordinator),
                 };
                 match phase {
                     Some(phase) => {
                         self.course.phase = phase;
-                        self.course.membership.hear(beacon);
-                        self.follow(source, beacon);
+                        self.course.membership.hear(sync_frame);
+                        self.follow(source, sync_frame);
                     }
-                    None if self.begin_anew(phy, source, beacon, rx_time) => {}
+                    None if self.begin_anew(phy, source, sync_frame, rx_time) => {}
                     None => return FollowUpdate::Ignored,
                 }
                 FollowUpdate::Changed(link)
@@ -166,38 +178,40 @@ impl Coordinator {
         }
     }
 
-    fn note_owners(&mut self, source: u16, beacon: &Beacon) {
-        if let Some(owner) = self.heard_owners.get_mut(usize::from(beacon.slot)) {
+    fn note_owners(&mut self, source: u16, sync_frame: &SyncFrame) {
+        if let Some(owner) = self.heard_owners.get_mut(usize::from(sync_frame.slot)) {
             *owner = (hash(source), 0);
         }
-        for (told, &owner) in self.told_owners.iter_mut().zip(&beacon.slot_owners) {
+        for (told, &owner) in self.told_owners.iter_mut().zip(&sync_frame.slot_owners) {
             if owner != 0 {
                 *told = (owner, 0);
             }
         }
         let Some(slot) = self.slot else { return };
-        let contested =
-            beacon.slot_owners.get(usize::from(slot)).is_some_and(|&owner| owner != 0 && owner != hash(self.address));
-        if contested || beacon.slot == slot && source < self.address {
+        let contested = sync_frame
+            .slot_owners
+            .get(usize::from(slot))
+            .is_some_and(|&owner| owner != 0 && owner != hash(self.address));
+        if contested || sync_frame.slot == slot && source < self.address {
             self.slot = None;
         }
     }
 
     /// What an anchor farther from the coordinator tells of tags. What it says it heard counts where it speaks in its own slot, and did
-    /// so before: a beacon in a shared slot costs whoever forges it nothing.
-    fn note_members(&mut self, source: u16, beacon: &Beacon) {
-        if beacon.hops <= self.election.hops {
+    /// so before: a sync frame in a shared slot costs whoever forges it nothing.
+    fn note_members(&mut self, source: u16, sync_frame: &SyncFrame) {
+        if sync_frame.hops <= self.election.hops {
             return;
         }
-        let owner = self.heard_owners.get(usize::from(beacon.slot));
-        let is_known_relay = is_own_slot(source, beacon) && owner.is_some_and(|(owner, _)| *owner == hash(source));
-        if is_known_relay && beacon.version == self.course.membership.version() {
-            self.heard_members |= beacon.heard;
+        let owner = self.heard_owners.get(usize::from(sync_frame.slot));
+        let is_known_relay = is_own_slot(source, sync_frame) && owner.is_some_and(|(owner, _)| *owner == hash(source));
+        if is_known_relay && sync_frame.version == self.course.membership.version() {
+            self.heard_members |= sync_frame.heard;
         }
-        if let Some(request) = beacon.request {
+        if let Some(request) = sync_frame.request {
             self.request(request);
         }
-        self.wishes.note(beacon.wish);
+        self.wishes.note(sync_frame.wish);
     }
 
     /// A tag asks this of the layout.
@@ -256,8 +270,8 @@ impl Coordinator {
             let slot = usize::from(*slot);
             self.heard_owners[slot].0 == 0 && self.told_owners[slot].0 == 0
         };
-        let wished = (usize::from(self.address) % OWNED_BEACON_SLOTS) as u8;
-        let all = 0..OWNED_BEACON_SLOTS as u8;
+        let wished = (usize::from(self.address) % OWNED_SYNC_SLOTS) as u8;
+        let all = 0..OWNED_SYNC_SLOTS as u8;
         // At first the slot that goes with the address: addresses in a row never meet. Whoever was driven out of it draws.
         if free(&wished) && self.listened < 4 {
             return Some(wished);
@@ -266,7 +280,7 @@ impl Coordinator {
         all.filter(free).nth(spread(self.address, self.course.phase.number, count).into())
     }
 
-    /// The beacon slot of this superframe, unless that is done with. An anchor speaks in a shared slot where it came too late for its
+    /// The sync slot of this superframe, unless that is done with. An anchor speaks in a shared slot where it came too late for its
     /// own, and, now and then, where it has none of its own.
     pub fn due(&self) -> Option<u8> {
         let number = self.course.phase.number;
@@ -275,7 +289,7 @@ impl Coordinator {
         }
         let shared = |choices| {
             let shared = spread(self.address, number, choices) as u8;
-            (usize::from(shared) < SHARED_SLOTS).then_some(OWNED_BEACON_SLOTS as u8 + shared)
+            (usize::from(shared) < SHARED_SLOTS).then_some(OWNED_SYNC_SLOTS as u8 + shared)
         };
         match self.slot {
             Some(_) if self.late == Some(number) => shared(SHARED_SLOTS as u16),
@@ -285,20 +299,20 @@ impl Coordinator {
         }
     }
 
-    /// This superframe's beacon is done with.
+    /// This superframe's sync frame is done with.
     pub fn skip(&mut self) {
         self.told = Some(self.course.phase.number);
     }
 
-    /// The beacon that was due came too late: there is one more chance in this superframe, in a shared slot.
+    /// The sync frame that was due came too late: there is one more chance in this superframe, in a shared slot.
     pub fn was_late(&mut self) {
         let number = self.course.phase.number;
         self.told = if self.late.replace(number) == Some(number) { Some(number) } else { None };
     }
 
-    /// The beacon for a slot, to be sent now; and whether we have just become coordinator. `wish` is what this anchor itself asks of the
+    /// The sync frame for a slot, to be sent now; and whether we have just become coordinator. `wish` is what this anchor itself asks of the
     /// layout.
-    pub fn tell(&mut self, slot: u8, position: Option<Position>, wish: Layout) -> (Beacon, bool) {
+    pub fn tell(&mut self, slot: u8, position: Option<Position>, wish: Layout) -> (SyncFrame, bool) {
         self.skip();
         self.wishes.note(wish);
         let gone = COORDINATOR_GONE.saturating_add(self.election.hops.saturating_mul(2));
@@ -319,14 +333,14 @@ impl Coordinator {
             let request = if passes_request_on { self.leases.pass_on() } else { None };
             let heard = self.heard_members;
             // In a shared slot it does not count: it is told again.
-            if usize::from(slot) < OWNED_BEACON_SLOTS {
+            if usize::from(slot) < OWNED_SYNC_SLOTS {
                 self.heard_members = 0;
             }
             (request, heard)
         };
         let Election { term, age, hops, coordinator, .. } = self.election;
         let membership = &self.course.membership;
-        let beacon = Beacon {
+        let sync_frame = SyncFrame {
             superframe: self.course.phase.number,
             term,
             age,
@@ -344,6 +358,6 @@ impl Coordinator {
             position,
             members: membership.members().clone(),
         };
-        (beacon, takes_over)
+        (sync_frame, takes_over)
     }
 }

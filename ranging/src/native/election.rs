@@ -1,29 +1,29 @@
 //! Which coordinator a node follows: an anchor that relays, the coordinator itself, or a tag.
 //!
 //! Of two coordinators the later term is right, then the lower address: so two networks that meet become one, and an anchor that takes
-//! over from a silent coordinator is followed. Beacons are not authenticated, and a single one with a later term must not end a network
+//! over from a silent coordinator is followed. Sync frames are not authenticated, and a single one with a later term must not end a network
 //! that works. So a coordinator that prevails is followed
 //!
 //! - at once, where the one followed is silent: its word is older than a node that is so many hops away can have it;
 //! - at once, where it is the one followed, one term later: it was restarted. Once in [`RESTARTS_APART`] superframes at most;
 //! - at once, in the first [`YOUNG`] superframes of a network, when several anchors have just been switched on, and by an anchor that is
 //!   alone: there is nothing to lose;
-//! - else only after patience: its beacons must come in [`NEAR_PATIENCE`] superframes, [`FAR_PATIENCE`] where it is more than one term
+//! - else only after patience: its sync frames must come in [`NEAR_PATIENCE`] superframes, [`FAR_PATIENCE`] where it is more than one term
 //!   ahead, with none but single ones missing in between. That is how two networks that have worked for long, and come to hear each other, merge.
 
 use super::prevails;
 use super::timing::HOLDOVER_SUPERFRAMES;
-use crate::frame::native::Beacon;
+use crate::frame::native::SyncFrame;
 
 /// Restarts of one coordinator are followed at once where they are so many superframes apart.
 const RESTARTS_APART: u8 = 2;
 /// A network is young for so many superframes.
 const YOUNG: u16 = 10;
-/// Superframes with a beacon of another coordinator of the same term, or one term ahead, until it is followed …
+/// Superframes with a sync frame of another coordinator of the same term, or one term ahead, until it is followed …
 const NEAR_PATIENCE: u8 = 10;
 /// … and of one that is farther ahead.
 const FAR_PATIENCE: u8 = 100;
-/// After more than so many superframes without its beacon the patience begins anew.
+/// After more than so many superframes without its sync frame the patience begins anew.
 const PAUSE: u8 = 1;
 
 /// The coordinator that is followed, and the one that may come after it.
@@ -48,13 +48,13 @@ pub struct Election {
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
     is: (u8, u16),
-    /// Superframes in which a beacon of its network came.
+    /// Superframes in which a sync frame of its network came.
     heard_in: u8,
     /// Superframes since the last one.
     unheard: u8,
 }
 
-/// What is to be done with a beacon.
+/// What is to be done with a sync frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Choice {
     /// It is of the coordinator that is followed.
@@ -73,10 +73,10 @@ impl Election {
         Self { term: 0, coordinator: address, hops: 0, age: 0, superframes: 0, unrestarted: u8::MAX, candidate: None }
     }
 
-    /// The network of a beacon is joined.
-    pub fn joined(beacon: &Beacon) -> Self {
-        let mut joined = Self::founded(beacon.coordinator);
-        joined.follow(beacon);
+    /// The network of a sync frame is joined.
+    pub fn joined(sync_frame: &SyncFrame) -> Self {
+        let mut joined = Self::founded(sync_frame.coordinator);
+        joined.follow(sync_frame);
         joined
     }
 
@@ -92,13 +92,13 @@ impl Election {
         self.candidate = self.candidate.filter(|candidate| candidate.unheard <= PAUSE + 1);
     }
 
-    /// A beacon came. `is_alone`: nobody would be left behind.
-    pub fn hear(&mut self, beacon: &Beacon, is_alone: bool) -> Choice {
-        let (told, followed) = ((beacon.term, beacon.coordinator), (self.term, self.coordinator));
+    /// A sync frame came. `is_alone`: nobody would be left behind.
+    pub fn hear(&mut self, sync_frame: &SyncFrame, is_alone: bool) -> Choice {
+        let (told, followed) = ((sync_frame.term, sync_frame.coordinator), (self.term, self.coordinator));
         if told == followed {
-            let hops = beacon.hops.saturating_add(1);
-            if (beacon.age, hops) <= (self.age, self.hops) {
-                (self.age, self.hops) = (beacon.age, hops);
+            let hops = sync_frame.hops.saturating_add(1);
+            if (sync_frame.age, hops) <= (self.age, self.hops) {
+                (self.age, self.hops) = (sync_frame.age, hops);
             }
             return Choice::Same;
         }
@@ -113,7 +113,7 @@ impl Election {
         if is_trusted || self.heard_in(told) >= patience { Choice::Change } else { Choice::Refused }
     }
 
-    /// In how many superframes the candidate was heard, now that a beacon of `told` came.
+    /// In how many superframes the candidate was heard, now that a sync frame of `told` came.
     fn heard_in(&mut self, told: (u8, u16)) -> u8 {
         let candidate = self.candidate.get_or_insert(Candidate { is: told, heard_in: 0, unheard: 1 });
         // Another one waits until this one is silent.
@@ -127,13 +127,13 @@ impl Election {
         candidate.heard_in
     }
 
-    /// The coordinator of a beacon is followed from now on, in the same network.
-    pub fn follow(&mut self, beacon: &Beacon) {
-        if self.coordinator == beacon.coordinator {
+    /// The coordinator of a sync frame is followed from now on, in the same network.
+    pub fn follow(&mut self, sync_frame: &SyncFrame) {
+        if self.coordinator == sync_frame.coordinator {
             self.unrestarted = 0;
         }
-        (self.term, self.coordinator) = (beacon.term, beacon.coordinator);
-        (self.age, self.hops) = (beacon.age, beacon.hops.saturating_add(1));
+        (self.term, self.coordinator) = (sync_frame.term, sync_frame.coordinator);
+        (self.age, self.hops) = (sync_frame.age, sync_frame.hops.saturating_add(1));
         self.candidate = None;
     }
 
@@ -149,25 +149,25 @@ impl Election {
 mod tests {
     use super::*;
 
-    fn beacon(term: u8, coordinator: u16) -> Beacon {
-        Beacon { term, coordinator, ..Beacon::blank() }
+    fn sync_frame(term: u8, coordinator: u16) -> SyncFrame {
+        SyncFrame { term, coordinator, ..SyncFrame::blank() }
     }
 
     /// A node that has followed coordinator 5 in term 3 for a minute.
     fn settled() -> Election {
-        let mut election = Election::joined(&beacon(3, 5));
+        let mut election = Election::joined(&sync_frame(3, 5));
         (0..600).for_each(|_| superframe(&mut election));
         election
     }
 
-    /// A superframe with a beacon of the one followed.
+    /// A superframe with a sync frame of the one followed.
     fn superframe(election: &mut Election) {
         election.advance(1);
-        assert_eq!(election.hear(&beacon(election.term, election.coordinator), false), Choice::Same);
+        assert_eq!(election.hear(&sync_frame(election.term, election.coordinator), false), Choice::Same);
     }
 
-    /// Superframes until a beacon in each of them is followed, of 1000.
-    fn patience(mut election: Election, told: &Beacon) -> Option<usize> {
+    /// Superframes until a sync frame in each of them is followed, of 1000.
+    fn patience(mut election: Election, told: &SyncFrame) -> Option<usize> {
         (0..1000).position(|_| {
             superframe(&mut election);
             election.hear(told, false) == Choice::Change
@@ -179,53 +179,53 @@ mod tests {
         let mut election = settled();
         // Its word of the superframe before last, over one hop more, is none too old.
         for age in 0..4 {
-            assert_eq!(election.hear(&beacon(4, 9), false), Choice::Refused, "age {age}");
+            assert_eq!(election.hear(&sync_frame(4, 9), false), Choice::Refused, "age {age}");
             election.advance(1);
         }
-        assert_eq!(election.hear(&beacon(4, 9), false), Choice::Change);
-        assert_eq!(election.hear(&beacon(103, 9), false), Choice::Change);
-        assert_eq!(election.hear(&beacon(2, 1), false), Choice::Older);
+        assert_eq!(election.hear(&sync_frame(4, 9), false), Choice::Change);
+        assert_eq!(election.hear(&sync_frame(103, 9), false), Choice::Change);
+        assert_eq!(election.hear(&sync_frame(2, 1), false), Choice::Older);
     }
 
     #[test]
     fn a_coordinator_that_is_heard_is_replaced_after_patience_only() {
-        assert_eq!(patience(settled(), &beacon(4, 9)), Some(9));
-        assert_eq!(patience(settled(), &beacon(3, 2)), Some(9));
-        assert_eq!(patience(settled(), &beacon(5, 2)), Some(99));
-        assert_eq!(patience(settled(), &beacon(2, 2)), None);
-        // One beacon in three superframes, or another coordinator each time: never.
+        assert_eq!(patience(settled(), &sync_frame(4, 9)), Some(9));
+        assert_eq!(patience(settled(), &sync_frame(3, 2)), Some(9));
+        assert_eq!(patience(settled(), &sync_frame(5, 2)), Some(99));
+        assert_eq!(patience(settled(), &sync_frame(2, 2)), None);
+        // One sync frame in three superframes, or another coordinator each time: never.
         let (mut seldom, mut changing) = (settled(), settled());
         for i in 0..1000 {
             superframe(&mut seldom);
             superframe(&mut changing);
-            assert!(i % 3 > 0 || seldom.hear(&beacon(4, 9), false) == Choice::Refused);
-            assert_eq!(changing.hear(&beacon(4, 100 + i), false), Choice::Refused);
+            assert!(i % 3 > 0 || seldom.hear(&sync_frame(4, 9), false) == Choice::Refused);
+            assert_eq!(changing.hear(&sync_frame(4, 100 + i), false), Choice::Refused);
         }
     }
 
     #[test]
     fn a_restart_of_the_coordinator_is_followed_at_once_but_not_each_superframe() {
         let mut election = settled();
-        assert_eq!(election.hear(&beacon(4, 5), false), Choice::Change);
-        election.follow(&beacon(4, 5));
+        assert_eq!(election.hear(&sync_frame(4, 5), false), Choice::Change);
+        election.follow(&sync_frame(4, 5));
         election.advance(1);
-        assert_eq!(election.hear(&beacon(5, 5), false), Choice::Refused);
+        assert_eq!(election.hear(&sync_frame(5, 5), false), Choice::Refused);
         election.advance(1);
-        assert_eq!(election.hear(&beacon(6, 5), false), Choice::Refused);
-        assert_eq!(election.hear(&beacon(5, 5), false), Choice::Change);
+        assert_eq!(election.hear(&sync_frame(6, 5), false), Choice::Refused);
+        assert_eq!(election.hear(&sync_frame(5, 5), false), Choice::Change);
     }
 
     #[test]
     fn young_networks_merge_at_once_and_so_does_an_anchor_that_is_alone() {
-        let mut young = Election::joined(&beacon(0, 5));
+        let mut young = Election::joined(&sync_frame(0, 5));
         young.advance(YOUNG - 1);
-        assert_eq!(young.hear(&beacon(0, 5), false), Choice::Same);
-        assert_eq!(young.hear(&beacon(0, 4), false), Choice::Change);
+        assert_eq!(young.hear(&sync_frame(0, 5), false), Choice::Same);
+        assert_eq!(young.hear(&sync_frame(0, 4), false), Choice::Change);
         let mut alone = Election::founded(5);
         for _ in 0..600 {
             alone.advance(1);
             alone.age = 0;
         }
-        assert_eq!(alone.hear(&beacon(7, 9), true), Choice::Change);
+        assert_eq!(alone.hear(&sync_frame(7, 9), true), Choice::Change);
     }
 }

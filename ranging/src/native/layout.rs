@@ -1,7 +1,7 @@
 //! What all nodes of a network must agree on beside its PHY: how long an answer takes its slowest anchor, how soon its slowest node
 //! hears again, and whether a final follows the responses. Slots follow from it ([`Timing`](super::Timing)).
 //!
-//! The coordinator lays the slots out by what the slowest node asks for, and its beacons say how. A new layout counts from the
+//! The coordinator lays the slots out by what the slowest node asks for, and its sync frames say how. A new layout counts from the
 //! superframe from which the list of members that came with it counts.
 
 use crate::RadioDuration;

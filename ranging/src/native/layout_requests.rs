@@ -7,7 +7,7 @@ use super::plan::{Members, lists};
 use crate::frame::native::MAX_MEMBERS;
 
 /// LayoutRequests of anchors, and of tags that are no members, are kept for one to two times this many superframes: anchors repeat them in
-/// their beacons. Those of members are kept until they ask for something else, or leave.
+/// their sync frames. Those of members are kept until they ask for something else, or leave.
 const KEPT_SUPERFRAMES: u16 = 10;
 /// A layout may be made shorter from this superframe of a network on, or of an anchor's coordination: until then not all were heard.
 const SETTLED_AFTER: u16 = 5;

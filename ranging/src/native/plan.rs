@@ -1,6 +1,6 @@
 //! Who may range when: a network's list of members, and the plan of round slots that follows from it.
 //!
-//! Beacons carry the list; every node makes the same plan of it, so no slot needs to be told. A changed list counts from a
+//! Sync frames carry the list; every node makes the same plan of it, so no slot needs to be told. A changed list counts from a
 //! superframe far enough ahead for every node to have heard it; until then the former list does.
 
 use heapless::Vec;
@@ -8,7 +8,7 @@ use heapless::Vec;
 use super::layout::Layout;
 use super::timing::{MAX_ROUND_SLOTS, Timing};
 use crate::RadioDuration;
-use crate::frame::native::{Beacon, MAX_MEMBERS, Member, Share};
+use crate::frame::native::{MAX_MEMBERS, Member, Share, SyncFrame};
 
 /// A changed list counts this many superframes after it was first told.
 pub const NOTICE_SUPERFRAMES: u8 = 4;
@@ -47,14 +47,14 @@ impl Membership {
         Self { version: 0, members: Members::new(), layout, former: None, countdown: 0 }
     }
 
-    /// What a beacon says to somebody who knew nothing.
-    pub fn from_beacon(beacon: &Beacon) -> Self {
+    /// What a sync frame says to somebody who knew nothing.
+    pub fn from_sync_frame(sync_frame: &SyncFrame) -> Self {
         Self {
-            version: beacon.version,
-            members: beacon.members.clone(),
-            layout: beacon.layout,
+            version: sync_frame.version,
+            members: sync_frame.members.clone(),
+            layout: sync_frame.layout,
             former: None,
-            countdown: beacon.countdown.min(NOTICE_SUPERFRAMES),
+            countdown: sync_frame.countdown.min(NOTICE_SUPERFRAMES),
         }
     }
 
@@ -106,9 +106,14 @@ impl Membership {
         }
     }
 
-    /// What a beacon says, if it is newer.
-    pub fn hear(&mut self, beacon: &Beacon) {
-        self.replace(beacon.version, beacon.countdown.min(NOTICE_SUPERFRAMES), &beacon.members, beacon.layout);
+    /// What a sync frame says, if it is newer.
+    pub fn hear(&mut self, sync_frame: &SyncFrame) {
+        self.replace(
+            sync_frame.version,
+            sync_frame.countdown.min(NOTICE_SUPERFRAMES),
+            &sync_frame.members,
+            sync_frame.layout,
+        );
     }
 
     fn replace(&mut self, version: u8, countdown: u8, members: &Members, layout: Layout) {
@@ -323,18 +328,18 @@ mod tests {
     #[test]
     fn a_newcomer_knows_the_new_list_and_not_the_one_that_counts() {
         let [old, new] = [list(&[Share::Greedy]), list(&[Share::Greedy, Share::Slots(1)])];
-        let beacon = |version, countdown, members: &Members| Beacon {
+        let sync_frame = |version, countdown, members: &Members| SyncFrame {
             version,
             countdown,
             members: members.clone(),
-            ..Beacon::blank()
+            ..SyncFrame::blank()
         };
-        let mut newcomer = Membership::from_beacon(&beacon(2, 3, &new));
+        let mut newcomer = Membership::from_sync_frame(&sync_frame(2, 3, &new));
         assert_eq!(newcomer.in_force(), None);
         (0..3).for_each(|_| newcomer.advance());
         assert_eq!(newcomer.in_force(), Some(&new));
         // An older list, still relayed by somebody, changes nothing.
-        newcomer.hear(&beacon(1, 0, &old));
+        newcomer.hear(&sync_frame(1, 0, &old));
         assert_eq!(newcomer.members(), &new);
     }
 }

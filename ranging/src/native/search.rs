@@ -1,6 +1,6 @@
 //! When a tag without a network listens: all the time at first, then less and less often.
 //!
-//! Anchors repeat their beacons each superframe: a little more than one is enough to hear whoever is there. With a receiver of some 115 mA, a
+//! Anchors repeat their sync frames each superframe: a little more than one is enough to hear whoever is there. With a receiver of some 115 mA, a
 //! superframe of 100 ms and a pause of a minute take 0.23 mA in the mean.
 
 use super::timing::SUPERFRAME;

@@ -3,7 +3,7 @@
 use super::layout::Layout;
 use super::plan::Membership;
 use super::timing::{Phase, Timing};
-use crate::frame::native::Beacon;
+use crate::frame::native::SyncFrame;
 use crate::{PhyConfig, RadioDuration, RadioInstant};
 
 /// The course of superframes as a node knows it.
@@ -29,28 +29,28 @@ impl Superframes {
         }
     }
 
-    /// That of a beacon that came at `rx_time`; `None` in the middle of a change of layout, when only those who follow already know
+    /// That of a sync frame that came at `rx_time`; `None` in the middle of a change of layout, when only those who follow already know
     /// what counts.
-    pub fn of_beacon(phy: &PhyConfig, beacon: &Beacon, rx_time: RadioInstant) -> Option<Self> {
-        let membership = Membership::from_beacon(beacon);
-        if beacon.layout_is_new && beacon.countdown > 0 {
+    pub fn of_sync_frame(phy: &PhyConfig, sync_frame: &SyncFrame, rx_time: RadioInstant) -> Option<Self> {
+        let membership = Membership::from_sync_frame(sync_frame);
+        if sync_frame.layout_is_new && sync_frame.countdown > 0 {
             return None;
         }
-        let timing = Timing::of(phy, beacon.layout);
-        let phase = Phase::from_beacon(&timing, beacon.superframe, beacon.slot, rx_time);
+        let timing = Timing::of(phy, sync_frame.layout);
+        let phase = Phase::from_sync_frame(&timing, sync_frame.superframe, sync_frame.slot, rx_time);
         Some(Self { phase, membership, timing, phy: *phy })
     }
 
-    /// That of a beacon that came at `rx_time` in the middle of a change of layout, of whoever knows what counted before and lost only the
+    /// That of a sync frame that came at `rx_time` in the middle of a change of layout, of whoever knows what counted before and lost only the
     /// time; `None` where another change may have been missed.
-    pub fn of_notice(&self, beacon: &Beacon, rx_time: RadioInstant) -> Option<Self> {
-        let is_next = beacon.version == self.membership.version().wrapping_add(1);
-        if !is_next || self.membership.countdown() > 0 || beacon.countdown == 0 {
+    pub fn of_notice(&self, sync_frame: &SyncFrame, rx_time: RadioInstant) -> Option<Self> {
+        let is_next = sync_frame.version == self.membership.version().wrapping_add(1);
+        if !is_next || self.membership.countdown() > 0 || sync_frame.countdown == 0 {
             return None;
         }
         let mut course = self.clone();
-        course.phase = Phase::from_beacon(&self.timing, beacon.superframe, beacon.slot, rx_time);
-        course.membership.hear(beacon);
+        course.phase = Phase::from_sync_frame(&self.timing, sync_frame.superframe, sync_frame.slot, rx_time);
+        course.membership.hear(sync_frame);
         Some(course)
     }
 
@@ -75,15 +75,15 @@ impl Superframes {
         }
     }
 
-    /// Whether a beacon that came at `rx_time` is of the superframe that this course is in then, begun at the same time: one that was
+    /// Whether a sync frame that came at `rx_time` is of the superframe that this course is in then, begun at the same time: one that was
     /// repeated later is not. The phase that it tells.
-    pub fn in_step(&self, beacon: &Beacon, rx_time: RadioInstant) -> Option<Phase> {
-        self.in_step_within(RadioDuration::ZERO, beacon, rx_time)
+    pub fn in_step(&self, sync_frame: &SyncFrame, rx_time: RadioInstant) -> Option<Phase> {
+        self.in_step_within(RadioDuration::ZERO, sync_frame, rx_time)
     }
 
     /// The same of a node that may be off by `doubt` itself.
-    pub fn in_step_within(&self, doubt: RadioDuration, beacon: &Beacon, rx_time: RadioInstant) -> Option<Phase> {
-        let phase = Phase::from_beacon(&self.timing, beacon.superframe, beacon.slot, rx_time);
+    pub fn in_step_within(&self, doubt: RadioDuration, sync_frame: &SyncFrame, rx_time: RadioInstant) -> Option<Phase> {
+        let phase = Phase::from_sync_frame(&self.timing, sync_frame.superframe, sync_frame.slot, rx_time);
         let off = phase.start.since(self.phase.start).ticks().unsigned_abs();
         let tolerance = self.timing.guard.ticks().saturating_add(doubt.ticks());
         (phase.number == self.phase.number && off <= tolerance.unsigned_abs()).then_some(phase)

@@ -4,7 +4,7 @@ use super::election::{Choice, Election};
 use super::plan::Members;
 use super::superframes::Superframes;
 use super::timing::HOLDOVER_SUPERFRAMES;
-use crate::frame::native::Beacon;
+use crate::frame::native::SyncFrame;
 use crate::{PhyConfig, RadioDuration, RadioInstant};
 
 /// The network that is followed.
@@ -14,15 +14,15 @@ pub struct Sync {
     pub course: Superframes,
     /// Who coordinates.
     pub election: Election,
-    /// Since when the phase is not known any more, after a doze: the next beacon tells it.
+    /// Since when the phase is not known any more, after a doze: the next sync frame tells it.
     pub adrift: Option<RadioInstant>,
-    /// How far off the phase may be, after naps: until the next beacon.
+    /// How far off the phase may be, after naps: until the next sync frame.
     pub doubt: RadioDuration,
-    /// The superframe of the last beacon heard.
+    /// The superframe of the last sync frame heard.
     heard: u16,
 }
 
-/// What a beacon did.
+/// What a sync frame did.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SyncUpdate {
     /// Nothing: of a network that does not prevail, or a repetition.
@@ -38,27 +38,27 @@ pub enum SyncUpdate {
 }
 
 impl Sync {
-    /// The network that this beacon tells of; `None` in the middle of a change of its layout.
-    pub fn new(phy: &PhyConfig, beacon: &Beacon, rx_time: RadioInstant) -> Option<Self> {
-        Superframes::of_beacon(phy, beacon, rx_time).map(|course| Self::in_course(course, beacon))
+    /// The network that this sync frame tells of; `None` in the middle of a change of its layout.
+    pub fn new(phy: &PhyConfig, sync_frame: &SyncFrame, rx_time: RadioInstant) -> Option<Self> {
+        Superframes::of_sync_frame(phy, sync_frame, rx_time).map(|course| Self::in_course(course, sync_frame))
     }
 
-    fn in_course(course: Superframes, beacon: &Beacon) -> Self {
-        let (heard, election) = (course.phase.number, Election::joined(beacon));
+    fn in_course(course: Superframes, sync_frame: &SyncFrame) -> Self {
+        let (heard, election) = (course.phase.number, Election::joined(sync_frame));
         Self { course, election, adrift: None, doubt: RadioDuration::ZERO, heard }
     }
 
-    /// A beacon came.
-    pub fn hear(&mut self, phy: &PhyConfig, beacon: &Beacon, rx_time: RadioInstant) -> SyncUpdate {
-        let is_the_same = (beacon.term, beacon.coordinator) == (self.election.term, self.election.coordinator);
+    /// A sync frame came.
+    pub fn hear(&mut self, phy: &PhyConfig, sync_frame: &SyncFrame, rx_time: RadioInstant) -> SyncUpdate {
+        let is_the_same = (sync_frame.term, sync_frame.coordinator) == (self.election.term, self.election.coordinator);
         if self.adrift.is_none() {
             self.advance(rx_time);
-            let in_step = self.course.in_step_within(self.doubt, beacon, rx_time);
+            let in_step = self.course.in_step_within(self.doubt, sync_frame, rx_time);
             let is_lost = self.silent() > HOLDOVER_SUPERFRAMES;
-            // A beacon of the network that was repeated later says nothing of its coordinator.
+            // A sync frame of the network that was repeated later says nothing of its coordinator.
             let choice = match in_step {
                 None if is_the_same => Choice::Older,
-                None | Some(_) => self.election.hear(beacon, false),
+                None | Some(_) => self.election.hear(sync_frame, false),
             };
             match (choice, in_step) {
                 (Choice::Same | Choice::Change, Some(phase)) => {
@@ -66,10 +66,10 @@ impl Sync {
                     self.course.phase = phase;
                     (self.heard, self.doubt) = (phase.number, RadioDuration::ZERO);
                     if choice == Choice::Change {
-                        self.election.follow(beacon);
+                        self.election.follow(sync_frame);
                     }
-                    self.course.membership.hear(beacon);
-                    return if beacon.coordinator == followed { SyncUpdate::Followed } else { SyncUpdate::Changed };
+                    self.course.membership.hear(sync_frame);
+                    return if sync_frame.coordinator == followed { SyncUpdate::Followed } else { SyncUpdate::Changed };
                 }
                 (Choice::Same | Choice::Older, _) if !is_lost => return SyncUpdate::Ignored,
                 (Choice::Refused, _) if !is_lost => return SyncUpdate::Refused,
@@ -77,9 +77,9 @@ impl Sync {
             }
         }
         let is_as_before = self.adrift.is_some() && is_the_same;
-        let noticed = || self.course.of_notice(beacon, rx_time).filter(|_| is_as_before);
-        let anew = Self::new(phy, beacon, rx_time);
-        let Some(anew) = anew.or_else(|| noticed().map(|course| Self::in_course(course, beacon))) else {
+        let noticed = || self.course.of_notice(sync_frame, rx_time).filter(|_| is_as_before);
+        let anew = Self::new(phy, sync_frame, rx_time);
+        let Some(anew) = anew.or_else(|| noticed().map(|course| Self::in_course(course, sync_frame))) else {
             return SyncUpdate::Ignored;
         };
         *self = anew;
@@ -96,7 +96,7 @@ impl Sync {
     }
 
     /// Goes on by so many superframes, which are slept through: from here on the clock counts from the last of them. They count as one
-    /// in which no beacon was heard.
+    /// in which no sync frame was heard.
     pub fn hold_over(&mut self, superframes: u16) {
         (0..superframes).for_each(|_| self.course.next());
         self.election.advance(superframes);
@@ -109,7 +109,7 @@ impl Sync {
         self.adrift = Some(present);
     }
 
-    /// Superframes since a beacon was heard.
+    /// Superframes since a sync frame was heard.
     pub fn silent(&self) -> u16 {
         self.course.phase.number.wrapping_sub(self.heard)
     }
@@ -141,18 +141,18 @@ mod tests {
         Layout { answer: Span::at_least(RadioDuration::from_micros(answer_us)), ..Layout::LEAST }
     }
 
-    /// The beacon of slot 2 in this superframe, of coordinator 1.
-    fn beacon(superframe: u16, version: u8, layout: Layout, countdown: u8) -> Beacon {
+    /// The sync frame of slot 2 in this superframe, of coordinator 1.
+    fn sync_frame(superframe: u16, version: u8, layout: Layout, countdown: u8) -> SyncFrame {
         let (slot, layout_is_new) = (SLOT, countdown > 0);
-        Beacon { superframe, slot, version, layout, countdown, layout_is_new, ..Beacon::blank() }
+        SyncFrame { superframe, slot, version, layout, countdown, layout_is_new, ..SyncFrame::blank() }
     }
 
     /// A tag that has followed since superframe 10, whose slots are laid out for answers of 600 µs, and then dozed; when that superframe
     /// began.
     fn dozing() -> (Sync, RadioInstant) {
         let start = RadioInstant::from_ticks(5_000_000_000);
-        let heard = start.plus(Timing::of(&PHY, layout(600)).beacon(SLOT.into()));
-        let mut sync = Sync::new(&PHY, &beacon(10, 7, layout(600), 0), heard).expect("nothing changes");
+        let heard = start.plus(Timing::of(&PHY, layout(600)).sync_frame(SLOT.into()));
+        let mut sync = Sync::new(&PHY, &sync_frame(10, 7, layout(600), 0), heard).expect("nothing changes");
         sync.adrift = Some(heard);
         (sync, start)
     }
@@ -161,18 +161,18 @@ mod tests {
     fn heard_late(start: RadioInstant) -> RadioInstant {
         let timing = Timing::of(&PHY, layout(600));
         let ten = RadioDuration::from_ticks(10 * timing.superframe.ticks());
-        start.plus(ten).plus(timing.beacon(SLOT.into())).plus(RadioDuration::from_micros(500))
+        start.plus(ten).plus(timing.sync_frame(SLOT.into())).plus(RadioDuration::from_micros(500))
     }
 
     #[test]
     fn who_wakes_in_the_middle_of_a_change_of_layout_keeps_step_by_the_former_one() {
         let (mut sync, start) = dozing();
         let rx_time = heard_late(start);
-        assert_eq!(sync.hear(&PHY, &beacon(20, 8, layout(300), NOTICE), rx_time), SyncUpdate::Followed);
+        assert_eq!(sync.hear(&PHY, &sync_frame(20, 8, layout(300), NOTICE), rx_time), SyncUpdate::Followed);
         assert_eq!((sync.adrift, sync.course.phase.number), (None, 20));
         let (former, new) = (Timing::of(&PHY, layout(600)), Timing::of(&PHY, layout(300)));
         assert_eq!(sync.course.timing, former);
-        assert_eq!(sync.course.phase.at(former.beacon(SLOT.into())), rx_time);
+        assert_eq!(sync.course.phase.at(former.sync_frame(SLOT.into())), rx_time);
         // The new one counts from the third superframe on, which begins where the former one's third ends.
         let third = RadioDuration::from_ticks(i64::from(NOTICE) * former.superframe.ticks());
         let begin = sync.course.phase.start.plus(third);
@@ -184,12 +184,12 @@ mod tests {
     fn who_may_have_missed_a_change_waits_for_the_end_of_this_one() {
         let (mut sync, start) = dozing();
         let rx_time = heard_late(start);
-        assert_eq!(sync.hear(&PHY, &beacon(20, 9, layout(300), NOTICE), rx_time), SyncUpdate::Ignored);
+        assert_eq!(sync.hear(&PHY, &sync_frame(20, 9, layout(300), NOTICE), rx_time), SyncUpdate::Ignored);
         // Another coordinator's is no notice to go by.
-        let other = Beacon { coordinator: 2, ..beacon(20, 8, layout(300), NOTICE) };
+        let other = SyncFrame { coordinator: 2, ..sync_frame(20, 8, layout(300), NOTICE) };
         assert_eq!(sync.hear(&PHY, &other, rx_time), SyncUpdate::Ignored);
         assert!(sync.adrift.is_some());
-        assert_eq!(sync.hear(&PHY, &beacon(20, 9, layout(300), 0), rx_time), SyncUpdate::Followed);
+        assert_eq!(sync.hear(&PHY, &sync_frame(20, 9, layout(300), 0), rx_time), SyncUpdate::Followed);
         assert_eq!(sync.course.timing, Timing::of(&PHY, layout(300)));
     }
 }

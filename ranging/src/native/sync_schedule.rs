@@ -1,15 +1,15 @@
-//! Which beacons a tag listens to that ranges at a certain rate: one is enough, of one anchor after the other.
+//! Which sync frames a tag listens to that ranges at a certain rate: one is enough, of one anchor after the other.
 //!
-//! In flow beacons, answers, and what did not come; out flows what to listen to in a superframe. All beacon slots are listened to now and then,
+//! In flow sync frames, answers, and what did not come; out flows what to listen to in a superframe. All sync slots are listened to now and then,
 //! and sooner where few anchors are known.
 
 use heapless::Vec;
 
 use super::anchor_table::MAX_NEIGHBOURS;
 use super::timing::HOLDOVER_SUPERFRAMES;
-use crate::frame::native::OWNED_BEACON_SLOTS;
+use crate::frame::native::OWNED_SYNC_SLOTS;
 
-/// All beacon slots are listened to once in so many superframes that the tag does not sleep through …
+/// All sync slots are listened to once in so many superframes that the tag does not sleep through …
 const ALL_AFTER: u16 = 600;
 /// … and once in so many where it knows fewer anchors than this.
 const ALL_SOON_AFTER: u16 = 20;
@@ -17,12 +17,12 @@ const ENOUGH: usize = 4;
 /// An anchor that was awaited in vain so many times, one after the other, is given up.
 const MOST_MISSES: u8 = 6;
 
-/// An anchor that has a beacon slot of its own.
+/// An anchor that has a sync slot of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WatchedAnchor {
     /// Short address.
     pub address: u16,
-    /// Its beacon slot.
+    /// Its sync slot.
     pub slot: u8,
     misses: u8,
 }
@@ -30,7 +30,7 @@ pub struct WatchedAnchor {
 /// What is listened to in a superframe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Listening {
-    /// All beacon slots.
+    /// All sync slots.
     All,
     /// This anchor's.
     One(WatchedAnchor),
@@ -38,7 +38,7 @@ pub enum Listening {
     Nothing,
 }
 
-/// The anchors whose beacon slots are known.
+/// The anchors whose sync slots are known.
 #[derive(Clone, Debug, Default)]
 pub struct SyncSchedule {
     anchors: Vec<WatchedAnchor, MAX_NEIGHBOURS>,
@@ -51,9 +51,9 @@ pub struct SyncSchedule {
 }
 
 impl SyncSchedule {
-    /// A beacon came.
+    /// A sync frame came.
     pub fn hear(&mut self, address: u16, slot: u8) {
-        if usize::from(slot) >= OWNED_BEACON_SLOTS {
+        if usize::from(slot) >= OWNED_SYNC_SLOTS {
             // Shared by all who have none: it comes now and then.
             self.answered(address);
             return;
@@ -74,7 +74,7 @@ impl SyncSchedule {
         }
     }
 
-    /// An anchor did not send its beacon, or did not answer.
+    /// An anchor did not send its sync frame, or did not answer.
     pub fn missed(&mut self, address: u16) {
         if let Some(anchor) = self.anchors.iter_mut().find(|anchor| anchor.address == address) {
             anchor.misses += 1;
@@ -87,13 +87,13 @@ impl SyncSchedule {
         self.anchors.iter().map(|anchor| anchor.address)
     }
 
-    /// Whose beacon is next.
+    /// Whose sync frame is next.
     fn next(&mut self) -> Option<WatchedAnchor> {
         self.turn = (self.turn + 1).checked_rem(self.anchors.len())?;
         self.anchors.get(self.turn).copied()
     }
 
-    /// What to listen to in this superframe, the last beacon having come `silent` superframes before it: asked again for the same superframe, the
+    /// What to listen to in this superframe, the last sync frame having come `silent` superframes before it: asked again for the same superframe, the
     /// answer is the same.
     pub fn plan(&mut self, superframe: u16, silent: u16) -> Listening {
         if let Some((_, listening)) = self.plan.filter(|(planned, _)| *planned == superframe) {
@@ -115,7 +115,7 @@ impl SyncSchedule {
 
     /// What to listen to in the superframe that a doze ends with.
     pub fn after_doze(&mut self, superframe: u16) -> Listening {
-        // The clock is lost: a beacon is needed, but not all.
+        // The clock is lost: a sync frame is needed, but not all.
         self.plan = None;
         match self.plan(superframe, HOLDOVER_SUPERFRAMES) {
             Listening::Nothing => Listening::All,
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn one_beacon_in_two_superframes_is_listened_to_each_anchors_in_turn() {
+    fn one_sync_frame_in_two_superframes_is_listened_to_each_anchors_in_turn() {
         let mut watch = watch(4);
         let (mut silent, mut heard) = (0, std::vec::Vec::new());
         for superframe in 0..16 {
@@ -166,7 +166,7 @@ mod tests {
             let all = |watch: &mut SyncSchedule| (0..6_000).filter(|n| watch.plan(*n, 1) == Listening::All).count();
             assert_eq!(all(&mut watch), 6_000 / every, "{anchors} anchors");
         }
-        assert_eq!(watch(4).plan(0, 3), Listening::All, "too long without a beacon");
+        assert_eq!(watch(4).plan(0, 3), Listening::All, "too long without a sync_frame");
     }
 
     #[test]

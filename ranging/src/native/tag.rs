@@ -1,4 +1,4 @@
-//! The tag in native mode: hears beacons, asks for slots, ranges in its own.
+//! The tag in native mode: hears sync frames, asks for slots, ranges in its own.
 
 mod seldom;
 
@@ -12,11 +12,11 @@ use super::round::RoundState;
 use super::search::Search;
 use super::sync::{Sync, SyncUpdate};
 use super::sync_schedule::SyncSchedule;
-use super::timing::{BEACON_SLOTS, SUPERFRAME, Timing, end_of};
+use super::timing::{SUPERFRAME, SYNC_SLOTS, Timing, end_of};
 use super::wake_ups::{Slept, WakeUps};
 use super::{Network, SHORTEST_WAIT, spread};
 use crate::exchange::{Action, Event, Guidance, Link, Protocol, Report};
-use crate::frame::native::{Beacon, Frame, MAX_MEMBERS, Message, RESPONSE_BYTES, Request, Share};
+use crate::frame::native::{Frame, MAX_MEMBERS, Message, RESPONSE_BYTES, Request, Share, SyncFrame};
 use crate::frame::{BROADCAST, FrameBuffer};
 use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
 
@@ -38,7 +38,7 @@ pub struct TagConfig {
     pub tell_distances: bool,
 }
 
-/// Without a beacon for this many superframes the tag searches anew.
+/// Without a sync frame for this many superframes the tag searches anew.
 const LOST_AFTER: u16 = 5;
 /// Superframes from a request until the list can tell of it: to a relay, from there to the coordinator, and back.
 const REQUEST_PATIENCE: u16 = 4;
@@ -96,13 +96,13 @@ pub struct Tag {
     compensation: Compensation,
     /// What the present doze ends with.
     aim: Option<Aim>,
-    /// Whose beacon the last action awaits.
+    /// Whose sync frame the last action awaits.
     awaited: Option<Awaited>,
-    /// Which beacons are listened to.
+    /// Which sync frames are listened to.
     watch: SyncSchedule,
     /// How well it wakes …
     wakes: WakeUps,
-    /// … and its sleeps since the last beacon.
+    /// … and its sleeps since the last sync frame.
     slept: Slept,
     search: Search,
     /// The receiver was off after the poll.
@@ -216,7 +216,9 @@ impl Tag {
     fn hear(&mut self, frame: &RxFrame<'_>) {
         let Some(told) = Frame::parse(frame.bytes).filter(|told| told.pan == self.config.network.pan) else { return };
         match told.message {
-            Message::Beacon(beacon) if told.destination == BROADCAST => self.hear_beacon(told.source, &beacon, frame),
+            Message::SyncFrame(sync_frame) if told.destination == BROADCAST => {
+                self.on_sync_frame(told.source, &sync_frame, frame)
+            }
             Message::Response(response)
                 if told.destination == self.config.address && self.doing == Doing::Collecting =>
             {
@@ -225,7 +227,7 @@ impl Tag {
                 self.round.hear(timing, &self.bias, &mut self.anchors, told.source, response, frame);
             }
             // Other tags', and what is not for us.
-            Message::Beacon(_)
+            Message::SyncFrame(_)
             | Message::Response(_)
             | Message::Poll(_)
             | Message::Request(_)
@@ -233,8 +235,8 @@ impl Tag {
         }
     }
 
-    fn hear_beacon(&mut self, source: u16, beacon: &Beacon, frame: &RxFrame<'_>) {
-        if usize::from(beacon.slot) >= BEACON_SLOTS {
+    fn on_sync_frame(&mut self, source: u16, sync_frame: &SyncFrame, frame: &RxFrame<'_>) {
+        if usize::from(sync_frame.slot) >= SYNC_SLOTS {
             return;
         }
         let phy = &self.config.network.phy;
@@ -244,7 +246,7 @@ impl Tag {
             network.sync.course.phase
         });
         let heard = match &mut self.network {
-            None => match Sync::new(phy, beacon, frame.rx_time) {
+            None => match Sync::new(phy, sync_frame, frame.rx_time) {
                 Some(sync) => {
                     self.network = Some(Followed::begin(sync));
                     self.search = Search::default();
@@ -252,7 +254,7 @@ impl Tag {
                 }
                 None => SyncUpdate::Ignored,
             },
-            Some(network) => match network.sync.hear(phy, beacon, frame.rx_time) {
+            Some(network) => match network.sync.hear(phy, sync_frame, frame.rx_time) {
                 SyncUpdate::Anew => {
                     *network = Followed::begin(network.sync.clone());
                     SyncUpdate::Anew
@@ -271,7 +273,7 @@ impl Tag {
                 return;
             }
             SyncUpdate::Followed => {}
-            SyncUpdate::Changed | SyncUpdate::Anew => self.link = Some(Link::Synchronised(beacon.coordinator)),
+            SyncUpdate::Changed | SyncUpdate::Anew => self.link = Some(Link::Synchronised(sync_frame.coordinator)),
         }
         self.aim = None;
         let phase = self.network.as_ref().map(|network| network.sync.course.phase);
@@ -280,8 +282,8 @@ impl Tag {
         {
             self.wakes.learn(slept, assumed.start.since(phase.start));
         }
-        self.watch.hear(source, beacon.slot);
-        self.anchors.hear_beacon(source, beacon, frame.diagnostics.rx_power_dbm);
+        self.watch.hear(source, sync_frame.slot);
+        self.anchors.on_sync_frame(source, sync_frame, frame.diagnostics.rx_power_dbm);
     }
 
     /// The responses are there, or will not come, or the final has left: what is to be done then.
@@ -341,13 +343,13 @@ impl Tag {
         let Sync { course, .. } = &network.sync;
         let timing = course.timing;
         let passed = present.since(course.phase.start);
-        // The beacon slots end as early as we must decide on a round in the first round slot.
-        let beacons_end = RadioDuration::from_ticks(timing.rounds().ticks() - early.ticks());
-        if passed < beacons_end {
+        // The sync slots end as early as we must decide on a round in the first round slot.
+        let sync_end = RadioDuration::from_ticks(timing.rounds().ticks() - early.ticks());
+        if passed < sync_end {
             if !is_seldom {
-                return self.among_beacons(passed, beacons_end);
+                return self.among_sync_frames(passed, sync_end);
             }
-            if let Some(action) = self.among_few_beacons(passed, beacons_end) {
+            if let Some(action) = self.among_few_sync_frames(passed, sync_end) {
                 return action;
             }
         }
@@ -379,8 +381,8 @@ impl Tag {
         Action::Report(Report::Link(Link::Unsynchronised))
     }
 
-    /// In the beacon slots: listening, and asking for slots where those of the list are not those wanted.
-    fn among_beacons(&mut self, passed: RadioDuration, end: RadioDuration) -> Action<'_> {
+    /// In the sync slots: listening, and asking for slots where those of the list are not those wanted.
+    fn among_sync_frames(&mut self, passed: RadioDuration, end: RadioDuration) -> Action<'_> {
         let (lead, rate) = (self.meter.lead(), self.rate);
         let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
         let course = &network.sync.course;
@@ -449,7 +451,7 @@ impl Tag {
         let computed = self.free_at.map_or(RadioDuration::ZERO, |free_at| free_at.since(phase.start));
         let takes = timing.round(anchors).ticks() + 2 * self.meter.reading().ticks();
         let in_time = soonest.max(RadioDuration::from_ticks(computed.ticks() - takes));
-        // But while beacons are heard there is time to compute what is measured now.
+        // But while sync frames are heard there is time to compute what is measured now.
         let next_rounds = RadioDuration::from_ticks(timing.superframe.ticks() + timing.rounds().ticks());
         let in_time = if after(in_time).is_none() && computed < next_rounds { soonest } else { in_time };
         // Woken for a round, the tag makes it as long as its instant lies ahead.

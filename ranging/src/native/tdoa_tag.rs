@@ -21,15 +21,15 @@ use super::anchor_table::{AnchorTable, Refused};
 use super::pace::Meter;
 use super::plan::{Rate, owned_slots};
 use super::sync::{Sync, SyncUpdate};
-use super::timing::{BEACON_SLOTS, SUPERFRAME, end_of};
+use super::timing::{SUPERFRAME, SYNC_SLOTS, end_of};
 use super::{MAX_ROUND, Network, SHORTEST_WAIT, STAMP_DEVIATION_TICKS};
 use crate::exchange::{Action, Difference, Differences, Event, Guidance, Link, Protocol, Report};
 use crate::frame::BROADCAST;
-use crate::frame::native::{Asked, Beacon, Frame, Message, Poll, Response};
+use crate::frame::native::{Asked, Frame, Message, Poll, Response, SyncFrame};
 use crate::time::METRES_PER_TICK;
 use crate::{Diagnostics, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
 
-/// Without a beacon for this many superframes there is no network here.
+/// Without a sync frame for this many superframes there is no network here.
 const LOST_AFTER: u16 = 5;
 /// One stamp, metres.
 const STAMP_DEVIATION_M: f32 = STAMP_DEVIATION_TICKS * METRES_PER_TICK as f32;
@@ -100,33 +100,35 @@ impl TdoaTag {
     fn hear(&mut self, frame: &RxFrame<'_>) {
         let Some(told) = Frame::parse(frame.bytes).filter(|told| told.pan == self.config.network.pan) else { return };
         match told.message {
-            Message::Beacon(beacon) if told.destination == BROADCAST => self.hear_beacon(told.source, &beacon, frame),
+            Message::SyncFrame(sync_frame) if told.destination == BROADCAST => {
+                self.on_sync_frame(told.source, &sync_frame, frame)
+            }
             Message::Poll(poll) if told.destination == BROADCAST => self.hear_poll(told.source, &poll, frame),
             Message::Response(response) => self.hear_response(told.source, told.destination, response, frame),
-            Message::Beacon(_) | Message::Poll(_) | Message::Request(_) | Message::Final { .. } => {}
+            Message::SyncFrame(_) | Message::Poll(_) | Message::Request(_) | Message::Final { .. } => {}
         }
     }
 
-    fn hear_beacon(&mut self, source: u16, beacon: &Beacon, frame: &RxFrame<'_>) {
-        if usize::from(beacon.slot) >= BEACON_SLOTS {
+    fn on_sync_frame(&mut self, source: u16, sync_frame: &SyncFrame, frame: &RxFrame<'_>) {
+        if usize::from(sync_frame.slot) >= SYNC_SLOTS {
             return;
         }
         self.advance(frame.rx_time);
         let phy = &self.config.network.phy;
         let heard = match &mut self.network {
             None => {
-                self.network = Sync::new(phy, beacon, frame.rx_time);
+                self.network = Sync::new(phy, sync_frame, frame.rx_time);
                 if self.network.is_some() { SyncUpdate::Anew } else { SyncUpdate::Ignored }
             }
-            Some(network) => network.hear(phy, beacon, frame.rx_time),
+            Some(network) => network.hear(phy, sync_frame, frame.rx_time),
         };
         match heard {
             SyncUpdate::Ignored => return,
             SyncUpdate::Refused => return self.anchors.refuse_coordinator(),
             SyncUpdate::Followed => {}
-            SyncUpdate::Changed | SyncUpdate::Anew => self.link = Some(Link::Synchronised(beacon.coordinator)),
+            SyncUpdate::Changed | SyncUpdate::Anew => self.link = Some(Link::Synchronised(sync_frame.coordinator)),
         }
-        self.anchors.hear_beacon(source, beacon, frame.diagnostics.rx_power_dbm);
+        self.anchors.on_sync_frame(source, sync_frame, frame.diagnostics.rx_power_dbm);
     }
 
     /// A round begins that serves us, where an anchor asks in a slot of its own and its place is known.
@@ -205,7 +207,7 @@ impl TdoaTag {
         network.members().map_or(0, owned).checked_shr(slot).is_some_and(|slots| slots & 1 == 1)
     }
 
-    /// Superframes pass, whether a beacon is heard or not.
+    /// Superframes pass, whether a sync frame is heard or not.
     fn advance(&mut self, present: RadioInstant) {
         let Some(network) = &mut self.network else { return };
         let begun = network.advance(present);

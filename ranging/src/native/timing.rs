@@ -1,14 +1,14 @@
 //! When things happen in native mode: from the frames' time on the air and the layout, which follows the slowest node.
 //!
 //! ```text
-//! superframe: | 16 beacon slots, one an anchor | 4 shared slots | round slots, each one poll, eight responses, perhaps a final |
+//! superframe: | 16 sync slots, one an anchor | 4 shared slots | round slots, each one poll, eight responses, perhaps a final |
 //! round:      | poll | answer time | response 0 | gap | response 1 | gap | … | answer time | final |
 //! ```
 
 use super::layout::{Layout, Scheme};
 use super::pace::Meter;
 use crate::frame::native::{
-    BEACON_BYTES, FINAL_BYTES, LONG_RESPONSE_BYTES, OWNED_BEACON_SLOTS, POLL_BYTES, REQUEST_BYTES, RESPONSE_BYTES,
+    FINAL_BYTES, LONG_RESPONSE_BYTES, OWNED_SYNC_SLOTS, POLL_BYTES, REQUEST_BYTES, RESPONSE_BYTES, SYNC_FRAME_BYTES,
 };
 use crate::native::MAX_ROUND;
 use crate::{PhyConfig, RadioDuration, RadioInstant, RxFrame};
@@ -54,16 +54,16 @@ impl Network {
     }
 }
 
-/// Beacon slots that nobody owns: for tags' requests, and beacons of anchors that found no slot of their own.
+/// Sync slots that nobody owns: for tags' requests, and sync frames of anchors that found no slot of their own.
 pub const SHARED_SLOTS: usize = 4;
-/// All beacon slots.
-pub const BEACON_SLOTS: usize = OWNED_BEACON_SLOTS + SHARED_SLOTS;
+/// All sync slots.
+pub const SYNC_SLOTS: usize = OWNED_SYNC_SLOTS + SHARED_SLOTS;
 /// The most round slots of a superframe.
 pub const MAX_ROUND_SLOTS: usize = 64;
 
-/// The superframe lasts this long, where the beacon slots leave enough of it.
+/// The superframe lasts this long, where the sync slots leave enough of it.
 pub const SUPERFRAME: RadioDuration = RadioDuration::from_micros(100_000);
-/// It lasts at least this many times the beacon slots together.
+/// It lasts at least this many times the sync slots together.
 const BEACON_SHARE: i64 = 4;
 /// A response's arrival may be off by this power of one half of the reply, 61 ppm: the drift of two clocks, ±20 ppm each, and the noise
 /// of stamps. A shift, because the chip has no division of 64 bits.
@@ -72,7 +72,7 @@ const REPLY_DRIFT_SHIFT: u32 = 14;
 const TX_STEP_TICKS: i64 = 512;
 /// Two clocks part by at most this many millionths (±20 ppm each) …
 const DRIFT_PPM: i64 = 40;
-/// … for this many superframes without a beacon heard.
+/// … for this many superframes without a sync frame heard.
 pub const HOLDOVER_SUPERFRAMES: u16 = 2;
 /// What a byte takes on a board's bus, read or written (8 MHz): turnarounds are those of short frames.
 const BYTE: RadioDuration = RadioDuration::from_micros(1);
@@ -97,8 +97,8 @@ pub struct Timing {
     pub to_rmarker: RadioDuration,
     /// What two nodes' ideas of a slot's beginning may differ by.
     pub guard: RadioDuration,
-    /// A beacon slot.
-    pub beacon_slot: RadioDuration,
+    /// A sync slot.
+    pub sync_slot: RadioDuration,
     /// A tag's request for slots takes this much of the shared slots.
     pub request_slot: RadioDuration,
     /// Requests that the shared slots have room for, one after the other.
@@ -134,22 +134,22 @@ impl Timing {
         let response_tail = phy.time_after_rmarker(response_bytes);
 
         // The guard follows from the superframe's length, which hardly follows from the guard: one step is enough.
-        // Who has heard the beacon of one slot must be able to send that of the next, both as long as can be.
-        let longer = times(BYTE, (BEACON_BYTES - RESPONSE_BYTES) as i64);
-        let beacon_answer = sum(answer, times(longer, 2));
-        let beacon = phy.airtime(BEACON_BYTES).ticks() + beacon_answer.ticks() + WAY_THERE_AND_BACK.ticks();
+        // Who has heard the sync frame of one slot must be able to send that of the next, both as long as can be.
+        let longer = times(BYTE, (SYNC_FRAME_BYTES - RESPONSE_BYTES) as i64);
+        let sync_frame_answer = sum(answer, times(longer, 2));
+        let sync_frame = phy.airtime(SYNC_FRAME_BYTES).ticks() + sync_frame_answer.ticks() + WAY_THERE_AND_BACK.ticks();
         let nominal = SUPERFRAME.ticks();
-        let slow = (beacon + beacon / 16) * (BEACON_SLOTS as i64) * BEACON_SHARE;
+        let slow = (sync_frame + sync_frame / 16) * (SYNC_SLOTS as i64) * BEACON_SHARE;
         let superframe = if slow > nominal { slow } else { nominal };
         let drift = superframe * (HOLDOVER_SUPERFRAMES as i64 + 1) * DRIFT_PPM / 1_000_000;
         let guard = RadioDuration::from_ticks(drift + WAY_THERE_AND_BACK.ticks());
 
-        let beacon_slot = RadioDuration::from_ticks(beacon + guard.ticks());
+        let sync_slot = RadioDuration::from_ticks(sync_frame + guard.ticks());
         let request_slot = sum(sum(phy.airtime(REQUEST_BYTES), listen_again), guard);
-        let request_slots = (beacon_slot.ticks() * SHARED_SLOTS as i64 / request_slot.ticks()) as u8;
+        let request_slots = (sync_slot.ticks() * SHARED_SLOTS as i64 / request_slot.ticks()) as u8;
         let responses = sum(sum(sum(to_rmarker, reply), times(response_slot, MAX_ROUND as i64 - 1)), response_tail);
         let round_slot = sum(sum(sum(responses, finale), listen_again), guard);
-        let fit = (superframe - beacon_slot.ticks() * BEACON_SLOTS as i64) / round_slot.ticks();
+        let fit = (superframe - sync_slot.ticks() * SYNC_SLOTS as i64) / round_slot.ticks();
         let round_slots = if fit > MAX_ROUND_SLOTS as i64 { MAX_ROUND_SLOTS as u8 } else { fit as u8 };
         Self {
             layout,
@@ -159,7 +159,7 @@ impl Timing {
             finale,
             to_rmarker,
             guard,
-            beacon_slot,
+            sync_slot,
             request_slot,
             request_slots,
             round_slot,
@@ -197,20 +197,20 @@ impl Timing {
         (reply.ticks() - self.reply_in(slot).ticks()).abs() <= TX_STEP_TICKS
     }
 
-    /// From the beginning of the superframe to the RMARKER of a frame in this beacon slot.
-    pub const fn beacon(&self, slot: usize) -> RadioDuration {
+    /// From the beginning of the superframe to the RMARKER of a frame in this sync slot.
+    pub const fn sync_frame(&self, slot: usize) -> RadioDuration {
         let half_guard = RadioDuration::from_ticks(self.guard.ticks() / 2);
-        sum(sum(times(self.beacon_slot, slot as i64), half_guard), self.to_rmarker)
+        sum(sum(times(self.sync_slot, slot as i64), half_guard), self.to_rmarker)
     }
 
     /// From the beginning of the superframe to the RMARKER of a request in this of the [`request_slots`](Self::request_slots).
     pub const fn request(&self, slot: usize) -> RadioDuration {
-        sum(self.beacon(OWNED_BEACON_SLOTS), times(self.request_slot, slot as i64))
+        sum(self.sync_frame(OWNED_SYNC_SLOTS), times(self.request_slot, slot as i64))
     }
 
-    /// From the beginning of the superframe to the end of its beacon slots, where the round slots begin.
+    /// From the beginning of the superframe to the end of its sync slots, where the round slots begin.
     pub const fn rounds(&self) -> RadioDuration {
-        times(self.beacon_slot, BEACON_SLOTS as i64)
+        times(self.sync_slot, SYNC_SLOTS as i64)
     }
 
     /// From the beginning of the superframe to that of this round slot (to its end: to the beginning of the next).
@@ -230,9 +230,9 @@ pub struct Phase {
 }
 
 impl Phase {
-    /// From a beacon: sent in `slot` of superframe `number`, heard at `rx_time`.
-    pub fn from_beacon(timing: &Timing, number: u16, slot: u8, rx_time: RadioInstant) -> Self {
-        let offset = timing.beacon(slot.into()).ticks();
+    /// From a sync frame: sent in `slot` of superframe `number`, heard at `rx_time`.
+    pub fn from_sync_frame(timing: &Timing, number: u16, slot: u8, rx_time: RadioInstant) -> Self {
+        let offset = timing.sync_frame(slot.into()).ticks();
         Self { number, start: rx_time.plus(RadioDuration::from_ticks(-offset)) }
     }
 
@@ -314,9 +314,9 @@ mod tests {
                     assert!(timing.round_slots >= 4, "{name}: {} round slots", timing.round_slots);
                     assert!(timing.round(MAX_ROUND) < timing.round_slot, "{name}");
                     assert!(timing.round_slot_begin(timing.round_slots.into()) <= timing.superframe, "{name}");
-                    let beacon = phy.airtime(BEACON_BYTES).ticks() + timing.guard.ticks();
+                    let sync_frame = phy.airtime(SYNC_FRAME_BYTES).ticks() + timing.guard.ticks();
                     assert!(
-                        beacon + layout(answer_us, 0, scheme).answer.duration().ticks() <= timing.beacon_slot.ticks(),
+                        sync_frame + layout(answer_us, 0, scheme).answer.duration().ticks() <= timing.sync_slot.ticks(),
                         "{name}"
                     );
                     assert!(timing.request_slots >= SHARED_SLOTS as u8, "{name}");

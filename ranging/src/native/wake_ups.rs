@@ -1,6 +1,6 @@
 //! How well a node knows the time when its radio has slept.
 //!
-//! The radio's clock begins anew with each sleep. The node takes the instant that it asked to be woken at for the present; a beacon tells by
+//! The radio's clock begins anew with each sleep. The node takes the instant that it asked to be woken at for the present; a sync frame tells by
 //! how much that was wrong: by what waking takes longer, the same each time, and by what the processor's clock gains. In flow sleeps and such
 //! errors, out flow the error to expect and the doubt that is left. The fit is by least mean squares, normalised, in both parameters.
 

@@ -1,4 +1,4 @@
-//! What a tag does that ranges at a certain rate, so that its receiver is on for as short as can be: it listens to one beacon, is off
+//! What a tag does that ranges at a certain rate, so that its receiver is on for as short as can be: it listens to one sync frame, is off
 //! until its round and between its rounds, and where it may, its radio sleeps meanwhile and begins its clock anew.
 
 use super::super::SHORTEST_WAIT;
@@ -10,17 +10,17 @@ use super::super::timing::{HOLDOVER_SUPERFRAMES, SUPERFRAME, Timing};
 use super::super::wake_ups::Slept;
 use super::{Doing, Rate, Tag};
 use crate::exchange::{Action, COMPENSATION};
-use crate::frame::native::{BEACON_BYTES, POLL_BYTES, Share};
+use crate::frame::native::{POLL_BYTES, SYNC_FRAME_BYTES, Share};
 use crate::time::TICKS_PER_SECOND;
 use crate::{RadioDuration, RadioInstant, Start};
 
 /// A dozing tag gives up its clock between turns that are at least so many superframes apart: fewer it naps, and counts on its clock.
 const DOZE_FROM: u16 = 2;
-/// The tag makes a turn without a beacon before it where it has slept for no longer than this: who else ranges may change meanwhile.
+/// The tag makes a turn without a sync frame before it where it has slept for no longer than this: who else ranges may change meanwhile.
 const LONGEST_HOLDOVER: RadioDuration = RadioDuration::from_micros(20_000_000);
 /// Waits shorter than this are not worth a sleep, of which the node wakes with a doubt.
 const NAP_FROM: RadioDuration = RadioDuration::from_micros(7_000);
-/// The tag listens to all beacons for so many superframes before it is content with one: to know all anchors.
+/// The tag listens to all sync frames for so many superframes before it is content with one: to know all anchors.
 const ACQUAINTING: u16 = 10;
 /// From a decision until a receiver is ready to start at an instant.
 const ARMING: RadioDuration = RadioDuration::from_micros(250);
@@ -45,7 +45,7 @@ pub(super) struct Aim {
     listening: Listening,
 }
 
-/// An anchor whose beacon is awaited, and until when.
+/// An anchor whose sync frame is awaited, and until when.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Awaited {
     address: u16,
@@ -61,11 +61,11 @@ const fn difference(a: RadioDuration, b: RadioDuration) -> RadioDuration {
 }
 
 impl Tag {
-    /// When, from its beginning, the receiver is on in a superframe for the beacon of a slot, by a node that may be off by `doubt`.
-    fn beacon_window(&self, timing: &Timing, slot: u8, doubt: RadioDuration) -> [RadioDuration; 2] {
-        let rmarker = timing.beacon(slot.into());
+    /// When, from its beginning, the receiver is on in a superframe for the sync frame of a slot, by a node that may be off by `doubt`.
+    fn sync_window(&self, timing: &Timing, slot: u8, doubt: RadioDuration) -> [RadioDuration; 2] {
+        let rmarker = timing.sync_frame(slot.into());
         let early = sum(timing.to_rmarker, sum(doubt, RECEIVER_START));
-        let late = sum(self.config.network.phy.time_after_rmarker(BEACON_BYTES), sum(doubt, timing.guard));
+        let late = sum(self.config.network.phy.time_after_rmarker(SYNC_FRAME_BYTES), sum(doubt, timing.guard));
         [difference(rmarker, early), sum(rmarker, late)]
     }
 
@@ -79,7 +79,7 @@ impl Tag {
         Action::Sleep { from: present, duration }
     }
 
-    /// The wait that was asked for last ends before its time. What it was to end with is given up: the tag listens to the next beacon.
+    /// The wait that was asked for last ends before its time. What it was to end with is given up: the tag listens to the next sync frame.
     pub(super) fn cut_wait(&mut self) {
         (self.aim, self.wake_at, self.pulse_at) = (None, None, None);
         if let Some(nap) = &mut self.nap {
@@ -149,7 +149,7 @@ impl Tag {
         Action::Receive { start, window: close.since(begin), keep_listening: false }
     }
 
-    /// The window for a beacon could not be opened in time: at once, then.
+    /// The window for a sync frame could not be opened in time: at once, then.
     pub(super) fn receive_late(&mut self, awaited: Awaited, present: RadioInstant) -> Option<Action<'static>> {
         let window = awaited.until.since(present);
         (window > RadioDuration::ZERO).then(|| {
@@ -158,7 +158,7 @@ impl Tag {
         })
     }
 
-    /// A beacon did not come in its slot.
+    /// A sync frame did not come in its slot.
     pub(super) fn missed(&mut self, awaited: Awaited) {
         self.watch.missed(awaited.address);
         if !self.slept.is_none() {
@@ -169,7 +169,7 @@ impl Tag {
         }
     }
 
-    /// In a doze: waits on for the beacon that ends it, and listens for it. `None` where there is none, or no more.
+    /// In a doze: waits on for the sync frame that ends it, and listens for it. `None` where there is none, or no more.
     pub(super) fn end_doze(&mut self, present: RadioInstant) -> Option<Action<'static>> {
         let Aim { superframe, listening } = self.aim?;
         let course = &self.network.as_ref()?.sync.course;
@@ -179,7 +179,7 @@ impl Tag {
         self.doze_until(difference(begin, present.since(phase.start)), listening, present)
     }
 
-    /// Waits for a beacon in the superframe that begins after `begin`, and listens for it.
+    /// Waits for a sync frame in the superframe that begins after `begin`, and listens for it.
     fn doze_until(
         &mut self,
         begin: RadioDuration,
@@ -190,7 +190,7 @@ impl Tag {
         let doubt = self.wakes.doubt(Slept::once(begin));
         let (open, one) = match listening {
             Listening::One(anchor) => {
-                let [open, close] = self.beacon_window(&timing, anchor.slot, doubt);
+                let [open, close] = self.sync_window(&timing, anchor.slot, doubt);
                 (sum(begin, open), Some((anchor, sum(begin, close))))
             }
             Listening::All | Listening::Nothing => (difference(begin, doubt), None),
@@ -205,8 +205,12 @@ impl Tag {
         Some(Self::receive(present, present.plus(open), present.plus(close)))
     }
 
-    /// In the beacon slots, before `end`: listens to what is planned. `None`: to nothing more.
-    pub(super) fn among_few_beacons(&mut self, passed: RadioDuration, end: RadioDuration) -> Option<Action<'static>> {
+    /// In the sync slots, before `end`: listens to what is planned. `None`: to nothing more.
+    pub(super) fn among_few_sync_frames(
+        &mut self,
+        passed: RadioDuration,
+        end: RadioDuration,
+    ) -> Option<Action<'static>> {
         let sync = &self.network.as_ref()?.sync;
         let (timing, phase, silent) = (sync.course.timing, sync.course.phase, sync.silent());
         let doubt = sync.doubt;
@@ -215,7 +219,7 @@ impl Tag {
             Listening::One(anchor) if silent > 0 => anchor,
             Listening::One(_) | Listening::Nothing => return None,
         };
-        let [open, close] = self.beacon_window(&timing, anchor.slot, doubt);
+        let [open, close] = self.sync_window(&timing, anchor.slot, doubt);
         let present = phase.at(passed);
         let wait = difference(difference(open, ARMING), passed);
         if wait > SHORTEST_WAIT {
@@ -274,7 +278,7 @@ impl Tag {
             let until = RadioDuration::from_ticks(i64::from(turns) * timing.superframe.ticks());
             return self.doze_until(difference(until, passed), listening, present).unwrap_or(Action::WaitUntil(begin));
         }
-        // After a nap the clock is in doubt: a round needs room for that, or a beacon before it.
+        // After a nap the clock is in doubt: a round needs room for that, or a sync frame before it.
         let doubt = if self.dozes { self.wakes.doubt(Slept::once(timing.superframe)) } else { network.sync.doubt };
         let number = phase.number.wrapping_add(1);
         let pulse = network.round_in(1, self.config.address, self.round.asked(), doubt);
@@ -282,7 +286,7 @@ impl Tag {
         let silent = if pulse.is_none() { silent.max(HOLDOVER_SUPERFRAMES) } else { silent };
         self.pulse_at = None;
         let wake = match (self.watch.plan(number, silent), pulse) {
-            (Listening::One(anchor), _) => difference(self.beacon_window(&timing, anchor.slot, doubt)[0], ARMING),
+            (Listening::One(anchor), _) => difference(self.sync_window(&timing, anchor.slot, doubt)[0], ARMING),
             (Listening::Nothing, Some(pulse)) => {
                 self.pulse_at = Some(next.plus(pulse));
                 difference(pulse, sum(lead, doubt))
@@ -292,7 +296,7 @@ impl Tag {
         self.pause(present, next.plus(wake).since(present))
     }
 
-    /// Nothing more is to be done before the turn in `turns` superframes: sleeps until its round, which it makes without a beacon before it.
+    /// Nothing more is to be done before the turn in `turns` superframes: sleeps until its round, which it makes without a sync frame before it.
     /// `None` where this turn had none either, where the list changes, or where the round has no room for the doubt.
     fn hold_over(&mut self, present: RadioInstant, turns: u16) -> Option<Action<'static>> {
         let (lead, doubt) = (self.meter.lead(), self.wakes.doubt(Slept::once(LONGEST_HOLDOVER)));
