@@ -31,7 +31,7 @@ pub enum Measured<'a> {
     Ranges(exchange::Round<'a>),
     /// Differences of arrivals among anchors that asked each other.
     Differences(exchange::Differences<'a>),
-    /// Levels of beacons, heard in a window.
+    /// RSSI values of beacons, heard in a window.
     Levels(Levels<'a>),
 }
 
@@ -41,24 +41,24 @@ pub struct Levels<'a> {
     /// Goes on from the last round's number, wrapping.
     pub number: u16,
     /// The beacons heard whose place is known, the nearest first.
-    pub levels: &'a [Level],
+    pub rssis: &'a [Level],
 }
 
-/// The level of one beacon.
+/// The RSSI of one beacon.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Level {
     /// Its place in the list of the record.
     pub beacon: u16,
     /// Smoothed, dBm.
-    pub level_dbm: f32,
+    pub rssi_dbm: f32,
     /// Its deviation by noise, dB.
     pub noise_db: f32,
     /// The beacon's path loss; its deviation is of what stays with the place.
     pub path_loss: PathLoss<f32>,
     /// The distance that belongs to it, metres.
     pub distance_m: f32,
-    /// It jumps about as the levels of two senders do.
+    /// It jumps about as the RSSI values of two senders do.
     pub is_torn: bool,
 }
 
@@ -72,7 +72,7 @@ impl<'a> Measured<'a> {
         }
     }
 
-    /// Anchors that were asked; none for levels.
+    /// Anchors that were asked; none for RSSI values.
     pub const fn asked(&self) -> u8 {
         match self {
             Self::Ranges(round) => round.asked,
@@ -81,12 +81,12 @@ impl<'a> Measured<'a> {
         }
     }
 
-    /// How many ranges, differences or levels there are.
+    /// How many ranges, differences or RSSI values there are.
     pub const fn count(&self) -> usize {
         match self {
             Self::Ranges(round) => round.ranges.len(),
             Self::Differences(round) => round.differences.len(),
-            Self::Levels(window) => window.levels.len(),
+            Self::Levels(window) => window.rssis.len(),
         }
     }
 

@@ -1,16 +1,16 @@
 //! From advertisements to RSSI. Input: advertisements of listed beacons, as the controller reports them. Output, once a window: one smoothed
 //! RSSI a beacon, with its standard deviation.
 //!
-//! A level is judged and smoothed by the core's Kalman filter of its beacon (`positioning_core::ble::signal`), and goes with the
+//! An RSSI is judged and smoothed by the core's Kalman filter of its beacon (`positioning_core::ble::signal`), and goes with the
 //! beacon's path loss. Of its error the noise is averaged away and the shadow of walls and people is not: it stays with the
-//! place. A beacon whose levels jump more than noise does, because it moves, or because two have one identity, is doubted by as much.
+//! place. A beacon whose RSSI values jump more than noise does, because it moves, or because two have one identity, is doubted by as much.
 
 use heapless::Vec;
 use node_record::{Beacon, MAX_BEACONS};
 use positioning_core::Real;
 use positioning_core::ble::beacon_monitor::ON_NODE;
 use positioning_core::ble::path_loss::PathLoss;
-use positioning_core::ble::signal::{Kalman, Smoothing, Step, level};
+use positioning_core::ble::signal::{Kalman, Smoothing, Step, rssi};
 
 use crate::HEARS_BEACONS;
 use crate::channels::Level;
@@ -20,7 +20,7 @@ pub(crate) const WINDOW_US: u64 = 500_000;
 /// As many of the nearest beacons make a position: each costs it 512 looks at a logarithm, and what is farther says little more.
 pub(crate) const MOST: usize = 8;
 
-/// The deviation of single levels of one place, all channels together, dB (Linde, table 3.1).
+/// The deviation of single RSSI values of one place, all channels together, dB (Linde, table 3.1).
 const NOISE_DB: f32 = 4.41;
 /// Q ⁄ R of the smoothing. The thesis has 0.01 (section 3.4.1.2) for terminals that lie; a tag is carried, and the engine smooths as well.
 /// In the simulated room of `examples/beacons.toml` it errs 1.95 m instead of 2.20 m, and no more with 0.2.
@@ -29,9 +29,9 @@ const PROCESS: f32 = 0.05;
 const INTERVAL_US: u32 = 100_000;
 /// The deviation of what stays with the place, dB: shadowing, and how far the path loss is from the beacon's own.
 const LASTING_DB: f32 = 5.0;
-/// Single levels of one sender scatter by noise, and by what a step changes; beyond this, dB, there are two.
+/// Single RSSI values of one sender scatter by noise, and by what a step changes; beyond this, dB, there are two.
 const TORN_DB: f32 = 8.0;
-/// How much a new level counts in what a beacon's levels are seen to deviate by.
+/// How much a new RSSI counts in what a beacon's RSSI values are seen to deviate by.
 const LEARNING: f32 = 0.1;
 /// A path-loss exponent that nobody has calibrated.
 const EXPONENT: f32 = 2.0;
@@ -46,7 +46,7 @@ const _: () = assert!(MAX_BEACONS == ON_NODE);
 #[derive(Clone, Copy, Debug, Default)]
 struct Signal {
     kalman: Kalman<f32>,
-    /// Mean square of how far levels are from the smoothed one, dB².
+    /// Mean square of how far RSSI values are from the smoothed one, dB².
     spread_db2: f32,
     /// What it says its RSSI is at 1 m, dBm.
     told_1m_dbm: i8,
@@ -61,7 +61,7 @@ pub(crate) struct Signals {
     signals: [Signal; LISTED],
 }
 
-/// The levels of a window.
+/// The RSSI values of a window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Scan {
     /// Smoothed, dBm, by the beacons' place in the list; `None`: not heard in it.
@@ -80,11 +80,11 @@ impl Signals {
 
     /// A beacon was heard with this RSSI, and says what it should be at 1 m, dBm. An RSSI that is none changes nothing.
     pub(crate) fn hear(&mut self, t_us: u64, place: usize, rssi_dbm: i8, told_1m_dbm: i8) {
-        let (Ok(heard), Some(signal)) = (level(f32::from(rssi_dbm)), self.signals.get_mut(place)) else { return };
+        let (Ok(heard), Some(signal)) = (rssi(f32::from(rssi_dbm)), self.signals.get_mut(place)) else { return };
         if t_us.saturating_sub(signal.kalman.heard_us()) > FORGOTTEN_US {
             *signal = Signal::default();
         }
-        let off = signal.kalman.level().map_or(0.0, |level| heard - level);
+        let off = signal.kalman.rssi().map_or(0.0, |rssi| heard - rssi);
         match signal.kalman.hear(t_us, heard, &self.smoothing) {
             Step::Started => signal.spread_db2 = NOISE_DB * NOISE_DB,
             Step::Smoothed => signal.spread_db2 += LEARNING * (off * off - signal.spread_db2),
@@ -96,8 +96,8 @@ impl Signals {
     pub(crate) fn scan(&self, now_us: u64) -> Scan {
         let mut scan = Scan { levels_dbm: [None; LISTED], noise_db2: 0.0 };
         let mut heard = 0.0;
-        for (level, signal) in scan.levels_dbm.iter_mut().zip(&self.signals).filter(|(_, signal)| signal.is_fresh) {
-            *level = signal.kalman.level();
+        for (rssi, signal) in scan.levels_dbm.iter_mut().zip(&self.signals).filter(|(_, signal)| signal.is_fresh) {
+            *rssi = signal.kalman.rssi();
             scan.noise_db2 += signal.kalman.variance_at(now_us, &self.smoothing);
             heard += 1.0;
         }
@@ -110,17 +110,17 @@ impl Signals {
         let mut nearest: Vec<Level, MOST> = Vec::new();
         for (place, (signal, beacon)) in (0_u16..).zip(self.signals.iter_mut().zip(beacons)) {
             let fresh = core::mem::take(&mut signal.is_fresh);
-            let Some(level) = fresh.then(|| signal.level(place, beacon, now_us, &self.smoothing)).flatten() else {
+            let Some(rssi) = fresh.then(|| signal.rssi(place, beacon, now_us, &self.smoothing)).flatten() else {
                 continue;
             };
-            let before = nearest.iter().position(|other| level.distance_m < other.distance_m);
+            let before = nearest.iter().position(|other| rssi.distance_m < other.distance_m);
             let at = before.unwrap_or(nearest.len());
             if at < MOST {
                 if nearest.is_full() {
                     nearest.pop();
                 }
                 // There is room, and no gap.
-                let _ = nearest.insert(at, level);
+                let _ = nearest.insert(at, rssi);
             }
         }
         nearest
@@ -128,8 +128,8 @@ impl Signals {
 }
 
 impl Signal {
-    fn level(&self, place: u16, beacon: &Beacon, now_us: u64, smoothing: &Smoothing<f32>) -> Option<Level> {
-        let level_dbm = self.kalman.level()?;
+    fn rssi(&self, place: u16, beacon: &Beacon, now_us: u64, smoothing: &Smoothing<f32>) -> Option<Level> {
+        let rssi_dbm = self.kalman.rssi()?;
         let noise_db2 = NOISE_DB * NOISE_DB;
         let more_db2 = (self.spread_db2 - noise_db2).max(0.0);
         let path_loss = PathLoss {
@@ -142,10 +142,10 @@ impl Signal {
         }
         Some(Level {
             beacon: place,
-            level_dbm,
+            rssi_dbm,
             noise_db: Real::sqrt(self.kalman.variance_at(now_us, smoothing)),
             path_loss,
-            distance_m: path_loss.distance(level_dbm),
+            distance_m: path_loss.distance(rssi_dbm),
             is_torn: self.spread_db2 > TORN_DB * TORN_DB,
         })
     }
@@ -167,13 +167,13 @@ mod tests {
             signals.hear(k * 100_000, 0, -80, -50);
         }
         let heard = signals.take(9_900_000, &[beacon(1)]);
-        let [level] = heard[..] else { panic!("{heard:?}") };
-        // 20 dB at an exponent of 2: 10 m, by the record's level at 1 m.
-        assert_eq!((level.beacon, level.level_dbm), (0, -80.0));
-        assert!((level.distance_m - 10.0).abs() < 1e-3, "{level:?}");
+        let [rssi] = heard[..] else { panic!("{heard:?}") };
+        // 20 dB at an exponent of 2: 10 m, by the record's RSSI at 1 m.
+        assert_eq!((rssi.beacon, rssi.rssi_dbm), (0, -80.0));
+        assert!((rssi.distance_m - 10.0).abs() < 1e-3, "{rssi:?}");
         // The gain of Q ⁄ R = 0.05 goes to 0.2 (k² = 0.05 (1 − k)): √0.2 · 4.41 = 1.972 dB.
-        assert!((level.noise_db - 1.972).abs() < 1e-2 && level.path_loss.deviation == 5.0, "{level:?}");
-        assert!(!level.is_torn);
+        assert!((rssi.noise_db - 1.972).abs() < 1e-2 && rssi.path_loss.deviation == 5.0, "{rssi:?}");
+        assert!(!rssi.is_torn);
         assert!(signals.take(10_400_000, &[beacon(1)]).is_empty(), "not heard since");
     }
 
@@ -195,7 +195,7 @@ mod tests {
         signals.hear(2, 0, -80, -59);
         signals.hear(3, 0, 127, -59);
         signals.hear(4, MAX_BEACONS, -40, -59);
-        assert_eq!(signals.take(4, &[beacon(1)])[0].level_dbm, -80.0);
+        assert_eq!(signals.take(4, &[beacon(1)])[0].rssi_dbm, -80.0);
     }
 
     #[test]
@@ -204,10 +204,10 @@ mod tests {
         for k in 0..200 {
             signals.hear(k * 50_000, 0, if k % 2 == 0 { -50 } else { -80 }, -59);
         }
-        let level = signals.take(9_950_000, &[beacon(1)])[0];
-        // Half an interval apart the gain is 0.146 (k² = 0.025 (1 − k)). ± 15 dB, and the smoothed level with them by
+        let rssi = signals.take(9_950_000, &[beacon(1)])[0];
+        // Half an interval apart the gain is 0.146 (k² = 0.025 (1 − k)). ± 15 dB, and the smoothed RSSI with them by
         // ± 0.146 · 15 ⁄ (2 − 0.146) = 1.18: √(25 + 16.18² − 4.41²) = 16.35 dB.
-        assert!((level.path_loss.deviation - 16.35).abs() < 0.1 && level.is_torn, "{level:?}");
+        assert!((rssi.path_loss.deviation - 16.35).abs() < 0.1 && rssi.is_torn, "{rssi:?}");
     }
 
     #[test]
@@ -218,7 +218,7 @@ mod tests {
             // The loudest in the middle.
             signals.hear(1, place.into(), -60 - 2 * i8::try_from(place.abs_diff(6)).unwrap(), -59);
         }
-        let order: std::vec::Vec<u16> = signals.take(1, &list).iter().map(|level| level.beacon).collect();
+        let order: std::vec::Vec<u16> = signals.take(1, &list).iter().map(|rssi| rssi.beacon).collect();
         assert_eq!(order, [6, 5, 7, 4, 8, 3, 9, 2]);
     }
 
@@ -229,6 +229,6 @@ mod tests {
             signals.hear(k * 100_000, 0, -50, -59);
         }
         signals.hear(20_000_000, 0, -80, -59);
-        assert_eq!(signals.take(20_000_000, &[beacon(1)])[0].level_dbm, -80.0);
+        assert_eq!(signals.take(20_000_000, &[beacon(1)])[0].rssi_dbm, -80.0);
     }
 }

@@ -22,7 +22,7 @@ pub struct AnchorPlace {
     pub position_m: [f32; 3],
 }
 
-/// A position is sure that deviates by less, metres an axis: a tenth of what levels tell.
+/// A position is sure that deviates by less, metres an axis: a tenth of what RSSI values tell.
 const SURE_M: f32 = 0.3;
 
 /// How a tag makes positions.
@@ -36,16 +36,16 @@ pub struct Locator<'a> {
     pub anchors: &'a [AnchorPlace],
     /// What tells blocked links; `None`: their powers.
     pub model: Option<&'a dyn Classifier>,
-    /// Beacons by whose levels it finds itself as well, where it follows a track.
+    /// Beacons by whose RSSI values it finds itself as well, where it follows a track.
     pub beacons: KnownBeacons<'a>,
-    /// What it knows of their levels on the spot.
+    /// What it knows of their RSSI values on the spot.
     pub surveyed: Option<&'a LoadedModels<'a>>,
 }
 
-/// What became of one round, or of a window of levels.
+/// What became of one round, or of a window of RSSI values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Epoch<'a> {
-    /// The round with its ranges or differences, or the levels.
+    /// The round with its ranges or differences, or the RSSI values.
     pub measured: Measured<'a>,
     /// When its poll left or came, or its window ended, since the node started, microseconds: the time of the position.
     pub poll_us: u64,
@@ -65,7 +65,7 @@ pub struct Position {
     pub position_m: [f32; 3],
     /// Covariance, m²; zero in the row and column of a height that was given.
     pub covariance_m2: [[f32; 3]; 3],
-    /// What of the round went into it: bit i is the i-th range, difference or level.
+    /// What of the round went into it: bit i is the i-th range, difference or RSSI.
     pub used: u16,
     /// How far the round agrees with it, 0 to 1.
     pub quality: f32,
@@ -138,7 +138,7 @@ impl<'a> Locator<'a> {
         self
     }
 
-    /// The same, that knows this of beacons' levels on the spot.
+    /// The same, that knows this of beacons' RSSI values on the spot.
     pub fn with_surveyed(self, surveyed: &'a LoadedModels<'a>) -> Self {
         Self { surveyed: Some(surveyed), ..self }
     }
@@ -156,7 +156,7 @@ impl Position {
         core::array::from_fn(|axis| Real::sqrt(self.covariance_m2[axis][axis]))
     }
 
-    /// Where the tag is, if that is sure enough to tell by it what levels err by.
+    /// Where the tag is, if that is sure enough to tell by it what RSSI values err by.
     pub(crate) fn sure(&self) -> Option<Known<f32>> {
         let ([x, y, _], [[xx, ..], [_, yy, _], _]) = (self.position_m, self.covariance_m2);
         let variance = xx.max(yy);

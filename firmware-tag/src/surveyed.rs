@@ -1,6 +1,6 @@
-//! What a survey of the place gave the tag: a map of levels, by which it is found instead of by path losses, and a model of rooms, by
+//! What a survey of the place gave the tag: a map of RSSI values, by which it is found instead of by path losses, and a model of rooms, by
 //! which it tells in which it is. Both lie in flash beside the record and are read where they lie; here they are bound to the record's
-//! list of beacons. In flow the smoothed levels of a window, out flow a position with its covariance, and rooms.
+//! list of beacons. In flow the smoothed RSSI values of a window, out flow a position with its covariance, and rooms.
 
 use heapless::Vec;
 use node_record::{Beacon, BeaconModel, LoadError, SiteModels};
@@ -13,7 +13,7 @@ use crate::levels::{Scan, WINDOW_US};
 
 /// Most beacons of a model: as many as a tag is told of.
 const MOST: usize = node_record::MAX_BEACONS;
-/// What a map's levels are off by where nothing was measured twice, dB²: recorded surveys have deviations of 3 to 5 dB. It stays with
+/// What a map's RSSI values are off by where nothing was measured twice, dB²: recorded surveys have deviations of 3 to 5 dB. It stays with
 /// the place; the noise of a window comes beside.
 const LASTING_DB2: f32 = 16.0;
 /// The receiver's offset is learnt from one window in so long, microseconds: those between are shadowed alike.
@@ -114,7 +114,7 @@ impl<'a> SiteTracker<'a> {
         }
     }
 
-    /// Where the map has the tag by these levels; `None` without a map, or where none of its beacons is heard.
+    /// Where the map has the tag by these RSSI values; `None` without a map, or where none of its beacons is heard.
     pub(crate) fn locate(&mut self, now_us: u64, scan: &Scan) -> Option<BeaconPosition<f32>> {
         let Fingerprints { map, places } = self.surveyed.map.as_ref()?;
         let believed = Receiver { noise_db2: scan.noise_db2, ..self.receiver };
@@ -132,7 +132,7 @@ impl<'a> SiteTracker<'a> {
         self.surveyed.map.as_ref().is_some_and(|map| map.places.iter().any(|known| u16::from(*known) == place))
     }
 
-    /// Takes note of the room that these levels are of, where there is a model of rooms: [`news`](Self::news) has what is to be told.
+    /// Takes note of the room that these RSSI values are of, where there is a model of rooms: [`news`](Self::news) has what is to be told.
     pub(crate) fn note_room(&mut self, now_us: u64, scan: &Scan) {
         let Some(Rooms { model, places }) = &self.surveyed.rooms else { return };
         let probabilities = model.probabilities(&of_places(places, scan));
@@ -195,7 +195,7 @@ fn places(of: &BeaconModel<'_>, list: &[Beacon], count: usize) -> Result<Places,
     if places.len() == count { Ok(places) } else { Err(RssiModelError::Invalid) }
 }
 
-/// The levels by a model's order of beacons.
+/// The RSSI values by a model's order of beacons.
 fn of_places(places: &Places, scan: &Scan) -> Vec<Option<f32>, MOST> {
     places.iter().map(|place| scan.levels_dbm.get(usize::from(*place)).copied().flatten()).collect()
 }

@@ -36,10 +36,10 @@ pub struct Tracker<'a> {
     pub(crate) signals: Signals,
     /// What it knows of the receiver and of the beacons.
     pub(crate) surroundings: BeaconMonitor<f32, ON_NODE>,
-    /// What it knows of their levels on the spot, if anything.
+    /// What it knows of their RSSI values on the spot, if anything.
     pub(crate) on_the_spot: Vec<SiteTracker<'a>, { HEARS_BEACONS as usize }>,
     /// What the last window had.
-    pub(crate) levels: Vec<Level, MOST>,
+    pub(crate) rssis: Vec<Level, MOST>,
     pub(crate) window: Window,
     /// The number of the last epoch.
     pub(crate) number: u16,
@@ -50,7 +50,7 @@ pub struct Tracker<'a> {
 pub(crate) struct Taken {
     /// Which of the round each range is that the engine counts.
     places: Vec<u8, MAX_ROUND>,
-    /// The differences or levels that were used: bit i is the round's i-th.
+    /// The differences or RSSI values that were used: bit i is the round's i-th.
     used: u16,
     /// Those that wait for the round's end.
     held: u16,
@@ -70,7 +70,7 @@ impl<'a> Tracker<'a> {
             signals: Signals::new(),
             surroundings: BeaconMonitor::new(RECEIVER_DB),
             on_the_spot: surveyed.map(SiteTracker::new).into_iter().take(HEARS_BEACONS.into()).collect(),
-            levels: Vec::new(),
+            rssis: Vec::new(),
             window: Window::default(),
             number: 0,
         }
@@ -89,7 +89,7 @@ impl<'a> Tracker<'a> {
         match &measured {
             Measured::Ranges(round) => self.take_ranges(round, sounding, poll_us, &mut taken),
             Measured::Differences(round) => self.take_differences(round, poll_us, &mut taken),
-            Measured::Levels(window) => self.take_levels(window.levels, poll_us, &mut taken),
+            Measured::Levels(window) => self.take_levels(window.rssis, poll_us, &mut taken),
         }
         let end = self.engine.step_on_node(poll_us, &Measurement::RoundEnd);
         self.last_m = end.fix.as_ref().ok().map(|fix| fix.position);
@@ -181,7 +181,7 @@ impl<'a> Tracker<'a> {
 }
 
 impl Taken {
-    /// Counts differences or levels of the round, by the bits of their places.
+    /// Counts differences or RSSI values of the round, by the bits of their places.
     pub(crate) fn count(&mut self, places: u16, verdict: Verdict) {
         match verdict {
             Verdict::Used | Verdict::Readmitted => self.used |= places,

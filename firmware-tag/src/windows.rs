@@ -15,7 +15,7 @@ use crate::{Epoch, HEARS_BEACONS, Measured, RoomReport, Tracker};
 /// A tag that has heard no beacon for so long is told to be without, microseconds: a scan may pause for a while.
 const SILENT_US: u64 = 5 * WINDOW_US;
 
-/// When positions are made of levels.
+/// When positions are made of RSSI values.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Window {
     /// When the one under way ends, microseconds; none before a listed beacon has been heard.
@@ -61,9 +61,9 @@ impl Tracker<'_> {
         if let Some(on_the_spot) = self.on_the_spot.first_mut() {
             on_the_spot.note_room(now_us, &scan);
         }
-        self.levels = self.signals.take(now_us, self.beacons.listed());
+        self.rssis = self.signals.take(now_us, self.beacons.listed());
         let found = core::mem::take(&mut self.window.found_by_anchors);
-        if self.levels.is_empty() {
+        if self.rssis.is_empty() {
             let is_silent = now_us.saturating_sub(self.window.heard_us) >= SILENT_US;
             if self.window.after_anchors || !is_silent {
                 // Anchors alone, or nothing yet.
@@ -73,17 +73,17 @@ impl Tracker<'_> {
             }
         }
         let mut taken = Taken::default();
-        let levels = core::mem::take(&mut self.levels);
+        let rssis = core::mem::take(&mut self.rssis);
         match self.on_the_spot.first_mut().and_then(|on_the_spot| on_the_spot.locate(now_us, &scan)) {
             Some(position) => {
                 let verdict = self.engine.step_on_node(now_us, &Measurement::BeaconPosition(position)).verdict;
-                let is_mapped = |level: &Level| self.on_the_spot.iter().any(|known| known.maps(level.beacon));
-                let mapped = (0..MOST as u16).zip(&levels).filter(|(_, level)| is_mapped(level));
+                let is_mapped = |rssi: &Level| self.on_the_spot.iter().any(|known| known.maps(rssi.beacon));
+                let mapped = (0..MOST as u16).zip(&rssis).filter(|(_, rssi)| is_mapped(rssi));
                 taken.count(mapped.fold(0, |set, (place, _)| set | 1 << place), verdict);
             }
-            None => self.take_levels(&levels, now_us, &mut taken),
+            None => self.take_levels(&rssis, now_us, &mut taken),
         }
-        self.levels = levels;
+        self.rssis = rssis;
         let end = self.engine.step_on_node(now_us, &Measurement::RoundEnd);
         self.last_m = end.fix.as_ref().ok().map(|fix| fix.position);
         if found {
@@ -91,8 +91,8 @@ impl Tracker<'_> {
         }
         self.window.after_anchors = false;
         self.number = self.number.wrapping_add(1);
-        let outcome = outcome(&end, taken, self.levels.len());
-        let measured = Measured::Levels(Levels { number: self.number, levels: &self.levels });
+        let outcome = outcome(&end, taken, self.rssis.len());
+        let measured = Measured::Levels(Levels { number: self.number, rssis: &self.rssis });
         Some(Epoch { measured, poll_us: now_us, outcome, sounding: None, solver: self.solver })
     }
 
@@ -114,24 +114,24 @@ impl Tracker<'_> {
         })
     }
 
-    /// Lets where the levels have the tag into the track.
-    pub(crate) fn take_levels(&mut self, levels: &[Level], now_us: u64, taken: &mut Taken) {
+    /// Lets where the RSSI values have the tag into the track.
+    pub(crate) fn take_levels(&mut self, rssis: &[Level], now_us: u64, taken: &mut Taken) {
         let (Dimensions::Plane { height }, true) = (self.engine.settings().dimensions, HEARS_BEACONS) else { return };
         let list = self.beacons.listed();
-        let level = |level: &Level| {
-            let [x, y, z] = list.get(usize::from(level.beacon))?.position_m;
-            let Level { level_dbm, path_loss, noise_db, is_torn, .. } = *level;
-            let heard = multilateration::Heard { place: [x, y], above: z - height, level: level_dbm, path_loss };
-            Some(beacon_monitor::Level { beacon: level.beacon.into(), heard, noise: noise_db, is_torn })
+        let rssi = |rssi: &Level| {
+            let [x, y, z] = list.get(usize::from(rssi.beacon))?.position_m;
+            let Level { rssi_dbm, path_loss, noise_db, is_torn, .. } = *rssi;
+            let heard = multilateration::Heard { place: [x, y], above: z - height, rssi: rssi_dbm, path_loss };
+            Some(beacon_monitor::Level { beacon: rssi.beacon.into(), heard, noise: noise_db, is_torn })
         };
-        let levels: Vec<beacon_monitor::Level<f32>, MOST> = levels.iter().filter_map(level).collect();
+        let rssis: Vec<beacon_monitor::Level<f32>, MOST> = rssis.iter().filter_map(rssi).collect();
         let flat = |[x, y, _]: [f32; 3]| [x, y];
         let beacons = list.iter().map(|beacon| flat(beacon.position_m));
         let Some(site) = Site::around(beacons.chain(self.anchors.iter().map(|anchor| flat(anchor.position_m)))) else {
             return;
         };
         let known = self.window.by_anchors.take();
-        let Ok(located) = self.surroundings.locate_on_node(now_us, &levels, &site, known.as_ref()) else { return };
+        let Ok(located) = self.surroundings.locate_on_node(now_us, &rssis, &site, known.as_ref()) else { return };
         let verdict = self.engine.step_on_node(now_us, &Measurement::BeaconPosition(located.position)).verdict;
         taken.count(located.used, verdict);
     }

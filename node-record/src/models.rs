@@ -1,4 +1,4 @@
-//! What a tag knows of beacons' levels on the spot: a map of fingerprints and a model of rooms, in flash beside the record's pages.
+//! What a tag knows of beacons' RSSI values on the spot: a map of fingerprints and a model of rooms, in flash beside the record's pages.
 //!
 //! A region is a page's header with other letters, as [`decode`](crate::decode) has it for records, and [`SiteModels`] in postcard:
 //!
@@ -29,7 +29,7 @@ pub const MODELS_BYTES: usize = 8192;
 
 const LETTERS: Letters = *b"BLZB";
 
-/// What a tag knows of levels on the spot.
+/// What a tag knows of RSSI values on the spot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SiteModels<'a> {
     /// A map, as `positioning_core::ble::fingerprint::Map` lays it out.
@@ -42,7 +42,7 @@ pub struct SiteModels<'a> {
     pub room_names: &'a str,
 }
 
-/// A model, and whose levels it is of.
+/// A model, and whose RSSI values it is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BeaconModel<'a> {
     /// In the order of the model's scans: major and minor number, two bytes each, little-endian; at most [`MAX_BEACONS`] beacons.

@@ -1,4 +1,4 @@
-//! What is computed of the levels of Bluetooth beacons: a room of [`cases`](crate::cases) with beacons on its walls, and a tag in it that
+//! What is computed of the RSSI values of Bluetooth beacons: a room of [`cases`](crate::cases) with beacons on its walls, and a tag in it that
 //! hears them with deviations of some dB; the same on chip and desktop.
 
 use core::cell::{Cell, RefCell};
@@ -48,11 +48,11 @@ pub fn for_advert(measure: &mut impl Measure) -> Beacons<f32, KNOWN> {
     let mut beacons = Beacons::<f32, KNOWN>::new(Smoothing::default(), 500_000);
     for round in 0..WARM_UP {
         for (beacon, heard) in heard.iter().enumerate() {
-            beacons.hear(round * INTERVAL_US + beacon as u64, beacon, heard.level);
+            beacons.hear(round * INTERVAL_US + beacon as u64, beacon, heard.rssi);
         }
     }
     let (now_us, [first, ..]) = (WARM_UP * INTERVAL_US, &heard);
-    measure.call("advert", &beacons, |beacons| advert(beacons, now_us, first.level - 3.0, &first.path_loss));
+    measure.call("advert", &beacons, |beacons| advert(beacons, now_us, first.rssi - 3.0, &first.path_loss));
     beacons
 }
 
@@ -108,21 +108,21 @@ struct Prints {
 }
 
 impl Prints {
-    /// Points 0.6 m apart over the room, with deviations or without, whose levels repeat every eight points; a scan near one of them.
+    /// Points 0.6 m apart over the room, with deviations or without, whose RSSI values repeat every eight points; a scan near one of them.
     fn new(deviations: &[f64]) -> Self {
-        let level = |row: usize, beacon: usize| -50.0 - ((row * 37 + beacon * 61) % 80) as f64 / 2.0;
+        let rssi = |row: usize, beacon: usize| -50.0 - ((row * 37 + beacon * 61) % 80) as f64 / 2.0;
         let rows: [[Option<f64>; KNOWN]; 8] =
-            core::array::from_fn(|row| core::array::from_fn(|beacon| Some(level(row, beacon))));
+            core::array::from_fn(|row| core::array::from_fn(|beacon| Some(rssi(row, beacon))));
         let points: [Point<'_>; MAX_NODE_POINTS] = core::array::from_fn(|at| Point {
             position_m: [(at / 13) as f64 * STEP_M, (at % 13) as f64 * STEP_M],
-            levels: rows.get(at % 8).map_or(&[], |row| row.as_slice()),
+            rssis: rows.get(at % 8).map_or(&[], |row| row.as_slice()),
             deviations,
         });
         let mut bytes = [0; 4096];
         let fits = fingerprint::encode(&points, &[0; KNOWN], &[-95.0; KNOWN], Some(STEP_M), &mut bytes).is_ok();
         debug_assert!(fits, "the map fits");
         let scan =
-            core::array::from_fn(|beacon| (beacon != 3).then(|| level(5, beacon) as f32 + (beacon % 3) as f32 - 1.0));
+            core::array::from_fn(|beacon| (beacon != 3).then(|| rssi(5, beacon) as f32 + (beacon % 3) as f32 - 1.0));
         Self { bytes, scan, walk: Walk::new() }
     }
 
@@ -151,7 +151,7 @@ fn walk(walk: &mut Walk<f32>, map: &Map<'_>, scan: &[Option<f32>], now_us: u64) 
     step.map_or(f32::NAN, |found| found.position[0])
 }
 
-/// What one advert takes: its level is judged and smoothed, and becomes a distance, metres.
+/// What one advert takes: its RSSI is judged and smoothed, and becomes a distance, metres.
 #[inline(never)]
 fn advert(beacons: &mut Beacons<f32, KNOWN>, now_us: u64, rssi_dbm: f32, path_loss: &PathLoss<f32>) -> f32 {
     beacons.hear(now_us, 0, rssi_dbm);
@@ -165,8 +165,8 @@ fn scan(beacons: &Beacons<f32, KNOWN>, now_us: u64) -> f32 {
 
 #[inline(never)]
 fn step(filter: &mut ParticleFilter<f32, ON_NODE>, now_us: u64, heard: &[Heard<f32, 2>; HEARD]) -> f32 {
-    let levels = Levels::of(heard, 2.0, 0.25);
-    filter.step(now_us, &[], &levels).map_or(f32::NAN, |estimate| estimate.position[0])
+    let rssis = Levels::of(heard, 2.0, 0.25);
+    filter.step(now_us, &[], &rssis).map_or(f32::NAN, |estimate| estimate.position[0])
 }
 
 /// Calls `measure` with a step of the fusion. That fills a third of a node's memory: every call is the next step of one, and none has
@@ -192,9 +192,9 @@ pub fn fused(measure: &mut impl Measure) {
 fn fuse(fusion: &mut Fused, now_us: u64, heard: &[Heard<f32, 2>; HEARD]) -> f32 {
     for early in [INTERVAL_US, 0] {
         for (node, heard) in heard.iter().take(FUSED_BEACONS).enumerate() {
-            let Heard { place: [x, y], level, path_loss, .. } = *heard;
+            let Heard { place: [x, y], rssi, path_loss, .. } = *heard;
             let channel = Channel::Power { at_1m: path_loss.level_1m, exponent: path_loss.exponent };
-            let power = Observation { node: node as u16, place: [x, y, 2.6], channel, value: level };
+            let power = Observation { node: node as u16, place: [x, y, 2.6], channel, value: rssi };
             fusion.observe(now_us.saturating_sub(early), &power);
         }
     }
@@ -216,7 +216,7 @@ fn heard() -> [Heard<f32, 2>; HEARD] {
         let path_loss = PathLoss { level_1m: -55.0 + beacon as f32, exponent: 2.4, deviation: 4.0 };
         let (x, y) = (place[0] - TAG_M[0], place[1] - TAG_M[1]);
         // 24 log₁₀ d.
-        let level = path_loss.level_1m - 12.0 * core::f32::consts::LOG10_2 * (x * x + y * y).log2_about();
-        Heard { place, above: 0.0, level: level + 8.0 * (random.rand_float() - 0.5), path_loss }
+        let rssi = path_loss.level_1m - 12.0 * core::f32::consts::LOG10_2 * (x * x + y * y).log2_about();
+        Heard { place, above: 0.0, rssi: rssi + 8.0 * (random.rand_float() - 0.5), path_loss }
     })
 }

@@ -23,7 +23,7 @@ const WINDOW_US: u64 = 1_000_000;
 pub fn for_each(measure: &mut impl Measure) {
     // Every beacon but one is heard, as between the first room's fingerprints and the second's.
     let scan: [Option<f32>; BEACONS] = core::array::from_fn(|beacon| {
-        (beacon != 3).then(|| 0.6 * level(0, beacon) + 0.4 * level(1, beacon) + (beacon % 3) as f32 - 1.0)
+        (beacon != 3).then(|| 0.6 * rssi(0, beacon) + 0.4 * rssi(1, beacon) + (beacon % 3) as f32 - 1.0)
     });
 
     let fallback = numbers::<{ 4 * BEACONS }>(|_| WEAKEST_DBM);
@@ -39,10 +39,10 @@ pub fn for_each(measure: &mut impl Measure) {
     let mut prints = [0; PRINTS * (BEACONS + 1)];
     for (at, print) in prints.chunks_exact_mut(BEACONS + 1).enumerate() {
         let room = at % ROOMS;
-        if let Some((first, levels)) = print.split_first_mut() {
+        if let Some((first, rssis)) = print.split_first_mut() {
             *first = room as u8;
-            for (beacon, byte) in levels.iter_mut().enumerate() {
-                *byte = level_byte(Some(level(room, beacon) + ((at * 5 + beacon * 3) % 9) as f32 - 4.0));
+            for (beacon, byte) in rssis.iter_mut().enumerate() {
+                *byte = level_byte(Some(rssi(room, beacon) + ((at * 5 + beacon * 3) % 9) as f32 - 4.0));
             }
         }
     }
@@ -55,8 +55,8 @@ pub fn for_each(measure: &mut impl Measure) {
     measure.call("rooms-presence", &presence, |presence| answer(presence, &told));
 }
 
-/// The level of a beacon in the middle of a room, dBm.
-fn level(room: usize, beacon: usize) -> f32 {
+/// The RSSI of a beacon in the middle of a room, dBm.
+fn rssi(room: usize, beacon: usize) -> f32 {
     -50.0 - ((room * 37 + beacon * 61) % 40) as f32
 }
 

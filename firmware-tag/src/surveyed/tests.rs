@@ -35,19 +35,19 @@ fn levels_at(place: [f32; 2]) -> [f64; 4] {
     })
 }
 
-/// A lattice of 13 × 13 points, 0.5 m apart, of those levels with deviations of 1.5 dB.
+/// A lattice of 13 × 13 points, 0.5 m apart, of those RSSI values with deviations of 1.5 dB.
 fn map() -> Vec<u8> {
     let places: Vec<[f32; 2]> = (0..169_u8).map(|k| [f32::from(k / 13) * 0.5, f32::from(k % 13) * 0.5]).collect();
-    let levels: Vec<[Option<f64>; 4]> = places.iter().map(|place| levels_at(*place).map(Some)).collect();
+    let rssis: Vec<[Option<f64>; 4]> = places.iter().map(|place| levels_at(*place).map(Some)).collect();
     let points: Vec<Point> = places
         .iter()
-        .zip(&levels)
-        .map(|(place, levels)| Point { position_m: place.map(f64::from), levels, deviations: &[1.5; 4] })
+        .zip(&rssis)
+        .map(|(place, rssis)| Point { position_m: place.map(f64::from), rssis, deviations: &[1.5; 4] })
         .collect();
     encode(&points, &[1, 2, 3, 4], &[-95.0; 4], Some(0.5), &mut [0; 4096]).expect("it fits").to_vec()
 }
 
-/// Two rooms, which the level of 1-1 tells apart: above −80 dBm the first. x = 5 · 0.2 · (level + 80).
+/// Two rooms, which the RSSI of 1-1 tells apart: above −80 dBm the first. x = 5 · 0.2 · (RSSI + 80).
 fn rooms() -> Vec<u8> {
     let bytes = |numbers: &[f32]| -> Vec<u8> { numbers.iter().flat_map(|n| n.to_le_bytes()).collect() };
     let (fallback, planes) = (bytes(&[-95.0]), bytes(&[16.0, 0.2]));
@@ -82,7 +82,7 @@ fn tracker<'a>(list: &'a [Beacon], surveyed: &'a LoadedModels<'a>) -> Tracker<'a
     Tracker::new(locator.with_surveyed(surveyed))
 }
 
-/// One window, in which each beacon is heard ten times with its level there; the position.
+/// One window, in which each beacon is heard ten times with its RSSI there; the position.
 fn window(tracker: &mut Tracker<'_>, from_us: u64, rssi_dbm: &[(u16, i8)]) -> Option<[f32; 3]> {
     for k in 0..10 {
         for (minor, rssi_dbm) in rssi_dbm {
@@ -96,7 +96,7 @@ fn window(tracker: &mut Tracker<'_>, from_us: u64, rssi_dbm: &[(u16, i8)]) -> Op
 }
 
 fn rounded(place: [f32; 2]) -> Vec<(u16, i8)> {
-    (1..).zip(levels_at(place).map(|level| level.round() as i8)).collect()
+    (1..).zip(levels_at(place).map(|rssi| rssi.round() as i8)).collect()
 }
 
 fn off(found: [f32; 3], [x, y]: [f32; 2]) -> f32 {
@@ -112,7 +112,7 @@ fn a_tag_with_a_map_knows_walls_that_path_loss_does_not() {
     let by_map = window(&mut tracker(&list, &surveyed), 0, &rounded(place)).expect("a position");
     let nothing = LoadedModels::default();
     let by_path_loss = window(&mut tracker(&list, &nothing), 0, &rounded(place)).expect("a position");
-    // Levels are rounded to a decibel, the lattice's to a half: at 2 m from the nearest beacon a decibel is 0.25 m.
+    // RSSI values are rounded to a decibel, the lattice's to a half: at 2 m from the nearest beacon a decibel is 0.25 m.
     assert!(off(by_map, place) < 0.4, "{by_map:?}");
     assert!(off(by_path_loss, place) > 0.8, "{by_path_loss:?}");
 }
@@ -172,7 +172,7 @@ fn what_cannot_be_used_is_complained_of_once_and_the_rest_is_used() {
     assert_eq!(said(&region(&[1, 2, 3, 4], &newer, &rooms)), [Condition::Unused(Map, RssiModelError::Version(9))]);
     assert_eq!(said(&region(&[1, 2, 3, 7], &map, &rooms)), [Condition::Unused(Map, RssiModelError::OtherBeacons)]);
     assert_eq!(said(&region(&[1, 2, 3], &map, &rooms)), [Condition::Unused(Map, RssiModelError::Invalid)]);
-    let surveyed = Point { position_m: [0.0; 2], levels: &[Some(-60.0)], deviations: &[] };
+    let surveyed = Point { position_m: [0.0; 2], rssis: &[Some(-60.0)], deviations: &[] };
     let plain = encode(&[surveyed], &[1], &[-95.0], None, &mut [0; 64]).expect("it fits").to_vec();
     assert_eq!(said(&region(&[1], &plain, &rooms)), [Condition::Unused(Map, RssiModelError::Invalid)]);
     let cut = region(&[1, 2, 3, 4], &map, &rooms[..20]);

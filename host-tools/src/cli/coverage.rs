@@ -44,13 +44,13 @@ pub struct Arguments {
     /// What is mapped, metres [default: what the files have, and a metre around]
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = CornersM::parse)]
     area: Option<CornersM>,
-    /// What is drawn: `mean` (of all beacons' levels), `heard` (how many), `error` (least error of a position), or a beacon by name
+    /// What is drawn: `mean` (of all beacons' RSSI values), `heard` (how many), `error` (least error of a position), or a beacon by name
     #[arg(long, value_name = "WHAT", default_value = "mean")]
     of: String,
     /// Draw the map, as .svg or .png
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Write the cells: CSV with source,x_m,y_m,heard,error_m and a column a beacon with its level, dBm
+    /// Write the cells: CSV with source,x_m,y_m,heard,error_m and a column a beacon with its RSSI, dBm
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Print JSON: a list of objects with source, cells, heard_mean, heard_least, three_heard, error_p50_m, error_p90_m, beacons (beacon,
@@ -189,14 +189,14 @@ fn summary(source: &Source, fits: &[Fitted]) -> Summary {
     errors.sort_by(f64::total_cmp);
     let percentile = |share: f64| errors.get(((errors.len().max(1) - 1) as f64 * share).round() as usize).copied();
     let beacons = source.map.beacons.iter().enumerate().map(|(index, beacon)| {
-        let levels: Vec<f64> =
-            source.map.values(|levels| levels.get(index).copied().flatten()).into_iter().flatten().collect();
-        let mean = levels.iter().sum::<f64>() / levels.len() as f64;
+        let rssis: Vec<f64> =
+            source.map.values(|rssis| rssis.get(index).copied().flatten()).into_iter().flatten().collect();
+        let mean = rssis.iter().sum::<f64>() / rssis.len() as f64;
         let fit = fits.iter().find(|fit| fit.beacon == *beacon && source.name == "simulated");
         Row {
             beacon: beacon.clone(),
-            heard: levels.len() as f64 / count,
-            mean_dbm: (!levels.is_empty()).then_some(mean),
+            heard: rssis.len() as f64 / count,
+            mean_dbm: (!rssis.is_empty()).then_some(mean),
             bias_db: fit.map(|fit| fit.bias_db),
             rms_db: fit.map(|fit| fit.rms_db),
         }
@@ -253,13 +253,13 @@ fn cells(sources: &[Source]) -> Result<Vec<u8>> {
     )?;
     let number = |number: Option<f64>| number.map_or_else(String::new, |number| format!("{number:.3}"));
     for source in sources {
-        for (index, (at, levels)) in source.map.grid.middles().zip(&source.map.levels).enumerate() {
-            let Some(levels) = levels else { continue };
-            let heard = levels.iter().flatten().count().to_string();
+        for (index, (at, rssis)) in source.map.grid.middles().zip(&source.map.rssis).enumerate() {
+            let Some(rssis) = rssis else { continue };
+            let heard = rssis.iter().flatten().count().to_string();
             let error = source.errors_m.as_ref().and_then(|errors| errors.get(index).copied());
             let mut fields =
                 vec![source.name.to_owned(), number(Some(at[0])), number(Some(at[1])), heard, number(error)];
-            fields.extend(levels.iter().map(|level| number(*level)));
+            fields.extend(rssis.iter().map(|rssi| number(*rssi)));
             writer.write_record(fields)?;
         }
     }
@@ -285,7 +285,7 @@ fn draw(
         ),
         name => {
             let index = map.beacons.iter().position(|beacon| beacon == name)?;
-            (map.values(|levels| levels.get(index).copied().flatten()), format!("level of beacon {name}"), "dBm")
+            (map.values(|rssis| rssis.get(index).copied().flatten()), format!("level of beacon {name}"), "dBm")
         }
     };
     Some(Heat {

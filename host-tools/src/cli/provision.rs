@@ -200,7 +200,7 @@ fn report(arguments: &Arguments, files: &[Made]) -> Result<()> {
 
 /// What a node gets: its record, and what goes beside it.
 fn contents<'a>(node: &'a Node, record: &'a Record) -> Contents<'a> {
-    Contents { record, model: node.model.as_ref().map(Chosen::bytes), levels: node.levels.as_deref() }
+    Contents { record, model: node.model.as_ref().map(Chosen::bytes), site_models: node.site_models.as_deref() }
 }
 
 fn encoded(format: Format, board: Board, contents: &Contents<'_>) -> Result<Vec<u8>> {

@@ -10,7 +10,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use firmware_common::lines::{RoomLine, StateLine};
 use host_tools::UserError;
 use host_tools::files::output;
-use host_tools::simulate::{Capture, Logbook, load_levels, picture, position_header, position_row, survey_csv};
+use host_tools::simulate::{Capture, Logbook, load_site_models, picture, position_header, position_row, survey_csv};
 use host_tools::survey::presence::read_outlines;
 use host_tools::train::Chosen;
 use node_record::{Scheme, Solver};
@@ -235,7 +235,7 @@ impl Arguments {
             }
         }
         if let Some(file) = self.scenario.as_ref().filter(|_| self.survey.is_none()) {
-            load_levels(&mut scenario, file)?;
+            load_site_models(&mut scenario, file)?;
         }
         scenario.seconds = self.seconds.unwrap_or(scenario.seconds);
         scenario.seed = self.seed.unwrap_or(scenario.seed);

@@ -1,6 +1,6 @@
 //! The files of Bluetooth beacons: `beacons.csv`, `fingerprints.csv`, `targets.csv`, `rssi.csv`, `walls.csv`.
 //!
-//! Text flows in, rows grouped by point or epoch in the file's order flow out. Levels are passed on as they were reported, also those
+//! Text flows in, rows grouped by point or epoch in the file's order flow out. RSSI values are passed on as they were reported, also those
 //! that no receiver can have measured: judging them is `positioning_core::ble`'s, the same for files and for the air.
 
 use std::collections::HashMap;
@@ -18,11 +18,11 @@ pub struct Beacon {
     pub position_m: [f64; 2],
     /// Its height, metres.
     pub height_m: Option<f64>,
-    /// Level at one metre, dBm.
+    /// RSSI at one metre, dBm.
     pub rssi_1m_dbm: Option<f64>,
     /// Path loss exponent.
     pub path_loss_exponent: Option<f64>,
-    /// Standard deviation of a level about the path loss, dB.
+    /// Standard deviation of an RSSI about the path loss, dB.
     pub deviation_db: Option<f64>,
 }
 
@@ -31,7 +31,7 @@ pub struct Beacon {
 pub struct Sample {
     /// Who sent it.
     pub beacon: String,
-    /// Its level as reported, dBm.
+    /// Its RSSI as reported, dBm.
     pub rssi_dbm: f64,
     /// When it came, seconds; where the file does not say, the time of the row before it, and 0 at first.
     pub t_s: f64,
@@ -81,7 +81,7 @@ pub struct Wall {
 pub fn read_beacons(file: &Path) -> Result<Vec<Beacon>, UserError> {
     let mut table = Table::open(file)?;
     let (beacon, x, y) = (table.column("beacon")?, table.column("x_m")?, table.column("y_m")?);
-    let [z, level, exponent, deviation] =
+    let [z, rssi, exponent, deviation] =
         ["z_m", "rssi_1m_dbm", "path_loss_exponent", "deviation_db"].map(|name| table.optional(name));
     let mut beacons: Vec<Beacon> = Vec::new();
     let mut lines: HashMap<String, u64> = HashMap::new();
@@ -97,13 +97,13 @@ pub fn read_beacons(file: &Path) -> Result<Vec<Beacon>, UserError> {
             }
         }
         let position_m = [row.some_number(x)?, row.some_number(y)?];
-        let (height_m, rssi_1m_dbm) = (row.number(z)?, row.number(level)?);
+        let (height_m, rssi_1m_dbm) = (row.number(z)?, row.number(rssi)?);
         beacons.push(Beacon { name, position_m, height_m, rssi_1m_dbm, path_loss_exponent, deviation_db });
     }
     if beacons.is_empty() { Err(UserError::line(file, 1, "no beacons below the header")) } else { Ok(beacons) }
 }
 
-/// Reads `fingerprints.csv` or `targets.csv`: `point,x_m,y_m,beacon,rssi_dbm` and, where known, `t_s,room`. A row without a level says
+/// Reads `fingerprints.csv` or `targets.csv`: `point,x_m,y_m,beacon,rssi_dbm` and, where known, `t_s,room`. A row without an RSSI says
 /// that the beacon was not heard.
 ///
 /// # Errors
@@ -237,20 +237,20 @@ impl From<Dwell> for Capture {
 #[derive(Clone, Copy, Debug)]
 struct Signal {
     beacon: Column,
-    level: Column,
+    rssi: Column,
     time: Column,
 }
 
 impl Signal {
     fn of(table: &Table) -> Result<Self, UserError> {
-        Ok(Self { beacon: table.column("beacon")?, level: table.column("rssi_dbm")?, time: table.optional("t_s") })
+        Ok(Self { beacon: table.column("beacon")?, rssi: table.column("rssi_dbm")?, time: table.optional("t_s") })
     }
 
-    /// Adds the row's sample, where the row has a level.
+    /// Adds the row's sample, where the row has an RSSI.
     fn read(&self, row: &Row, samples: &mut Vec<Sample>) -> Result<(), UserError> {
         let beacon = row.some_text(self.beacon)?;
-        let (level, time) = (row.number(self.level)?, row.number(self.time)?);
-        if let Some(rssi_dbm) = level {
+        let (rssi, time) = (row.number(self.rssi)?, row.number(self.time)?);
+        if let Some(rssi_dbm) = rssi {
             let t_s = time.or(samples.last().map(|sample| sample.t_s)).unwrap_or(0.0);
             samples.push(Sample { beacon: beacon.to_owned(), rssi_dbm, t_s });
         }

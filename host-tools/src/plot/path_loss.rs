@@ -1,4 +1,4 @@
-//! Levels against distance with the path loss by regression and, dotted, as it is learnt on line, a panel a beacon (the thesis' figure 4.5).
+//! RSSI values against distance with the path loss by regression and, dotted, as it is learnt on line, a panel a beacon (the thesis' figure 4.5).
 
 use anyhow::Result;
 use plotters::prelude::*;
@@ -25,8 +25,8 @@ pub fn path_loss(calibrated: &[Calibrated]) -> Result<String> {
     let down = heard.len().div_ceil(across).max(1);
     let points = || calibrated.iter().flat_map(|beacon| &beacon.points);
     let farthest = 1.05 * points().map(|point| point.distance_m).fold(1.0, f64::max);
-    let loudest = points().map(|point| point.level_dbm).fold(-60.0, f64::max);
-    let faintest = points().map(|point| point.level_dbm).fold(-80.0, f64::min);
+    let loudest = points().map(|point| point.rssi_dbm).fold(-60.0, f64::max);
+    let faintest = points().map(|point| point.rssi_dbm).fold(-80.0, f64::min);
     drawing((PANEL.0 * across as u32, PANEL.1 * down as u32), |area| {
         let panels = area.split_evenly((down, across));
         for (panel, (beacon, path_loss)) in panels.iter().zip(heard) {
@@ -41,19 +41,19 @@ pub fn path_loss(calibrated: &[Calibrated]) -> Result<String> {
             let mut chart = axes.draw(panel, 0.0..farthest, faintest - 4.0..loudest + 4.0)?;
             let curve: Vec<(f64, f64)> = (1..=POINTS)
                 .map(|step| farthest * f64::from(step) / f64::from(POINTS))
-                .map(|distance| (distance, path_loss.level(distance)))
-                .filter(|(_, level)| (faintest - 4.0..=loudest + 4.0).contains(level))
+                .map(|distance| (distance, path_loss.rssi(distance)))
+                .filter(|(_, rssi)| (faintest - 4.0..=loudest + 4.0).contains(rssi))
                 .collect();
             chart.draw_series([pen("robust").line::<(f64, f64)>(curve)])?;
             if let Some(online) = beacon.online {
                 let curve: Vec<(f64, f64)> = (1..=POINTS)
                     .map(|step| farthest * f64::from(step) / f64::from(POINTS))
-                    .map(|distance| (distance, online.path_loss.level(distance)))
-                    .filter(|(_, level)| (faintest - 4.0..=loudest + 4.0).contains(level))
+                    .map(|distance| (distance, online.path_loss.rssi(distance)))
+                    .filter(|(_, rssi)| (faintest - 4.0..=loudest + 4.0).contains(rssi))
                     .collect();
                 chart.draw_series([pen("bb-nls-r").line::<(f64, f64)>(curve)])?;
             }
-            let dots = beacon.points.iter().map(|point| (point.distance_m, point.level_dbm));
+            let dots = beacon.points.iter().map(|point| (point.distance_m, point.rssi_dbm));
             chart.draw_series(dots.map(|at| Circle::new(at, stroke(3.0), INK.mix(0.6).filled())))?;
         }
         Ok(())

@@ -40,8 +40,8 @@ impl Bluetooth {
             let Some(listed) = beacon.listed else { continue };
             let [x, y, z] = listed.position_m.map(|coordinate| metres(coordinate.into()));
             let figure = |known: Option<f32>| known.map_or_else(String::new, |value| value.to_string());
-            let (level, exponent) = (figure(listed.rssi_1m_dbm), figure(listed.path_loss_exponent));
-            beacons.write_record([beacon.name(), x, y, z, level, exponent])?;
+            let (rssi, exponent) = (figure(listed.rssi_1m_dbm), figure(listed.path_loss_exponent));
+            beacons.write_record([beacon.name(), x, y, z, rssi, exponent])?;
         }
         Ok(Self { beacons, rssi: with_header(&["epoch", "t_s", "beacon", "rssi_dbm", "tag"])? })
     }

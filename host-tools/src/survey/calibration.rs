@@ -1,11 +1,11 @@
-//! Path loss of every beacon from levels at known points: what `baliza calibrate path-loss` does.
+//! Path loss of every beacon from RSSI values at known points: what `baliza calibrate path-loss` does.
 //!
-//! Stays flow in, or a walk in pieces of a metre; a point counts once, with the mean of its levels (section 4.3.1). Out flow level at one metre and exponent of
+//! Stays flow in, or a walk in pieces of a metre; a point counts once, with the mean of its RSSI values (section 4.3.1). Out flow RSSI at one metre and exponent of
 //! every beacon by regression on (1), robust against points in a shadow (Huber's weights), with a prior so wide that it matters for a
 //! handful of points alone. Beside it stands what a node learns that knows where it is, point by point in their order ([`OnlinePathLoss`]).
 
 use positioning_core::ble::path_loss::{OnlinePathLoss, PathLoss, Wall, attenuation};
-use positioning_core::ble::signal::level;
+use positioning_core::ble::signal::rssi;
 
 use crate::files::beacons::{self as files, Beacon, Capture, Dwell};
 
@@ -13,9 +13,9 @@ use crate::files::beacons::{self as files, Beacon, Capture, Dwell};
 const NEAREST_M: f64 = 0.1;
 /// Bounds of an exponent.
 const EXPONENTS: (f64, f64) = (0.5, 6.0);
-/// What is believed before: an exponent to so much, a level at one metre to so many dB.
+/// What is believed before: an exponent to so much, an RSSI at one metre to so many dB.
 const PRIOR: (f64, f64) = (2.0, 30.0);
-/// What a node believes of a beacon before it has heard it: level at one metre and exponent, standard deviations.
+/// What a node believes of a beacon before it has heard it: RSSI at one metre and exponent, standard deviations.
 const UNKNOWN: (f64, f64) = (8.0, 0.7);
 /// A piece of a walk, metres.
 const PIECE_M: f64 = 1.0;
@@ -33,8 +33,8 @@ const ROUNDS: usize = 20;
 pub struct RssiAtDistance {
     /// Metres.
     pub distance_m: f64,
-    /// Mean level, dBm; what walls took is put back.
-    pub level_dbm: f64,
+    /// Mean RSSI, dBm; what walls took is put back.
+    pub rssi_dbm: f64,
     /// Standard deviation of the distance, metres.
     pub distance_sigma_m: f64,
 }
@@ -44,11 +44,11 @@ pub struct RssiAtDistance {
 pub struct Learnt {
     /// The path loss; its deviation is the root mean square of how far the points are from it.
     pub path_loss: PathLoss<f64>,
-    /// Standard deviations of the level at one metre, dB, and of the exponent.
+    /// Standard deviations of the RSSI at one metre, dB, and of the exponent.
     pub sigma: [f64; 2],
 }
 
-/// Levels at a place, and the standard deviation of the place, metres.
+/// RSSI values at a place, and the standard deviation of the place, metres.
 pub type Placed = (Dwell, f64);
 
 /// A position of a walk.
@@ -69,13 +69,13 @@ pub struct Calibrated {
     pub points: Vec<RssiAtDistance>,
     /// Its path loss; `None` where it was never heard.
     pub path_loss: Option<PathLoss<f64>>,
-    /// Standard deviations of the level at one metre, dB, and of the exponent.
+    /// Standard deviations of the RSSI at one metre, dB, and of the exponent.
     pub sigma: [f64; 2],
     /// What was learnt on the way; `None` where it was never heard.
     pub online: Option<Learnt>,
 }
 
-/// A walk in pieces of a metre of way: levels that are heard without moving share a shadow, and count once. Captures without a position
+/// A walk in pieces of a metre of way: RSSI values that are heard without moving share a shadow, and count once. Captures without a position
 /// are left out.
 pub fn pieces(captures: &[Capture], step: impl Fn(&Capture) -> Option<Step>) -> Vec<Placed> {
     let mut pieces: Vec<Placed> = Vec::new();
@@ -96,7 +96,7 @@ pub fn pieces(captures: &[Capture], step: impl Fn(&Capture) -> Option<Step>) -> 
             None => {
                 (began, count) = (step.position_m, 1.0);
                 let (point, samples) = (capture.name.clone(), capture.samples.clone());
-                // Levels of a piece come from half a metre around its place.
+                // RSSI values of a piece come from half a metre around its place.
                 let sigma_m = step.sigma_m.hypot(PIECE_M / 4.0);
                 pieces.push((Dwell { point, room: None, position_m: step.position_m, samples }, sigma_m));
             }
@@ -106,7 +106,7 @@ pub fn pieces(captures: &[Capture], step: impl Fn(&Capture) -> Option<Step>) -> 
 }
 
 /// Calibrates every beacon, in their order. Heights of beacons count where that of the tag is known. Walls that are given took what they
-/// take from the levels (2), and `wall_db` where that is not known.
+/// take from the RSSI values (2), and `wall_db` where that is not known.
 pub fn calibrate(
     beacons: &[Beacon],
     stays: &[Placed],
@@ -135,7 +135,7 @@ pub fn calibrate(
         .collect()
 }
 
-/// What a wall takes, dB, in steps of a half: the one with which all levels are most likely.
+/// What a wall takes, dB, in steps of a half: the one with which all RSSI values are most likely.
 pub fn wall_attenuation(
     beacons: &[Beacon],
     stays: &[Placed],
@@ -161,28 +161,28 @@ fn heard(
     walls: &[Wall<f64>],
 ) -> Option<RssiAtDistance> {
     let of_it = stay.samples.iter().filter(|sample| sample.beacon == beacon.name);
-    let levels: Vec<f64> = of_it.filter_map(|sample| level(sample.rssi_dbm).ok()).collect();
+    let rssis: Vec<f64> = of_it.filter_map(|sample| rssi(sample.rssi_dbm).ok()).collect();
     let up = beacon.height_m.zip(height_m).map_or(0.0, |(beacon, tag)| beacon - tag);
     let [x, y] = [0, 1].map(|axis: usize| stay.position_m[axis] - beacon.position_m[axis]);
     let distance_m = (x * x + y * y + up * up).sqrt().max(NEAREST_M);
     let taken = attenuation(walls, beacon.position_m, stay.position_m);
-    let mean = levels.iter().sum::<f64>() / levels.len() as f64;
-    (!levels.is_empty()).then_some(RssiAtDistance { distance_m, level_dbm: mean + taken, distance_sigma_m })
+    let mean = rssis.iter().sum::<f64>() / rssis.len() as f64;
+    (!rssis.is_empty()).then_some(RssiAtDistance { distance_m, rssi_dbm: mean + taken, distance_sigma_m })
 }
 
 /// What is learnt of points in their order, by the node's own estimator; `None` without points.
 fn learn(points: &[RssiAtDistance]) -> Option<Learnt> {
     let mut online = OnlinePathLoss::<f64>::new(PathLoss::default(), UNKNOWN.0, UNKNOWN.1);
     for point in points {
-        online.learn(point.level_dbm, point.distance_m, point.distance_sigma_m);
+        online.learn(point.rssi_dbm, point.distance_m, point.distance_sigma_m);
     }
     let found = *online.model();
-    let squares = points.iter().map(|point| (point.level_dbm - found.level(point.distance_m)).powi(2)).sum::<f64>();
+    let squares = points.iter().map(|point| (point.rssi_dbm - found.rssi(point.distance_m)).powi(2)).sum::<f64>();
     let deviation = (squares / points.len() as f64).sqrt();
     (!points.is_empty()).then(|| Learnt { path_loss: PathLoss { deviation, ..found }, sigma: online.deviations() })
 }
 
-/// Regression of levels on 10 log₁₀ d; `None` without points.
+/// Regression of RSSI values on 10 log₁₀ d; `None` without points.
 pub fn fit(points: &[RssiAtDistance]) -> Option<(PathLoss<f64>, [f64; 2])> {
     if points.is_empty() {
         return None;
@@ -194,23 +194,23 @@ pub fn fit(points: &[RssiAtDistance]) -> Option<(PathLoss<f64>, [f64; 2])> {
     for _ in 0..ROUNDS {
         // Normal equations of level₁ − n x, about the prior.
         let variance = model.deviation.powi(2);
-        let (exponent, level) = (variance / PRIOR.0.powi(2), variance / PRIOR.1.powi(2));
-        let (mut sum, mut x, mut xx) = (level, 0.0, exponent);
-        let (mut z, mut xz) = (level * usual.level_1m, -exponent * usual.exponent);
+        let (exponent, rssi) = (variance / PRIOR.0.powi(2), variance / PRIOR.1.powi(2));
+        let (mut sum, mut x, mut xx) = (rssi, 0.0, exponent);
+        let (mut z, mut xz) = (rssi * usual.level_1m, -exponent * usual.exponent);
         for (point, weight) in points.iter().zip(&weights) {
             let log = 10.0 * point.distance_m.log10();
             sum += weight;
             x += weight * log;
             xx += weight * log * log;
-            z += weight * point.level_dbm;
-            xz += weight * log * point.level_dbm;
+            z += weight * point.rssi_dbm;
+            xz += weight * log * point.rssi_dbm;
         }
         let determinant = sum * xx - x * x;
         let slope = (sum * xz - x * z) / determinant;
         model.exponent = (-slope).clamp(EXPONENTS.0, EXPONENTS.1);
         model.level_1m = (z + model.exponent * x) / sum;
         sigma = [(variance * xx / determinant).sqrt(), (variance * sum / determinant).sqrt()];
-        let residuals: Vec<f64> = points.iter().map(|point| point.level_dbm - model.level(point.distance_m)).collect();
+        let residuals: Vec<f64> = points.iter().map(|point| point.rssi_dbm - model.rssi(point.distance_m)).collect();
         let squares: f64 = residuals.iter().zip(&weights).map(|(residual, weight)| weight * residual * residual).sum();
         // Two parameters were fitted, as far as there were points for them.
         let freedom = (points.len() as f64 - 2.0).max(0.0);
@@ -233,11 +233,11 @@ pub fn to_csv(beacons: &[Beacon], calibrated: &[Calibrated]) -> csv::Result<Vec<
         let hundredths = |value: f64| format!("{value:.2}");
         let known = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
         let [x_m, y_m] = beacon.position_m.map(|coordinate| coordinate.to_string());
-        let [level, exponent, deviation] = match &calibrated.path_loss {
+        let [rssi, exponent, deviation] = match &calibrated.path_loss {
             Some(found) => [found.level_1m, found.exponent, found.deviation].map(hundredths),
             None => [beacon.rssi_1m_dbm, beacon.path_loss_exponent, beacon.deviation_db].map(known),
         };
-        writer.write_record([&beacon.name, &x_m, &y_m, &known(beacon.height_m), &level, &exponent, &deviation])?;
+        writer.write_record([&beacon.name, &x_m, &y_m, &known(beacon.height_m), &rssi, &exponent, &deviation])?;
     }
     writer.into_inner().map_err(|error| error.into_error().into())
 }
@@ -246,10 +246,10 @@ pub fn to_csv(beacons: &[Beacon], calibrated: &[Calibrated]) -> csv::Result<Vec<
 mod tests {
     use super::{RssiAtDistance, fit};
 
-    fn points(levels: &[(f64, f64)]) -> Vec<RssiAtDistance> {
-        levels
+    fn points(rssis: &[(f64, f64)]) -> Vec<RssiAtDistance> {
+        rssis
             .iter()
-            .map(|&(distance_m, level_dbm)| RssiAtDistance { distance_m, level_dbm, distance_sigma_m: 0.0 })
+            .map(|&(distance_m, rssi_dbm)| RssiAtDistance { distance_m, rssi_dbm, distance_sigma_m: 0.0 })
             .collect()
     }
 
@@ -265,9 +265,9 @@ mod tests {
 
     #[test]
     fn a_point_in_a_shadow_pulls_less_than_in_plain_regression() {
-        let mut levels: Vec<_> = (1..=10).map(f64::from).map(|d| (d, -50.0 - 20.0 * d.log10())).collect();
-        levels[9].1 -= 30.0;
-        let (found, _) = fit(&points(&levels)).expect("points");
+        let mut rssis: Vec<_> = (1..=10).map(f64::from).map(|d| (d, -50.0 - 20.0 * d.log10())).collect();
+        rssis[9].1 -= 30.0;
+        let (found, _) = fit(&points(&rssis)).expect("points");
         // Plain regression, by hand: x = 10 log₁₀ d has mean 6.5598 and Σ (x − x̄)² = 91.211; the last point's x − x̄ = 3.4402 adds
         // 30 · 3.4402 ⁄ 91.211 = 1.132 to the exponent of 2.
         assert!(found.exponent > 1.9 && found.exponent < 2.9, "{found:?}");
@@ -276,13 +276,13 @@ mod tests {
     #[test]
     fn few_points_stay_sensible() {
         assert_eq!(fit(&[]), None);
-        // One point: its level counts, the exponent is as believed before.
+        // One point: its RSSI counts, the exponent is as believed before.
         let (found, sigma) = fit(&points(&[(1.0, -45.0)])).expect("a point");
         assert!((found.exponent - 2.4).abs() < 1e-9 && (found.level_1m + 45.0).abs() < 1.0, "{found:?}");
         assert!(sigma[1] > 1.5, "{sigma:?}");
-        // Points at one distance, and levels that grow with the distance.
+        // Points at one distance, and RSSI values that grow with the distance.
         let (found, _) = fit(&points(&[(3.0, -60.0), (3.0, -62.0), (3.0, -61.0)])).expect("points");
-        assert!(found.is_sane() && (found.level(3.0) + 61.0).abs() < 1.0, "{found:?}");
+        assert!(found.is_sane() && (found.rssi(3.0) + 61.0).abs() < 1.0, "{found:?}");
         let (found, _) = fit(&points(&[(1.0, -80.0), (2.0, -70.0), (4.0, -60.0), (8.0, -50.0)])).expect("points");
         assert!(found.is_sane() && found.exponent == 0.5, "{found:?}");
     }

@@ -108,13 +108,13 @@ fn a_map_is_what_a_node_reads() {
     // Levels between the corners lie between theirs.
     let nearest =
         map.positions::<f64>().position(|[x, y]| (x - 5.0).abs() < 0.5 && (y - 5.0).abs() < 0.5).expect("a middle");
-    assert!(map.levels::<f64>(nearest).all(|level| level.is_some_and(|level| (-76.0..=-62.0).contains(&level))));
+    assert!(map.rssis::<f64>(nearest).all(|level| level.is_some_and(|level| (-76.0..=-62.0).contains(&level))));
 
     folder.run("ble map --fingerprints survey.csv --out points.map --surveyed").ok();
     let bytes = folder.read("points.map");
     let (map, _) = Map::decode(&bytes).expect("a map");
     assert_eq!((map.points(), map.has_deviations()), (4, false));
-    assert_eq!(map.levels::<f64>(1).collect::<Vec<_>>(), [Some(-80.0), Some(-60.0)]);
+    assert_eq!(map.rssis::<f64>(1).collect::<Vec<_>>(), [Some(-80.0), Some(-60.0)]);
 }
 
 /// The summaries of a run.

@@ -1,8 +1,8 @@
-//! Positions from the levels of Bluetooth beacons.
+//! Positions from the RSSI values of Bluetooth beacons.
 //!
-//! Adverts flow in, one level each: [`signal`] refuses what no receiver can have measured, smooths and averages it, and gives a
-//! *scan*, a slice of levels in dBm by the beacons' order, `None` where a beacon is not heard. [`path_loss`] makes distances of
-//! levels, [`multilateration`] and [`posterior`] positions of levels, [`particles`] ways of positions; [`offset`] learns what is
+//! Adverts flow in, one RSSI each: [`signal`] refuses what no receiver can have measured, smooths and averages it, and gives a
+//! *scan*, a slice of RSSI values in dBm by the beacons' order, `None` where a beacon is not heard. [`path_loss`] makes distances of
+//! RSSI values, [`multilateration`] and [`posterior`] positions of RSSI values, [`particles`] ways of positions; [`offset`] learns what is
 //! the receiver's own.
 //! [`fingerprint`] compares a scan with a map; [`rooms`] says in which room a scan or a position is.
 //!

@@ -1,7 +1,7 @@
-//! A position from the levels of beacons at known places: weighted linear least squares (6), and nonlinear in the levels themselves.
+//! A position from the RSSI values of beacons at known places: weighted linear least squares (6), and nonlinear in the RSSI values themselves.
 //!
-//! One level a beacon flows in, each with its beacon's path loss; out flows a [`Fix`] whose covariance comes from the path loss'
-//! deviation and from how far the levels agree. The nonlinear form minimises Σ (zᵢ − Lᵢ(‖p − bᵢ‖) − o)² ⁄ σᵢ² + o² ⁄ σₒ², where o is the
+//! One RSSI a beacon flows in, each with its beacon's path loss; out flows a [`Fix`] whose covariance comes from the path loss'
+//! deviation and from how far the RSSI values agree. The nonlinear form minimises Σ (zᵢ − Lᵢ(‖p − bᵢ‖) − o)² ⁄ σᵢ² + o² ⁄ σₒ², where o is the
 //! receiver's own offset: shadowing is normal in dB, so that this is the most probable position, which (6) is not.
 
 use heapless::Vec;
@@ -18,12 +18,12 @@ const CONVERGED_M: f64 = 1.0e-3;
 const MAX_STEPS: usize = 40;
 /// Distances are not told apart below this, metres: there the path loss ends, and its slope with it.
 const NEAREST_M: f64 = 0.3;
-/// So many levels' worth of belief that the path loss' deviation is right, before the levels say how far they agree.
+/// So many RSSI values' worth of belief that the path loss' deviation is right, before the RSSI values say how far they agree.
 const BELIEF: f64 = 4.0;
-/// Levels at one place share shadows: so many of them are worth one (as [`PosteriorSettings`](super::posterior::PosteriorSettings) has it).
+/// RSSI values at one place share shadows: so many of them are worth one (as [`PosteriorSettings`](super::posterior::PosteriorSettings) has it).
 const SHARED: f64 = 2.0;
 
-/// A level that was heard, with what is known of its beacon.
+/// An RSSI that was heard, with what is known of its beacon.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Heard<T, const D: usize> {
@@ -31,16 +31,16 @@ pub struct Heard<T, const D: usize> {
     pub place: [T; D],
     /// How far above or below the tag it is, metres, in the plane; 0 where that is not known, and in space.
     pub above: T,
-    /// The level, dBm.
-    pub level: T,
+    /// The RSSI, dBm.
+    pub rssi: T,
     /// The beacon's path loss.
     pub path_loss: PathLoss<T>,
 }
 
 impl<T: Real, const D: usize> Heard<T, D> {
-    /// The distance along the plane (or in space) that the level speaks of, metres.
+    /// The distance along the plane (or in space) that the RSSI speaks of, metres.
     pub fn distance(&self) -> T {
-        flatten(self.path_loss.distance(self.level), self.above)
+        flatten(self.path_loss.distance(self.rssi), self.above)
     }
 
     fn range(&self) -> RangeSample<T, D> {
@@ -50,17 +50,17 @@ impl<T: Real, const D: usize> Heard<T, D> {
     /// Whether every number is finite and believable.
     #[inline(never)]
     pub(crate) fn is_sane(&self) -> bool {
-        let sum = self.place.iter().fold(self.above.abs() + self.level.abs(), |sum, component| sum + component.abs());
+        let sum = self.place.iter().fold(self.above.abs() + self.rssi.abs(), |sum, component| sum + component.abs());
         sum <= T::of(1.0e5) && self.path_loss.is_sane()
     }
 
-    /// What the level is off from a position, dB, and by how much it changes with each coordinate, dB a metre.
+    /// What the RSSI is off from a position, dB, and by how much it changes with each coordinate, dB a metre.
     #[inline]
     fn seen_from(&self, position: &Vector<T, D>) -> (T, Vector<T, D>) {
         let across = sub(position, &self.place);
         let square = (dot(&across, &across) + self.above.squared()).at_least(T::of(NEAREST_M * NEAREST_M));
         let slope = -self.path_loss.exponent * T::of(10.0 / core::f64::consts::LN_10) / square;
-        (self.level - self.path_loss.level(square.sqrt()), across.map(|component| component * slope))
+        (self.rssi - self.path_loss.rssi(square.sqrt()), across.map(|component| component * slope))
     }
 }
 
@@ -103,7 +103,7 @@ pub fn weighted_linear<T: Real, const D: usize>(heard: &[Heard<T, D>]) -> Result
     conclude(heard, position, covariance, &agreement)
 }
 
-/// Nonlinear least squares in the levels (see the module). `offset_deviation` is how far the receiver's own offset may be from none,
+/// Nonlinear least squares in the RSSI values (see the module). `offset_deviation` is how far the receiver's own offset may be from none,
 /// dB: 0 for the receiver that the path losses were calibrated with, some 4 for another one. It keeps inside the known area.
 ///
 /// # Errors
@@ -132,7 +132,7 @@ pub fn nonlinear<T: Real, const D: usize>(
 
 type Ranges<T, const D: usize> = Vec<RangeSample<T, D>, MAX_ANCHORS>;
 
-/// The levels as ranges, and the first look at them.
+/// The RSSI values as ranges, and the first look at them.
 fn surveyed<T: Real, const D: usize>(
     heard: &[Heard<T, D>],
     constraints: &Constraints<T, D>,
@@ -179,7 +179,7 @@ fn model<T: Real, const D: usize>(heard: &[Heard<T, D>], offset_deviation: T, po
         descent = add_scaled(&descent, weight * residual, &slope);
         slopes = add_scaled(&slopes, weight, &slope);
     }
-    // The offset, linear in the levels, is eliminated (Schur): o = Σ w r ⁄ (Σ w + 1 ⁄ σₒ²).
+    // The offset, linear in the RSSI values, is eliminated (Schur): o = Σ w r ⁄ (Σ w + 1 ⁄ σₒ²).
     let share = share_of_offset(weights, offset_deviation);
     add_outer(&mut hessian, -share, &slopes);
     let descent = add_scaled(&descent, -share * residuals, &slopes);
@@ -225,11 +225,11 @@ fn descend<T: Real, const D: usize>(
     here.cost.is_finite().then_some((position, here))
 }
 
-/// How far the levels agree with a position.
+/// How far the RSSI values agree with a position.
 struct Agreement<T> {
     /// Σ (r ⁄ σ)².
     squares: T,
-    /// Levels more than unknowns.
+    /// RSSI values more than unknowns.
     freedom: T,
     quality: T,
 }
@@ -294,11 +294,11 @@ mod tests {
 
     const MODEL: PathLoss<f64> = PathLoss { level_1m: -50.0, exponent: 2.0, deviation: 4.0 };
 
-    /// Exact levels of beacons in the corners of a room of 6 m by 8 m, heard at (2, 3); `offset` dB too loud.
+    /// Exact RSSI values of beacons in the corners of a room of 6 m by 8 m, heard at (2, 3); `offset` dB too loud.
     fn heard(offset: f64) -> [Heard<f64, 2>; 4] {
-        // Distances √13, 5, √29, √41: levels −50 − 10 log₁₀ of their squares.
+        // Distances √13, 5, √29, √41: RSSI values −50 − 10 log₁₀ of their squares.
         [([0.0, 0.0], 13.0_f64), ([6.0, 0.0], 25.0), ([0.0, 8.0], 29.0), ([6.0, 8.0], 41.0)].map(|(place, square)| {
-            Heard { place, above: 0.0, level: -50.0 - 10.0 * square.log10() + offset, path_loss: MODEL }
+            Heard { place, above: 0.0, rssi: -50.0 - 10.0 * square.log10() + offset, path_loss: MODEL }
         })
     }
 
@@ -340,8 +340,8 @@ mod tests {
     fn a_beacon_above_the_tag_is_nearer_than_its_level_says() {
         // (2, 3) from corners 2 m above: squares grow by 4.
         let above = heard(0.0).map(|heard| {
-            let square = 10_f64.powf((-50.0 - heard.level) / 10.0) + 4.0;
-            Heard { above: 2.0, level: -50.0 - 10.0 * square.log10(), ..heard }
+            let square = 10_f64.powf((-50.0 - heard.rssi) / 10.0) + 4.0;
+            Heard { above: 2.0, rssi: -50.0 - 10.0 * square.log10(), ..heard }
         });
         let fix = weighted_linear(&above).expect("a position");
         assert!(is_near(fix.position, [2.0, 3.0], 1e-9), "{fix:?}");
@@ -368,7 +368,7 @@ mod tests {
         assert_eq!(both(&[good[0]; 4]), (Some(SolveError::CoincidentAnchors), Some(SolveError::CoincidentAnchors)));
         for wrong in [f64::NAN, f64::INFINITY] {
             let mut bad = good;
-            bad[1].level = wrong;
+            bad[1].rssi = wrong;
             assert_eq!(both(&bad), (Some(SolveError::NotFinite), Some(SolveError::NotFinite)));
             let mut bad = good;
             bad[2].path_loss.exponent = wrong;
@@ -379,8 +379,8 @@ mod tests {
     #[test]
     fn levels_that_contradict_each_other_widen_the_covariance() {
         let mut torn = heard(0.0);
-        torn[0].level -= 25.0;
-        torn[3].level += 25.0;
+        torn[0].rssi -= 25.0;
+        torn[3].rssi += 25.0;
         let [good, torn] =
             [heard(0.0), torn].map(|heard| nonlinear(&heard, 0.0, &Constraints::default()).expect("a position"));
         assert!(torn.covariance[0][0] > 2.0 * good.covariance[0][0], "{torn:?} {good:?}");

@@ -1,7 +1,7 @@
 //! What a receiver reads too loud or too soft, alike from all beacons: another telephone than the one that calibrated errs by 0.3 to
 //! 0.4 m more in the thesis (tables 4.4 and 4.5). Learnt while positions are found.
 //!
-//! What each scan says of the offset flows in, with what was known before ([`Posterior`](super::posterior::Posterior), or the levels at a known
+//! What each scan says of the offset flows in, with what was known before ([`Posterior`](super::posterior::Posterior), or the RSSI values at a known
 //! place); out flows the offset in dB with its deviation. A scalar Kalman filter whose gain the posterior has: one receiver has
 //! one offset, that wanders hardly at all.
 
@@ -35,7 +35,7 @@ impl<T: Real> ReceiverOffset<T> {
         Self { offset: T::ZERO, variance: deviation.squared() }
     }
 
-    /// By how much the receiver's levels are too loud, dB.
+    /// By how much the receiver's RSSI values are too loud, dB.
     pub fn offset(&self) -> T {
         self.offset
     }
@@ -59,9 +59,9 @@ impl<T: Real> ReceiverOffset<T> {
         self.variance = variance.at_most(self.variance) + T::of(WANDER);
     }
 
-    /// Takes the offset out of a level.
-    pub fn correct(&self, level: T) -> T {
-        level - self.offset
+    /// Takes the offset out of an RSSI.
+    pub fn correct(&self, rssi: T) -> T {
+        rssi - self.offset
     }
 }
 

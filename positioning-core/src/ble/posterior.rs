@@ -1,7 +1,7 @@
-//! The mean of where a tag may be, given the levels it hears and the area it can be in: the integral over the area of position times
+//! The mean of where a tag may be, given the RSSI values it hears and the area it can be in: the integral over the area of position times
 //! likelihood, by two lattices, the second one where the first found the tag.
 //!
-//! Likelihoods of levels are wide, bent and often in two parts. Their mean errs less than their maximum, which [`nonlinear`] finds, and
+//! Likelihoods of RSSI values are wide, bent and often in two parts. Their mean errs less than their maximum, which [`nonlinear`] finds, and
 //! their spread is an honest covariance however they are shaped; and one beacon alone already says something.
 //!
 //! [`nonlinear`]: super::multilateration::nonlinear
@@ -13,20 +13,20 @@ use crate::{AnchorSet, Area, Fix, MAX_ANCHORS, Real, SolveError};
 
 /// Points of a lattice along each axis.
 const POINTS: usize = 16;
-/// A beacon is nowhere farther than a level says that is so many deviations lower …
+/// A beacon is nowhere farther than an RSSI says that is so many deviations lower …
 const FARTHEST: f64 = 2.5;
 /// … and this far at least, metres.
 const FARTHEST_AT_LEAST_M: f64 = 2.0;
 /// The second lattice reaches so many deviations about the first one's mean.
 const REACH: f64 = 3.5;
 
-/// How levels are believed.
+/// How RSSI values are believed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PosteriorSettings<T> {
     /// How far the receiver's own offset may be from none, dB.
     pub offset_deviation: T,
-    /// How much of the levels' likelihood counts, up to 1: shadows of several beacons at one place are one another's, and the path loss
+    /// How much of the RSSI values' likelihood counts, up to 1: shadows of several beacons at one place are one another's, and the path loss
     /// is not quite right.
     pub trust: T,
 }
@@ -50,11 +50,11 @@ pub struct Posterior<T> {
     pub offset_variance: T,
 }
 
-/// Where the tag is within an area, by levels of which the first [`MAX_ANCHORS`] count. Walls take their part of a signal (2), where any
+/// Where the tag is within an area, by RSSI values of which the first [`MAX_ANCHORS`] count. Walls take their part of a signal (2), where any
 /// are given.
 ///
 /// # Errors
-/// [`SolveError::TooFewAnchors`] without a level, [`SolveError::TooManyAnchors`] beyond [`MAX_ANCHORS`], [`SolveError::NotFinite`] where a number is none
+/// [`SolveError::TooFewAnchors`] without an RSSI, [`SolveError::TooManyAnchors`] beyond [`MAX_ANCHORS`], [`SolveError::NotFinite`] where a number is none
 /// or the area is empty.
 #[inline(never)]
 pub fn posterior<T: Real>(
@@ -72,14 +72,14 @@ pub fn posterior<T: Real>(
     if !(is_some(area) && heard.iter().all(Heard::is_sane)) {
         return Err(SolveError::NotFinite);
     }
-    let levels = belief.of(heard).through(walls);
+    let rssis = belief.of(heard).through(walls);
     let area = &belief.narrowed(area, heard);
-    let coarse = Moments::over(&levels, area, None);
+    let coarse = Moments::over(&rssis, area, None);
     let near = Area {
         min: core::array::from_fn(|axis| (coarse.mean[axis] - coarse.reach(axis)).at_least(area.min[axis])),
         max: core::array::from_fn(|axis| (coarse.mean[axis] + coarse.reach(axis)).at_most(area.max[axis])),
     };
-    let fine = Moments::over(&levels, &near, None);
+    let fine = Moments::over(&rssis, &near, None);
     let found = if fine.weight > T::ZERO { fine } else { coarse };
     if !(found.mean[0] + found.mean[1]).is_finite() {
         return Err(SolveError::Diverged);
@@ -90,13 +90,13 @@ pub fn posterior<T: Real>(
         // Metres of position a metre of range have no meaning here.
         dilution_of_precision: [T::ZERO; 2],
         used: AnchorSet(((1_u32 << heard.len()) - 1) as u16),
-        quality: levels.agreement(found.mean),
+        quality: rssis.agreement(found.mean),
     };
     let [offset, spread] = found.decibels;
-    Ok(Posterior { fix, offset, offset_variance: spread + levels.offset_variance() })
+    Ok(Posterior { fix, offset, offset_variance: spread + rssis.offset_variance() })
 }
 
-/// By how much a level is too loud, dB, and the variance of that, dB², where others say how likely each place of an area is. `None`
+/// By how much an RSSI is too loud, dB, and the variance of that, dB², where others say how likely each place of an area is. `None`
 /// where nothing can be said.
 #[inline(never)]
 pub(crate) fn too_loud<T: Real>(
@@ -109,9 +109,9 @@ pub(crate) fn too_loud<T: Real>(
     if !(is_some(area) && heard.is_sane()) {
         return None;
     }
-    let levels = belief.of(others).through(walls);
-    let [excess, spread] = Moments::over(&levels, &belief.narrowed(area, others), Some(&Term::of(heard))).decibels;
-    let variance = spread + levels.offset_variance() + heard.path_loss.deviation.squared();
+    let rssis = belief.of(others).through(walls);
+    let [excess, spread] = Moments::over(&rssis, &belief.narrowed(area, others), Some(&Term::of(heard))).decibels;
+    let variance = spread + rssis.offset_variance() + heard.path_loss.deviation.squared();
     (excess + variance).is_finite().then_some([excess, variance])
 }
 
@@ -122,7 +122,7 @@ fn is_some<T: Real>(area: &Area<T, 2>) -> bool {
 }
 
 impl<T: Real> PosteriorSettings<T> {
-    /// The likelihood of levels. Their trust is no doubt of the offset.
+    /// The likelihood of RSSI values. Their trust is no doubt of the offset.
     #[inline(never)]
     pub fn of<'a>(&self, heard: &[Heard<T, 2>]) -> Levels<'a, T> {
         Levels::of(heard, self.offset_deviation * self.trust.sqrt(), self.trust)
@@ -134,10 +134,9 @@ impl<T: Real> PosteriorSettings<T> {
     fn narrowed(&self, area: &Area<T, 2>, heard: &[Heard<T, 2>]) -> Area<T, 2> {
         let mut near = *area;
         let mut nearest = None;
-        for Heard { place, level, path_loss, .. } in heard {
+        for Heard { place, rssi, path_loss, .. } in heard {
             let deviation = (path_loss.deviation.squared() / self.trust + self.offset_deviation.squared()).sqrt();
-            let farthest =
-                path_loss.distance(*level - T::of(FARTHEST) * deviation).at_least(T::of(FARTHEST_AT_LEAST_M));
+            let farthest = path_loss.distance(*rssi - T::of(FARTHEST) * deviation).at_least(T::of(FARTHEST_AT_LEAST_M));
             if nearest.is_none_or(|nearest| farthest < nearest) {
                 nearest = Some(farthest);
                 near = Area {
@@ -155,7 +154,7 @@ struct Moments<T> {
     weight: T,
     mean: [T; 2],
     covariance: [[T; 2]; 2],
-    /// Mean, dB, and variance, dB², of the receiver's offset, or of what one more level is too loud beside it.
+    /// Mean, dB, and variance, dB², of the receiver's offset, or of what one more RSSI is too loud beside it.
     decibels: [T; 2],
     /// Between two points of the lattice.
     spacing: [T; 2],
@@ -163,7 +162,7 @@ struct Moments<T> {
 
 impl<T: Real> Moments<T> {
     #[inline(never)]
-    fn over(levels: &Levels<'_, T>, area: &Area<T, 2>, one_more: Option<&Term<T>>) -> Self {
+    fn over(rssis: &Levels<'_, T>, area: &Area<T, 2>, one_more: Option<&Term<T>>) -> Self {
         let spacing: [T; 2] = core::array::from_fn(|axis| (area.max[axis] - area.min[axis]) / T::count(POINTS));
         let half = T::of(0.5);
         // Sums about the area's middle, scaled by the greatest likelihood so far: nothing underflows, and one pass does.
@@ -174,8 +173,8 @@ impl<T: Real> Moments<T> {
             let y = area.min[1] + (T::count(row) + half) * spacing[1];
             for column in 0..POINTS {
                 let x = area.min[0] + (T::count(column) + half) * spacing[0];
-                let (ln, offset) = levels.seen_from([x, y]);
-                let db = one_more.map_or(offset, |term| levels.residual(term, [x, y]) - offset);
+                let (ln, offset) = rssis.seen_from([x, y]);
+                let db = one_more.map_or(offset, |term| rssis.residual(term, [x, y]) - offset);
                 let scale = match greatest {
                     Some(greatest) if ln <= greatest => (ln - greatest).exp(),
                     Some(least) => {
@@ -229,8 +228,8 @@ mod tests {
     const MODEL: PathLoss<f64> = PathLoss { level_1m: -50.0, exponent: 2.0, deviation: 4.0 };
     const ROOM: Area<f64, 2> = Area { min: [0.0, 0.0], max: [6.0, 8.0] };
 
-    fn heard(place: [f64; 2], level: f64) -> Heard<f64, 2> {
-        Heard { place, above: 0.0, level, path_loss: MODEL }
+    fn heard(place: [f64; 2], rssi: f64) -> Heard<f64, 2> {
+        Heard { place, above: 0.0, rssi, path_loss: MODEL }
     }
 
     #[test]
@@ -245,7 +244,7 @@ mod tests {
                     .iter()
                     .map(|beacon| {
                         let d2 = (at[0] - beacon.place[0]).powi(2) + (at[1] - beacon.place[1]).powi(2) + 0.09;
-                        ((beacon.level + 50.0 + 10.0 * d2.log10()) / 4.0).powi(2)
+                        ((beacon.rssi + 50.0 + 10.0 * d2.log10()) / 4.0).powi(2)
                     })
                     .sum();
                 let likelihood = (-0.5 * 0.5 * square).exp();
@@ -268,7 +267,7 @@ mod tests {
 
     #[test]
     fn the_offset_and_what_one_more_is_too_loud_are_those_of_a_fine_integral() {
-        // By brute force over place, 5 cm, and offset, 0.1 dB; half of the levels counts, and all of what is known of the offset, 3 dB.
+        // By brute force over place, 5 cm, and offset, 0.1 dB; half of the RSSI values counts, and all of what is known of the offset, 3 dB.
         let beacons = [heard([0.0, 0.0], -58.0), heard([6.0, 0.0], -62.0), heard([3.0, 8.0], -60.0)];
         let one_more = heard([0.0, 8.0], -75.0);
         let (mut weight, mut sums, mut squares) = (0.0, [0.0; 2], [0.0; 2]);
@@ -277,7 +276,7 @@ mod tests {
                 let at = [0.025 + 0.05 * f64::from(column), 0.025 + 0.05 * f64::from(row)];
                 let too_loud = |beacon: &Heard<f64, 2>| {
                     let d2 = (at[0] - beacon.place[0]).powi(2) + (at[1] - beacon.place[1]).powi(2) + 0.09;
-                    beacon.level + 50.0 + 10.0 * d2.log10()
+                    beacon.rssi + 50.0 + 10.0 * d2.log10()
                 };
                 for step in -150..150 {
                     let offset = 0.1 * f64::from(step);
@@ -297,18 +296,18 @@ mod tests {
         let found = posterior(&beacons, &ROOM, &[], &belief).expect("a position");
         let off = [found.offset - mean[0], found.offset_variance / variance[0] - 1.0];
         assert!(off.iter().all(|off| off.abs() < 0.05), "{found:?} {mean:?} {variance:?}");
-        // The level's own 4 dB join. This lattice is the coarse one.
+        // The RSSI's own 4 dB join. This lattice is the coarse one.
         let [excess, doubt] = too_loud(&one_more, &beacons, &ROOM, &[], &belief).expect("three others");
         assert!(
             (excess - mean[1]).abs() < 0.15 && (doubt / (variance[1] + 16.0) - 1.0).abs() < 0.05,
             "{excess} {doubt}"
         );
-        assert_eq!(too_loud(&Heard { level: f64::NAN, ..one_more }, &beacons, &ROOM, &[], &belief), None);
+        assert_eq!(too_loud(&Heard { rssi: f64::NAN, ..one_more }, &beacons, &ROOM, &[], &belief), None);
     }
 
     #[test]
     fn of_a_large_area_only_what_the_levels_reach_is_looked_at() {
-        // A kilometre: over it a lattice has 62 m between two points; over 80 m it has 5 m, where the levels end at 40 m. Exact levels
+        // A kilometre: over it a lattice has 62 m between two points; over 80 m it has 5 m, where the RSSI values end at 40 m. Exact RSSI values
         // at (2, 3), as in multilateration's tests.
         let [site, near] = [500.0, 40.0].map(|half| Area { min: [-half; 2], max: [half; 2] });
         let beacons = [([0.0, 0.0], 13.09_f64), ([6.0, 0.0], 25.09), ([0.0, 8.0], 29.09), ([6.0, 8.0], 41.09)]
@@ -331,8 +330,8 @@ mod tests {
     #[test]
     fn a_small_tag_in_a_large_hall_is_found_by_the_second_lattice() {
         let hall = Area { min: [-200.0, -200.0], max: [200.0, 200.0] };
-        let sharp = |place, level| Heard { path_loss: PathLoss { deviation: 0.5, ..MODEL }, ..heard(place, level) };
-        // Exact levels at (2, 3), as in multilateration's tests.
+        let sharp = |place, rssi| Heard { path_loss: PathLoss { deviation: 0.5, ..MODEL }, ..heard(place, rssi) };
+        // Exact RSSI values at (2, 3), as in multilateration's tests.
         let beacons = [([0.0, 0.0], 13.09_f64), ([6.0, 0.0], 25.09), ([0.0, 8.0], 29.09), ([6.0, 8.0], 41.09)]
             .map(|(place, square)| sharp(place, -50.0 - 10.0 * square.log10()));
         let found = posterior(&beacons, &hall, &[], &PosteriorSettings { offset_deviation: 0.0, trust: 1.0 });
@@ -347,7 +346,7 @@ mod tests {
         let at = |heard: &[Heard<f64, 2>], area: &Area<f64, 2>| {
             posterior(heard, area, &[], &PosteriorSettings::default()).err()
         };
-        assert_eq!(at(&[Heard { level: f64::NAN, ..good }], &ROOM), Some(SolveError::NotFinite));
+        assert_eq!(at(&[Heard { rssi: f64::NAN, ..good }], &ROOM), Some(SolveError::NotFinite));
         assert_eq!(at(&[good], &Area { min: [0.0, 0.0], max: [0.0, 8.0] }), Some(SolveError::NotFinite));
         assert_eq!(at(&[good], &Area { min: [0.0, f64::NAN], max: [6.0, 8.0] }), Some(SolveError::NotFinite));
         assert_eq!(at(&[good; 17], &ROOM), Some(SolveError::TooManyAnchors));

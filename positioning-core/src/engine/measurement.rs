@@ -15,7 +15,7 @@ pub enum Measurement<T> {
     RoundEnd,
     /// A difference of two arrivals.
     Tdoa(Tdoa<T>),
-    /// A position that levels of beacons have together, by their path losses or by a map of them.
+    /// A position that RSSI values of beacons have together, by their path losses or by a map of them.
     BeaconPosition(BeaconPosition<T>),
     /// A height.
     Height {
@@ -71,7 +71,7 @@ pub struct Tdoa<T> {
     pub blocked: [Option<T>; 2],
 }
 
-/// A position in the plane by levels of beacons.
+/// A position in the plane by RSSI values of beacons.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BeaconPosition<T> {
@@ -128,7 +128,7 @@ impl<T: Real> BeaconPosition<T> {
             && (T::ZERO..=T::ONE).contains(&self.lasting)
     }
 
-    /// The same for a tag at this height. Whoever located it has judged the levels.
+    /// The same for a tag at this height. Whoever located it has judged the RSSI values.
     pub(super) fn at(&self, height: T) -> Fix<T, 3> {
         let ([x, y], [xx, xy, yy], zero) = (self.position, self.covariance, T::ZERO);
         Fix {

@@ -33,7 +33,7 @@ pub struct Engine<T> {
     supervisor: Supervisor,
     round: Round<T>,
     /// Where a track in space has its height from.
-    level: HeightSource<T>,
+    height_source: HeightSource<T>,
     /// Whether there is a track, and why not.
     track: Result<(), Missing>,
     /// Why the next track will be started.
@@ -60,7 +60,7 @@ impl<T: Real> Engine<T> {
             filter: Filter::new(),
             supervisor: Supervisor::default(),
             round: Round::new(),
-            level: HeightSource::new(),
+            height_source: HeightSource::new(),
             track: Err(Missing::RoundOpen),
             next_start: Start::First,
             now_us: 0,
@@ -133,7 +133,7 @@ impl<T: Real> Engine<T> {
         Ok(TrackFix {
             position: self.filter.state.position(),
             velocity: self.filter.state.velocity(),
-            covariance: self.level.admit(self.filter.state.position_covariance()),
+            covariance: self.height_source.admit(self.filter.state.position_covariance()),
             used: crate::AnchorSet(self.round.used),
             quality: self.round.quality(),
             age_us: self.now_us.saturating_sub(self.used_us),

@@ -12,7 +12,7 @@ use crate::{AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, RangeSample, Real, S
 pub(super) struct Round<T> {
     pub(super) ranges: Vec<Range<T>, MAX_ANCHORS>,
     pub(super) tdoas: Vec<Tdoa<T>, MAX_ANCHORS>,
-    /// Where the levels of beacons have the tag.
+    /// Where the RSSI values of beacons have the tag.
     pub(super) by_beacons: Option<BeaconPosition<T>>,
     /// The ranges that have changed the track.
     pub(super) used: u16,

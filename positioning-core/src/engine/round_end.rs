@@ -150,7 +150,7 @@ impl<T: Real> Engine<T> {
         self.apply_min_anchors();
         self.apply_beacon_position();
         let doubts = self.settings.supervised && self.supervisor.doubts();
-        if (doubts || self.level.is_asked())
+        if (doubts || self.height_source.is_asked())
             && let Ok(fix) = self.round.solve(&self.settings)
         {
             let covariance = self.filter.state.position_covariance();
@@ -168,7 +168,7 @@ impl<T: Real> Engine<T> {
     fn take_height(&mut self, fix: &Fix<T, 3>) {
         if self.settings.dimensions.height().is_none()
             && !self.round.ranges.is_empty()
-            && let Some((height, deviation)) = self.level.of(fix)
+            && let Some((height, deviation)) = self.height_source.of(fix)
         {
             self.filter.height(height, deviation, &self.settings);
         }
@@ -177,7 +177,7 @@ impl<T: Real> Engine<T> {
     /// Starts a track.
     pub(super) fn start(&mut self, position: [T; 3], covariance: &[[T; 3]; 3]) -> Start {
         self.filter.start(self.now_us, position, covariance, &self.settings);
-        self.level = HeightSource::new();
+        self.height_source = HeightSource::new();
         self.supervisor = Supervisor::default();
         self.track = Ok(());
         self.used_us = self.now_us;

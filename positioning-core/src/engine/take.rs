@@ -82,7 +82,7 @@ impl<T: Real> Engine<T> {
         if self.track.is_err() {
             return Verdict::NoTrack;
         }
-        self.level.set_external();
+        self.height_source.set_external();
         let fate = self.filter.height(height, deviation, &self.settings);
         self.judge(fate, None)
     }
@@ -92,7 +92,7 @@ impl<T: Real> Engine<T> {
             return Verdict::NotSane;
         }
         if self.track.is_ok() {
-            self.level.set_external();
+            self.height_source.set_external();
             let fate = self.filter.position(*position, covariance, &self.settings);
             return self.judge(fate, None);
         }

@@ -36,8 +36,8 @@ impl Sender {
         Self { number, at, rssi_1m_dbm, link: Link::draw(medium, seed, number) }
     }
 
-    pub(super) fn level_dbm(&self, walls: &[Wall], to: [f64; 3], channel: Channel) -> f64 {
-        self.link.level_dbm(walls, (self.at, self.rssi_1m_dbm), to, channel)
+    pub(super) fn rssi_dbm(&self, walls: &[Wall], to: [f64; 3], channel: Channel) -> f64 {
+        self.link.rssi_dbm(walls, (self.at, self.rssi_1m_dbm), to, channel)
     }
 }
 

@@ -2,7 +2,7 @@
 //! sistema de posicionamiento en interiores mediante Bluetooth Low Energy*, 2024, equations 1 and 2).
 //!
 //! Shadowing is a field of the place and alike on all channels. Fading, where paths meet, is another field for each channel, of
-//! centimetres: a tag that stands has other levels on each channel, always the same. Noise is each reception's own.
+//! centimetres: a tag that stands has other RSSI values on each channel, always the same. Noise is each reception's own.
 
 use rand_distr::{Distribution, StandardNormal};
 
@@ -30,7 +30,7 @@ impl Channel {
     /// In the order in which an event goes through them.
     pub const ALL: [Self; 3] = [Self::Ch37, Self::Ch38, Self::Ch39];
 
-    /// The deviation of the levels on it while nothing moves, dB (Linde, table 3.1).
+    /// The deviation of the RSSI values on it while nothing moves, dB (Linde, table 3.1).
     pub fn noise_db(self) -> f64 {
         match self {
             Self::Ch37 => 1.61,
@@ -40,7 +40,7 @@ impl Channel {
     }
 }
 
-/// How levels fare between beacons and tags.
+/// How RSSI values fare between beacons and tags.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Medium {
     /// The exponent n of the path loss.
@@ -80,8 +80,8 @@ impl Link {
         }
     }
 
-    /// The level on a channel without noise, dBm.
-    pub(super) fn level_dbm(
+    /// The RSSI on a channel without noise, dBm.
+    pub(super) fn rssi_dbm(
         &self,
         walls: &[Wall],
         (from, rssi_1m_dbm): ([f64; 3], f64),
@@ -119,29 +119,29 @@ mod tests {
     #[test]
     fn the_level_falls_with_distance_and_walls() {
         let link = Link::draw(BARE, 1, 0);
-        let level = |walls: &[Wall], to| link.level_dbm(walls, ([0.0; 3], -59.0), to, Channel::Ch38);
-        assert!((level(&[], [1.0, 0.0, 0.0]) + 59.0).abs() < 1e-9);
+        let rssi = |walls: &[Wall], to| link.rssi_dbm(walls, ([0.0; 3], -59.0), to, Channel::Ch38);
+        assert!((rssi(&[], [1.0, 0.0, 0.0]) + 59.0).abs() < 1e-9);
         // 10 · 2 · lg 10 = 20 dB; a wall of brick is 9 dB, one of drywall 3 dB, and one beside counts nothing.
         let wall = |x: f64, material| Wall { from: [x, -1.0], to: [x, 1.0], material };
         let walls = [wall(2.0, Material::BRICK), wall(3.0, Material::DRYWALL), wall(11.0, Material::METAL)];
-        assert!((level(&walls, [6.0, 0.0, 8.0]) + 59.0 + 20.0 + 12.0).abs() < 1e-9);
-        assert!((level(&[], [0.0; 3]) + 59.0 - 20.0).abs() < 1e-9, "at 0.1 m");
+        assert!((rssi(&walls, [6.0, 0.0, 8.0]) + 59.0 + 20.0 + 12.0).abs() < 1e-9);
+        assert!((rssi(&[], [0.0; 3]) + 59.0 - 20.0).abs() < 1e-9, "at 0.1 m");
     }
 
     #[test]
     fn a_tag_that_stands_sees_what_the_table_has() {
-        // Levels of one place by channel deviate as table 3.1 has it, and over many places all of them together by 4.41 dB.
+        // RSSI values of one place by channel deviate as table 3.1 has it, and over many places all of them together by 4.41 dB.
         let mut draws = stream(3, Purpose::Scanner, 0);
         let mut all = Vec::new();
         for beacon in 0..600 {
             let link = Link::draw(Medium { fading_db: Medium::default().fading_db, ..BARE }, 3, beacon);
             for channel in Channel::ALL {
-                let level = link.level_dbm(&[], ([0.0; 3], -59.0), [1.0, 0.0, 0.0], channel);
-                all.extend((0..10).map(|_| level + noise_db(channel, &mut draws)));
+                let rssi = link.rssi_dbm(&[], ([0.0; 3], -59.0), [1.0, 0.0, 0.0], channel);
+                all.extend((0..10).map(|_| rssi + noise_db(channel, &mut draws)));
             }
         }
         let mean = all.iter().sum::<f64>() / all.len() as f64;
-        let sigma = (all.iter().map(|level| (level - mean).powi(2)).sum::<f64>() / all.len() as f64).sqrt();
+        let sigma = (all.iter().map(|rssi| (rssi - mean).powi(2)).sum::<f64>() / all.len() as f64).sqrt();
         // 1800 independent draws of fading: 4.41 ⁄ √3600 = 0.07 (1σ).
         assert!((sigma - 4.41).abs() < 0.25, "{sigma} dB");
     }

@@ -1,4 +1,4 @@
-//! A random field over the floor plan: a level in dB that belongs to a place, alike nearby and independent far off.
+//! A random field over the floor plan: an RSSI in dB that belongs to a place, alike nearby and independent far off.
 //!
 //! Its correlation falls as e^(−d ⁄ length), which is what M. Gudmundson measured of shadowing (*Correlation model for shadow fading in
 //! mobile radio systems*, Electronics Letters 27(23), 1991). It is a sum of cosines whose wave vectors are drawn from the correlation's
@@ -35,7 +35,7 @@ impl Field {
         Self { scale_db: sigma_db * SQRT_2 / (WAVES as f64).sqrt(), waves }
     }
 
-    /// Its level at a place of the floor plan, dB.
+    /// Its RSSI at a place of the floor plan, dB.
     pub(super) fn at(&self, place: [f64; 3]) -> f64 {
         let sum: f64 = self.waves.iter().map(|([kx, ky], phase)| (kx * place[0] + ky * place[1] + phase).cos()).sum();
         self.scale_db * sum
@@ -47,7 +47,7 @@ mod tests {
     use super::*;
     use crate::random::{Purpose, stream};
 
-    /// Mean product of the levels of 4000 fields at two places so far apart, dB².
+    /// Mean product of the RSSI values of 4000 fields at two places so far apart, dB².
     fn covariance(apart_m: f64) -> f64 {
         let fields = (0..4000_u64).map(|index| Field::draw(3.0, 2.0, &mut stream(5, Purpose::Shadowing, index)));
         fields

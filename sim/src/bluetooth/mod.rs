@@ -1,7 +1,7 @@
 //! The Bluetooth air: beacons that advertise, scanners that hear them; beside the UWB air, in the same virtual time.
 //!
 //! A beacon sends an event every interval and 0 to 10 ms more, on its channels one after the other ([`Advertiser`]); a scanner listens to
-//! one channel after the other ([`Scanner`]). What it hears is the level by [`Medium`] and by the walls in between, and the very bytes
+//! one channel after the other ([`Scanner`]). What it hears is the RSSI by [`Medium`] and by the walls in between, and the very bytes
 //! that were sent, with an RSSI in whole dBm as controllers give it. Two advertisements at once on a channel lose each other, unless one
 //! is much stronger. Equal seeds give equal runs.
 
@@ -39,11 +39,11 @@ const EVEN_ODDS_DB: f64 = 0.8;
 /// The air's configuration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BluetoothConfig {
-    /// How levels fare.
+    /// How RSSI values fare.
     pub medium: Medium,
     /// Probability that a reception is lost, whatever its power: to other users of the band.
     pub loss: f64,
-    /// The level at which receivers lose 30.8 %, dBm.
+    /// The RSSI at which receivers lose 30.8 %, dBm.
     pub sensitivity_dbm: f64,
     /// Every receiver reads so much too high, dB.
     pub receiver_offset_db: f64,
@@ -124,7 +124,7 @@ struct Ear {
 
 /// What became of an advertisement at an ear.
 enum Reception {
-    ReceptionEvent(i8),
+    Received(i8),
     LostToNoise,
     LostByChance,
     LostToCollision,
@@ -136,7 +136,7 @@ impl Bluetooth {
         Self { world: world.clone(), config: Rc::new(config), walls: walls.into(), shared: Rc::default() }
     }
 
-    /// How levels fare.
+    /// How RSSI values fare.
     pub fn medium(&self) -> Medium {
         self.config.medium
     }
@@ -203,7 +203,7 @@ impl Bluetooth {
             let others: Vec<&Packet> = others.collect();
             for ear in ears.iter_mut().filter(|ear| ear.listens(packet)) {
                 match self.receive(packet, &others, ear) {
-                    Reception::ReceptionEvent(rssi) => {
+                    Reception::Received(rssi) => {
                         statistics.heard += 1;
                         heard.push((ear.hear.clone(), rssi));
                     }
@@ -221,8 +221,8 @@ impl Bluetooth {
     fn receive(&self, packet: &Packet, others: &[&Packet], ear: &mut Ear) -> Reception {
         let config = &self.config;
         let at = ear.path.at(packet.to);
-        let level = |packet: &Packet| packet.sender.level_dbm(&self.walls, at, packet.channel);
-        let received_dbm = level(packet) + channel::noise_db(packet.channel, &mut ear.draws);
+        let rssi = |packet: &Packet| packet.sender.rssi_dbm(&self.walls, at, packet.channel);
+        let received_dbm = rssi(packet) + channel::noise_db(packet.channel, &mut ear.draws);
         // Always as many draws: what one reception meets changes no other.
         let (power, chance, known): (f64, f64, f64) = (ear.draws.random(), ear.draws.random(), ear.draws.random());
         let odds = (received_dbm - config.sensitivity_dbm + EVEN_ODDS_DB).exp();
@@ -230,13 +230,13 @@ impl Bluetooth {
             Reception::LostToNoise
         } else if chance < config.loss {
             Reception::LostByChance
-        } else if others.iter().any(|other| level(other) > received_dbm - CAPTURE_DB) {
+        } else if others.iter().any(|other| rssi(other) > received_dbm - CAPTURE_DB) {
             Reception::LostToCollision
         } else if known < config.unknown_rssi {
-            Reception::ReceptionEvent(config.unknown_rssi_dbm)
+            Reception::Received(config.unknown_rssi_dbm)
         } else {
             // No controller says more than 20 dBm or less than −127.
-            Reception::ReceptionEvent((received_dbm + config.receiver_offset_db).round().clamp(-127.0, 20.0) as i8)
+            Reception::Received((received_dbm + config.receiver_offset_db).round().clamp(-127.0, 20.0) as i8)
         }
     }
 }

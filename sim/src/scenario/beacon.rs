@@ -60,14 +60,14 @@ pub struct BluetoothSettings {
     /// When tags scan.
     pub scan: Plan,
     /// What tags know of levels on the spot, by the files' names.
-    pub files: LevelFiles,
+    pub files: SiteModelFiles,
     /// The same as a tag has it in flash (`node_record::decode_models`), of the beacons that tags are told of; it should be sound.
-    pub levels: Option<Rc<[u8]>>,
+    pub site_models: Option<Rc<[u8]>>,
 }
 
 /// The files of what tags know of levels on the spot; their paths count from the scenario's.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct LevelFiles {
+pub struct SiteModelFiles {
     /// A map, of `baliza ble map`.
     pub map: Option<String>,
     /// A model of rooms, of `baliza ble rooms`.
@@ -78,7 +78,7 @@ impl Default for BluetoothSettings {
     /// Tags scan all the time.
     fn default() -> Self {
         let scan = Plan { interval_us: 1_000_000, window_us: 1_000_000 };
-        Self { air: BluetoothConfig::default(), scan, files: LevelFiles::default(), levels: None }
+        Self { air: BluetoothConfig::default(), scan, files: SiteModelFiles::default(), site_models: None }
     }
 }
 

@@ -25,7 +25,7 @@ use crate::air::Wall;
 use crate::board::BoardProfile;
 use crate::lis2dh12;
 
-pub use beacon::{Beacon, BluetoothSettings, Format, LevelFiles};
+pub use beacon::{Beacon, BluetoothSettings, Format, SiteModelFiles};
 pub use draw::Charges;
 pub use file::ScenarioError;
 pub use motion::{Walk, distance};

@@ -96,7 +96,7 @@ impl Simulation {
                 path: path.clone(),
                 plan: settings.scan,
                 known: known.clone(),
-                levels: settings.levels.clone(),
+                site_models: settings.site_models.clone(),
             });
             let plan = plan(&world, &scenario, tag.address, path, tag.network, Role::Tag);
             let board = tag.board.unwrap_or(scenario.board);
@@ -347,7 +347,7 @@ struct Ears {
     path: Path,
     plan: Plan,
     known: Rc<[node_record::Beacon]>,
-    levels: Option<Rc<[u8]>>,
+    site_models: Option<Rc<[u8]>>,
 }
 
 /// Interrupts of a Bluetooth controller while it scans: an assumption. Of each advertisement that comes, the access address, the end
@@ -416,7 +416,7 @@ async fn tag_tasks<R: Restart + 'static>(
 ) -> Infallible {
     let processor = sink.processor.clone();
     let background = delay.for_background();
-    let Some(Ears { air, address, path, plan, known, levels }) = ears else {
+    let Some(Ears { air, address, path, plan, known, site_models }) = ears else {
         let ranging = firmware_tag::ranging(radio, delay, machine, channels, &**sink);
         return join(ranging, firmware_tag::engine(channels, background, locator, rates, &**sink)).await.0;
     };
@@ -426,7 +426,7 @@ async fn tag_tasks<R: Restart + 'static>(
         air.scanner(address, path, move |data, rssi_dbm| scan::hear(&channels, &*sink, data, rssi_dbm))
     };
     let scanner = Interfering { scanner, world, processor, address };
-    let models = levels.as_deref().map_or(Err(node_record::LoadError::Missing), node_record::decode_models);
+    let models = site_models.as_deref().map_or(Err(node_record::LoadError::Missing), node_record::decode_models);
     let surveyed = LoadedModels::of(models, &known, |condition| sink.unused(condition));
     let locator = locator.with_beacons(KnownBeacons::new(&known, None)).with_surveyed(&surveyed);
     let ranging = firmware_tag::ranging(radio, delay, machine, channels, &**sink);

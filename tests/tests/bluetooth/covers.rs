@@ -65,7 +65,7 @@ fn a_tag_goes_out_of_the_anchors_cover_into_the_beacons_and_back() {
         .collect();
     let gap = found.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(0.0, f64::max);
     assert!(gap < 1.1, "{gap} s without a position");
-    // What the beacons' levels err by is known where the anchors' cover ends: it begins with centimetres, and grows with the way.
+    // What the beacons' RSSI values err by is known where the anchors' cover ends: it begins with centimetres, and grows with the way.
     let left = found.windows(2).filter(|pair| (pair[0].1, pair[1].1) == (Source::Anchors, Source::Beacons));
     let first: Vec<_> = left.map(|pair| (pair[1].3, pair[1].2.deviation_m()[0])).collect();
     assert!(!first.is_empty() && first.iter().all(|(error_m, sigma_m)| *error_m < 1.0 && *sigma_m < 1.0), "{first:?}");

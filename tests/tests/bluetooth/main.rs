@@ -2,7 +2,7 @@
 //! beacon run as they are; each advertisement is the beacon's own bytes.
 
 mod covers;
-mod levels;
+mod site_models;
 mod troubles;
 
 use sim::scenario::{Epoch, Source};

@@ -141,7 +141,7 @@ fn a_beacon_that_screams_drowns_nobody() {
 
 #[test]
 fn an_rssi_of_127_or_0_is_none() {
-    // Half of all: taken for a level, each would be a distance of nothing.
+    // Half of all: taken for an RSSI, each would be a distance of nothing.
     for none in [127, 0] {
         let head = format!("seconds = 60\n[bluetooth]\nunknown_rssi = 0.5\nunknown_rssi_dbm = {none}");
         let run = Run::of_text(&(room(&head, &[]) + ROUND));

@@ -3,7 +3,7 @@
 mod accuracy;
 mod captures;
 mod complaints;
-mod levels;
+mod fidelity;
 mod listening;
 mod motion;
 mod rates;

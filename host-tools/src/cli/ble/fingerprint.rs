@@ -1,4 +1,4 @@
-//! `baliza ble fingerprint`: positions from levels surveyed at known points.
+//! `baliza ble fingerprint`: positions from RSSI values surveyed at known points.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use super::{Names, PlanArguments, epoch, read_bytes, survey_of};
 use crate::cli::answers::{Answers, ByMethod, Told};
 use crate::cli::progress::Progress;
 
-/// Positions by a survey of levels: k nearest neighbours, and Gaussian processes
+/// Positions by a survey of RSSI values: k nearest neighbours, and Gaussian processes
 ///
 /// A capture (the rows of one `point` or `epoch`) makes one position. Captures that follow each other within 2 s are of one walk, to
 /// `gp-walk` and to the particle filter, which start anew otherwise. The map is made of a survey (--fingerprints), or is one that
@@ -20,7 +20,7 @@ use crate::cli::progress::Progress;
 #[derive(clap::Args)]
 #[command(
     after_help = "RssiMethods:\n  knn      the K nearest points (7): w5nn, or 5nn without --weighted\n  gp       a Gaussian process of \
-                  each beacon's level on a lattice; the posterior's mean\n  gp-walk  the same from scan to scan: the choice \
+                  each beacon's rssi on a lattice; the posterior's mean\n  gp-walk  the same from scan to scan: the choice \
                   where captures are of one walk, and for others the same as gp\n\nExamples:\n  \
                   baliza ble fingerprint --fingerprints fingerprints.csv --targets targets.csv --kernel all\n  \
                   baliza ble fingerprint --fingerprints fingerprints.csv --targets targets.csv --k 5 --weighted --particle-filter\n  \
@@ -61,11 +61,11 @@ pub struct Arguments {
     /// The particle filter's window of integration, milliseconds: 200 in a room, 500 over a floor
     #[arg(long, value_name = "MS", default_value_t = 200, value_parser = clap::value_parser!(u32).range(10..=60_000))]
     window_ms: u32,
-    /// How far the receiver's levels may be off from the surveyor's, all alike, before the first capture, dB (standard deviation); it is
+    /// How far the receiver's RSSI values may be off from the surveyor's, all alike, before the first capture, dB (standard deviation); it is
     /// learnt from one capture to the next. 0: they are not off
     #[arg(long, value_name = "DB", allow_negative_numbers = true, default_value_t = 4.0, value_parser = super::solve::decibels)]
     offset_db: f64,
-    /// How levels of one point are averaged
+    /// How RSSI values of one point are averaged
     #[arg(long, value_name = "HOW", default_value = "power")]
     average: Averages,
     #[command(flatten)]
@@ -81,7 +81,7 @@ struct Asked {
     /// Stays at known points, to be found: CSV with point,x_m,y_m,beacon,rssi_dbm and, where known, t_s
     #[arg(long, value_name = "FILE")]
     targets: Option<PathBuf>,
-    /// Levels heard: CSV with epoch,t_s,beacon,rssi_dbm
+    /// RSSI values heard: CSV with epoch,t_s,beacon,rssi_dbm
     #[arg(long, value_name = "FILE")]
     rssi: Option<PathBuf>,
     /// Each point of the survey by all the others

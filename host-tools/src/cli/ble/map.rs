@@ -1,4 +1,4 @@
-//! `baliza ble map`: a map of levels for nodes.
+//! `baliza ble map`: a map of RSSI values for nodes.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -18,9 +18,9 @@ use crate::cli::{print_json, tell, write};
 /// Points of larger surveys are found block by block.
 const MOST_FOLDS: usize = 64;
 
-/// Make a map of levels for nodes, and say how good it is
+/// Make a map of RSSI values for nodes, and say how good it is
 ///
-/// Of a survey, a lattice of levels between its points; with --beacons and --walls one that is predicted where the survey is thin: path
+/// Of a survey, a lattice of RSSI values between its points; with --beacons and --walls one that is predicted where the survey is thin: path
 /// loss along rays through walls, and what the points say beside. --survey-points takes only so many points, spread evenly, and tells how
 /// well the others are found; without it, each point is found by the others, of more than 64 points each block of them by the other blocks.
 #[derive(clap::Args)]
@@ -45,7 +45,7 @@ pub struct Arguments {
     /// Take only so many points of the survey
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     survey_points: Option<u16>,
-    /// How levels of one point are averaged
+    /// How RSSI values of one point are averaged
     #[arg(long, value_name = "HOW", default_value = "power")]
     average: Averages,
     #[command(flatten)]

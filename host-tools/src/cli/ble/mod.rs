@@ -1,4 +1,4 @@
-//! `baliza ble`: positions from the levels of Bluetooth beacons.
+//! `baliza ble`: positions from the RSSI values of Bluetooth beacons.
 
 mod fingerprint;
 mod map;
@@ -14,7 +14,7 @@ use host_tools::survey::fingerprint::{Average, Plan, Survey};
 use host_tools::{Epoch, UserError};
 use positioning_core::ble::fingerprint::MAX_BEACONS;
 
-/// Positions from the levels of Bluetooth beacons
+/// Positions from the RSSI values of Bluetooth beacons
 #[derive(clap::Subcommand)]
 pub enum Command {
     Rooms(rooms::Arguments),
@@ -99,10 +99,10 @@ fn tell_unknown(beacons: &[Beacon], captures: &[Capture]) {
 /// What is known of a place beside its survey.
 #[derive(clap::Args)]
 struct PlanArguments {
-    /// Beacons whose places are known: CSV with beacon,x_m,y_m; levels are then expected to follow path loss from them
+    /// Beacons whose places are known: CSV with beacon,x_m,y_m; RSSI values are then expected to follow path loss from them
     #[arg(long, value_name = "FILE")]
     beacons: Option<PathBuf>,
-    /// Walls, which nobody walks through, which take from the levels of --beacons and are drawn: CSV with the corners of an outline,
+    /// Walls, which nobody walks through, which take from the RSSI values of --beacons and are drawn: CSV with the corners of an outline,
     /// x_m,y_m, or with x1_m,y1_m,x2_m,y2_m and, where known, attenuation_db
     #[arg(long, value_name = "FILE")]
     walls: Option<PathBuf>,
@@ -122,7 +122,7 @@ fn survey_of(file: &Path, stays: &[Dwell], average: Average) -> Result<Survey, U
     if names > MAX_BEACONS {
         return Err(UserError::line(file, 1, format!("{names} beacons; a map has at most {MAX_BEACONS}")));
     }
-    if survey.spots.iter().flat_map(|spot| &spot.levels).all(Option::is_none) {
+    if survey.spots.iter().flat_map(|spot| &spot.rssis).all(Option::is_none) {
         return Err(UserError::line(file, 1, "no point hears any beacon"));
     }
     if survey.spots.len() > usize::from(u16::MAX) {

@@ -16,7 +16,7 @@ use crate::cli::{self, PictureFile};
 
 /// Tell in which room each stay was, by classifiers trained on fingerprints
 ///
-/// A stay is judged by its mean levels, its windows one by one, and by what the tag answers of them: a room, or between two rooms.
+/// A stay is judged by its mean RSSI values, its windows one by one, and by what the tag answers of them: a room, or between two rooms.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza ble rooms --fingerprints fingerprints.csv --targets targets.csv\n  \
                         baliza ble rooms --fingerprints fingerprints.csv --leave-one-out --plot rooms.svg\n  \

@@ -16,7 +16,7 @@ use crate::cli::tell;
 ///
 /// The rows of one `epoch` make one position; of a file of stays (`point,x_m,y_m,…`) all rows of one point, whose place is its truth.
 /// Positions are in the plane. What beacons.csv does not know of a beacon's path loss is taken to be usual; `baliza calibrate path-loss`
-/// finds it. A beacon whose levels contradict the others, because it was moved, say, is named by the engine.
+/// finds it. A beacon whose RSSI values contradict the others, because it was moved, say, is named by the engine.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  baliza ble solve --beacons beacons.csv --rssi rssi.csv --truth truth.csv\n  \
                         baliza ble solve --beacons beacons.csv --rssi targets.csv --plot room.png --json")]
@@ -24,7 +24,7 @@ pub struct Arguments {
     /// Beacons: CSV with beacon,x_m,y_m and, where known, z_m,rssi_1m_dbm,path_loss_exponent,deviation_db
     #[arg(long, value_name = "FILE")]
     beacons: PathBuf,
-    /// Levels heard: CSV with epoch,t_s,beacon,rssi_dbm, or a file of stays at known points
+    /// RSSI values heard: CSV with epoch,t_s,beacon,rssi_dbm, or a file of stays at known points
     #[arg(long, value_name = "FILE")]
     rssi: PathBuf,
     /// Where the tag truly was: CSV with epoch,t_s,x_m,y_m; gives the errors
@@ -36,7 +36,7 @@ pub struct Arguments {
     /// What a wall takes from a signal, dB, where the file of walls does not say; for posterior and particle-filter
     #[arg(long, value_name = "DB", default_value_t = 0.0, value_parser = decibels, requires = "walls")]
     wall_db: f64,
-    /// How levels become a position: a name, several with commas, or all
+    /// How RSSI values become a position: a name, several with commas, or all
     #[arg(long, value_name = "METHOD", default_value = "all", value_parser = RssiMethods::parse)]
     method: RssiMethods,
     /// The window of integration, milliseconds: 200 in a room, 500 over a floor
@@ -49,7 +49,7 @@ pub struct Arguments {
     /// box around the beacons]
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = CornersM::parse)]
     area: Option<CornersM>,
-    /// How far the receiver's levels may be off from those of the calibration, all alike, dB (standard deviation)
+    /// How far the receiver's RSSI values may be off from those of the calibration, all alike, dB (standard deviation)
     #[arg(long, value_name = "DB", allow_negative_numbers = true, default_value_t = 2.0, value_parser = decibels)]
     offset_db: f64,
     /// Seed of the particles: equal seeds give equal positions

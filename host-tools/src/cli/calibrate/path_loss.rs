@@ -1,4 +1,4 @@
-//! `baliza calibrate path-loss`: level at one metre and path loss exponent of every beacon.
+//! `baliza calibrate path-loss`: RSSI at one metre and path loss exponent of every beacon.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -16,9 +16,9 @@ use crate::cli::progress::Progress;
 use crate::cli::recorded::finite;
 use crate::cli::{PictureFile, print, print_json, tell, write};
 
-/// Level at one metre and path loss exponent of every beacon, from fingerprints or a walk: by regression, and as a node learns it
+/// RSSI at one metre and path loss exponent of every beacon, from fingerprints or a walk: by regression, and as a node learns it
 ///
-/// A point counts once, with the mean of its levels; of a walk whose positions are known, each metre of way. --out writes the file of beacons again, with what was found; `baliza ble solve` reads
+/// A point counts once, with the mean of its RSSI values; of a walk whose positions are known, each metre of way. --out writes the file of beacons again, with what was found; `baliza ble solve` reads
 /// it. With few points the exponent stays near the usual one.
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  baliza calibrate path-loss --beacons beacons.csv --fingerprints fingerprints.csv \
@@ -28,10 +28,10 @@ pub struct Arguments {
     /// Beacons: CSV with beacon,x_m,y_m and, where known, z_m
     #[arg(long, value_name = "FILE")]
     beacons: PathBuf,
-    /// Levels at known points: CSV with point,x_m,y_m,beacon,rssi_dbm,t_s
+    /// RSSI values at known points: CSV with point,x_m,y_m,beacon,rssi_dbm,t_s
     #[arg(long, value_name = "FILE", required_unless_present = "rssi")]
     fingerprints: Option<PathBuf>,
-    /// Levels of a walk: CSV with epoch,t_s,beacon,rssi_dbm; with --truth or --positions
+    /// RSSI values of a walk: CSV with epoch,t_s,beacon,rssi_dbm; with --truth or --positions
     #[arg(long, value_name = "FILE", conflicts_with = "fingerprints")]
     rssi: Option<PathBuf>,
     /// Where the tag truly was: CSV with epoch,x_m,y_m
@@ -40,7 +40,7 @@ pub struct Arguments {
     /// Where a UWB track had it: positions of one method, as `baliza track --out` and `baliza simulate --out` write them
     #[arg(long, value_name = "FILE", requires = "rssi", conflicts_with = "truth")]
     positions: Option<PathBuf>,
-    /// The height at which levels were taken, metres: heights of beacons (z_m) count
+    /// The height at which RSSI values were taken, metres: heights of beacons (z_m) count
     #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = finite)]
     height_m: Option<f64>,
     /// Walls: CSV with the corners of an outline, x_m,y_m, or with x1_m,y1_m,x2_m,y2_m and, where known, attenuation_db; what
@@ -50,7 +50,7 @@ pub struct Arguments {
     /// Write the beacons with their path loss here
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Draw levels against distance, as .svg or .png
+    /// Draw RSSI values against distance, as .svg or .png
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Print JSON: a list of objects with beacon, points, rssi_1m_dbm, path_loss_exponent, deviation_db, rssi_1m_sigma_db,
@@ -106,7 +106,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let picture = PictureFile::plot(arguments.plot.as_deref())?;
     let beacons = read_beacons(&arguments.beacons)?;
-    let (stays, levels) = points(arguments)?;
+    let (stays, rssis) = points(arguments)?;
     let walls = arguments.walls.as_deref().map(read_walls).transpose()?.unwrap_or_default();
     let wall_db = walls.iter().any(|wall| wall.attenuation_db.is_none()).then(|| {
         let progress = Progress::new(WALL_STEPS as usize);
@@ -115,7 +115,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let calibrated = calibrate(&beacons, &stays, arguments.height_m, &walls, wall_db.unwrap_or(0.0));
     if calibrated.iter().all(|beacon| beacon.points.is_empty()) {
         let wrong = format!("none of the beacons of {} was heard", arguments.beacons.display());
-        return Err(UserError::file(levels, wrong).into());
+        return Err(UserError::file(rssis, wrong).into());
     }
     if let Some(file) = &arguments.out {
         write(file, &to_csv(&beacons, &calibrated)?)?;
@@ -138,7 +138,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// Points with levels, each with the standard deviation of its place, metres; and the file that they are from.
+/// Points with RSSI values, each with the standard deviation of its place, metres; and the file that they are from.
 fn points(arguments: &Arguments) -> Result<(Vec<Placed>, &Path), UserError> {
     if let Some(file) = &arguments.fingerprints {
         return Ok((read_stays(file)?.into_iter().map(|stay| (stay, 0.0)).collect(), file));
@@ -169,15 +169,15 @@ fn table(rows: &[Row], on_line: bool) -> String {
             (Some(value), None) => format!("{value:.2}"),
             (None, _) => "-".to_owned(),
         };
-        let level = figure(row.rssi_1m_dbm, row.rssi_1m_sigma_db);
+        let rssi = figure(row.rssi_1m_dbm, row.rssi_1m_sigma_db);
         let exponent = figure(row.path_loss_exponent, row.path_loss_exponent_sigma);
         let deviation = figure(row.deviation_db, None);
-        let _ = writeln!(text, "| {} | {} | {level} | {exponent} | {deviation} |", row.beacon, row.points);
+        let _ = writeln!(text, "| {} | {} | {rssi} | {exponent} | {deviation} |", row.beacon, row.points);
         if on_line {
-            let level = figure(row.online_rssi_1m_dbm, row.online_rssi_1m_sigma_db);
+            let rssi = figure(row.online_rssi_1m_dbm, row.online_rssi_1m_sigma_db);
             let exponent = figure(row.online_path_loss_exponent, row.online_path_loss_exponent_sigma);
             let deviation = figure(row.online_deviation_db, None);
-            let _ = writeln!(text, "| {}, on line | {} | {level} | {exponent} | {deviation} |", row.beacon, row.points);
+            let _ = writeln!(text, "| {}, on line | {} | {rssi} | {exponent} | {deviation} |", row.beacon, row.points);
         }
     }
     text

@@ -18,7 +18,7 @@ use crate::cli::{print_json, tell};
 /// Survey fingerprints: go from point to point with a tag, and have written what it hears
 ///
 /// The tag scans (its record has `scan`) and tells of its sightings by probe or serial port. At each point it is listened to for a while
-/// with live counts; a stay that would mislead (too few adverts, a beacon that falls silent, levels that drift or jump, somebody who
+/// with live counts; a stay that would mislead (too few adverts, a beacon that falls silent, RSSI values that drift or jump, somebody who
 /// does not stand still) is refused and done again. Each point is written at once, behind what the file has; points that it has are
 /// not visited again, so that a survey can be gone on with. From a recording (--file, --stdin) stays begin at from_s of the points.
 #[derive(clap::Args)]

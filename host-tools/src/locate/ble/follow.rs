@@ -18,9 +18,9 @@ use crate::{NoPosition, Position};
 const BEGIN_US: u64 = 3_600_000_000;
 /// Between two captures of which nobody says, microseconds.
 const BETWEEN_US: u64 = 10_000_000;
-/// What is left of the noise in a window's mean of smoothed levels, dB (table 3.1: 1 to 1.2 over single levels).
+/// What is left of the noise in a window's mean of smoothed RSSI values, dB (table 3.1: 1 to 1.2 over single RSSI values).
 const NOISE_DB: f32 = 1.2;
-/// The time in which the levels of scans one after the other count as much as one scan, seconds: shadows stay while a tag does.
+/// The time in which the RSSI values of scans one after the other count as much as one scan, seconds: shadows stay while a tag does.
 const SHADOW_S: f64 = 5.0;
 
 /// What a kernel with memory remembers.
@@ -146,13 +146,13 @@ impl<'a> Follower<'a> {
 
 /// What is heard, as the calibration's receiver would have it, the loudest of it.
 fn corrected(solver: &Solver, receiver: &ReceiverOffset<f32>, scan: &[Option<f32>]) -> Vec<Heard<f32, 2>> {
-    let correct = |(_, heard): (usize, Heard<f32, 2>)| Heard { level: receiver.correct(heard.level), ..heard };
+    let correct = |(_, heard): (usize, Heard<f32, 2>)| Heard { rssi: receiver.correct(heard.rssi), ..heard };
     let mut heard: Vec<Heard<f32, 2>> = solver.heard(scan).into_iter().map(correct).collect();
     loudest(&mut heard);
     heard
 }
 
-/// Lets where the levels have the tag into the engine, as a tag does.
+/// Lets where the RSSI values have the tag into the engine, as a tag does.
 fn engine_step(
     solver: &Solver,
     engine: &mut Engine<f32>,
@@ -160,11 +160,11 @@ fn engine_step(
     now_us: u64,
     scan: &[Option<f32>],
 ) -> Result<Position, NoPosition> {
-    let level = |(beacon, heard): (usize, Heard<f32, 2>)| Level { beacon, heard, noise: NOISE_DB, is_torn: false };
-    let mut levels: Vec<Level<f32>> = solver.heard(scan).into_iter().map(level).collect();
-    levels.sort_by(|a, b| b.heard.level.total_cmp(&a.heard.level));
+    let rssi = |(beacon, heard): (usize, Heard<f32, 2>)| Level { beacon, heard, noise: NOISE_DB, is_torn: false };
+    let mut rssis: Vec<Level<f32>> = solver.heard(scan).into_iter().map(rssi).collect();
+    rssis.sort_by(|a, b| b.heard.rssi.total_cmp(&a.heard.rssi));
     let site = Site { area: solver.reach(), walls: solver.attenuating() };
-    let located = surroundings.locate(now_us, &levels, &site, None).map_err(NoPosition::SolveError)?;
+    let located = surroundings.locate(now_us, &rssis, &site, None).map_err(NoPosition::SolveError)?;
     engine.step(now_us, &Measurement::BeaconPosition(located.position));
     let fix = engine.step(now_us, &Measurement::RoundEnd).fix.map_err(NoPosition::Missing)?;
     let [x, y, _] = fix.position;
@@ -187,10 +187,10 @@ fn particle_step(
         filter.start_in(&solver.reach());
     }
     let trust = (solver.setup.window_s / SHADOW_S).min(1.0) as f32;
-    let levels = Levels::of(&heard, receiver.deviation(), trust).through(solver.attenuating());
+    let rssis = Levels::of(&heard, receiver.deviation(), trust).through(solver.attenuating());
     let reach = solver.reach();
     let within = |at: [f32; 2]| (0..2).all(|axis| (reach.min[axis]..=reach.max[axis]).contains(&at[axis]));
-    let likelihood = |at| if within(at) { levels.ln_at(at) } else { f32::NAN };
+    let likelihood = |at| if within(at) { rssis.ln_at(at) } else { f32::NAN };
     let estimate =
         filter.step(now_us, &solver.walls, &likelihood).ok_or(NoPosition::SolveError(SolveError::Diverged))?;
     Ok(solver.global(estimate.position, &estimate.covariance, heard.len()))

@@ -1,6 +1,6 @@
-//! Positions from the levels of beacons whose places and path losses are known: what `baliza ble solve` does.
+//! Positions from the RSSI values of beacons whose places and path losses are known: what `baliza ble solve` does.
 //!
-//! Captures flow in. A kernel without memory takes the mean of a capture's levels (14); one with memory goes through it window by
+//! Captures flow in. A kernel without memory takes the mean of a capture's RSSI values (14); one with memory goes through it window by
 //! window, as a tag does, and the capture's position is its last one. All is the tag's own code in the tag's own `f32`, about the middle
 //! of the beacons.
 
@@ -10,7 +10,7 @@ use positioning_core::ble::beacon_monitor::HealthChange;
 use positioning_core::ble::multilateration::{Heard, nonlinear, weighted_linear};
 use positioning_core::ble::path_loss::{PathLoss, Wall};
 use positioning_core::ble::posterior::{PosteriorSettings, posterior};
-use positioning_core::ble::signal::level;
+use positioning_core::ble::signal::rssi;
 use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, Side, SolveError};
 
 use self::follow::{Follower, Memory};
@@ -20,18 +20,18 @@ use crate::{Coordinates, NoPosition, Position, Solved};
 /// The most beacons that are followed.
 pub const MOST_BEACONS: usize = 64;
 
-/// How levels become a position.
+/// How RSSI values become a position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RssiMethod {
     /// Weighted linear least squares (6).
     WeightedLinear,
-    /// Nonlinear least squares in the levels.
+    /// Nonlinear least squares in the RSSI values.
     Nonlinear,
     /// The mean of where the tag may be.
     Posterior,
     /// The tag's engine: one beacon position a window.
     Engine,
-    /// A particle filter over the levels' likelihood, window by window.
+    /// A particle filter over the RSSI values' likelihood, window by window.
     ParticleFilter,
 }
 
@@ -131,7 +131,7 @@ impl<'a> Solver<'a> {
         (solved.into_iter().flatten().collect(), follower.map(|last| last.learnt.news).unwrap_or_default())
     }
 
-    /// A kernel without memory over the means of a capture's levels.
+    /// A kernel without memory over the means of a capture's RSSI values.
     fn at_once(
         &self,
         capture: &Capture,
@@ -148,10 +148,10 @@ impl<'a> Solver<'a> {
     pub(super) fn heard(&self, scan: &[Option<f32>]) -> Vec<(usize, Heard<f32, 2>)> {
         let beacons = self.beacons.iter().zip(scan).enumerate();
         beacons
-            .filter_map(|(index, (beacon, level))| {
+            .filter_map(|(index, (beacon, rssi))| {
                 let above = beacon.height_m.zip(self.setup.height_m).map_or(0.0, |(beacon, tag)| beacon - tag);
                 let (place, path_loss) = (self.local(beacon.position_m), path_loss(beacon));
-                Some((index, Heard { place, above: above as f32, level: (*level)?, path_loss }))
+                Some((index, Heard { place, above: above as f32, rssi: (*rssi)?, path_loss }))
             })
             .collect()
     }
@@ -198,10 +198,10 @@ impl<'a> Solver<'a> {
     }
 }
 
-/// Of more levels than a kernel can take, the loudest.
+/// Of more RSSI values than a kernel can take, the loudest.
 pub(super) fn loudest(heard: &mut Vec<Heard<f32, 2>>) {
     if heard.len() > MAX_ANCHORS {
-        heard.sort_by(|a, b| b.level.total_cmp(&a.level));
+        heard.sort_by(|a, b| b.rssi.total_cmp(&a.rssi));
         heard.truncate(MAX_ANCHORS);
     }
 }
@@ -217,12 +217,12 @@ pub fn path_loss(beacon: &Beacon) -> PathLoss<f32> {
     }
 }
 
-/// The mean level of every beacon, by the beacons' order, dBm (14); what no receiver can have measured is left out.
+/// The mean RSSI of every beacon, by the beacons' order, dBm (14); what no receiver can have measured is left out.
 pub fn means(beacons: &[Beacon], samples: &[Sample]) -> Vec<Option<f32>> {
     let mean = |beacon: &Beacon| {
         let of_it = samples.iter().filter(|sample| sample.beacon == beacon.name);
-        let levels: Vec<f64> = of_it.filter_map(|sample| level(sample.rssi_dbm).ok()).collect();
-        (!levels.is_empty()).then(|| (levels.iter().sum::<f64>() / levels.len() as f64) as f32)
+        let rssis: Vec<f64> = of_it.filter_map(|sample| rssi(sample.rssi_dbm).ok()).collect();
+        (!rssis.is_empty()).then(|| (rssis.iter().sum::<f64>() / rssis.len() as f64) as f32)
     };
     beacons.iter().map(mean).collect()
 }

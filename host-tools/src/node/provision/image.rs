@@ -11,7 +11,7 @@ use node_record::{
 };
 use positioning_core::nlos::{Classifier, Model, NodeModel};
 
-use super::levels;
+use super::site_models;
 use crate::train::features_of;
 
 /// Bytes in a line of Intel HEX.
@@ -29,7 +29,7 @@ pub struct Contents<'a> {
     /// A classifier of line of sight.
     pub model: Option<&'a [u8]>,
     /// Models of beacons' levels, as `node_record::encode_models` writes them.
-    pub levels: Option<&'a [u8]>,
+    pub site_models: Option<&'a [u8]>,
 }
 
 impl Contents<'_> {
@@ -55,8 +55,8 @@ impl Contents<'_> {
     fn pieces(&self, board: Board) -> Vec<(u32, Vec<u8>)> {
         let written = self.written(FIRST);
         let mut pieces: Vec<_> = board.pages().addresses().map(|address| (address, written.clone())).into();
-        if let (Some(levels), Some(at)) = (self.levels, board.pages().models_address()) {
-            pieces.push((at, levels.to_vec()));
+        if let (Some(site_models), Some(at)) = (self.site_models, board.pages().models_address()) {
+            pieces.push((at, site_models.to_vec()));
         }
         pieces.sort();
         pieces
@@ -117,7 +117,7 @@ pub struct Held {
     /// What stands beside it, where that is not erased: a classifier, if it is whole.
     pub model: Option<Vec<u8>>,
     /// Models of beacons' levels, whole or not, where there is something.
-    pub levels: Option<Vec<u8>>,
+    pub site_models: Option<Vec<u8>>,
 }
 
 impl Held {
@@ -132,7 +132,7 @@ impl Held {
 
     /// The map and the rooms in words, each where there is one, or why it is none.
     pub fn map_and_rooms(&self) -> [Option<String>; 2] {
-        self.levels.as_deref().map_or([None, None], levels::words)
+        self.site_models.as_deref().map_or([None, None], site_models::words)
     }
 }
 
@@ -140,12 +140,12 @@ impl Held {
 ///
 /// # Errors
 /// There is no record.
-pub fn held(pages: [&[u8]; 2], levels: &[u8]) -> Result<Held, LoadError> {
+pub fn held(pages: [&[u8]; 2], site_models: &[u8]) -> Result<Held, LoadError> {
     let model = |which: usize| pages.get(which).and_then(|page| model_of(page)).map(<[u8]>::to_vec);
-    let levels = levels.iter().any(|byte| *byte != 0xFF).then(|| levels.to_vec());
+    let site_models = site_models.iter().any(|byte| *byte != 0xFF).then(|| site_models.to_vec());
     let (which, record, sequence) = newest(pages)?;
     let version = version(pages[which])?;
-    Ok(Held { record, version, sequence, model: model(which), levels })
+    Ok(Held { record, version, sequence, model: model(which), site_models })
 }
 
 impl Image {
@@ -164,11 +164,11 @@ impl Image {
     fn parts(&self) -> ([&[u8]; 2], &[u8]) {
         let (first, rest) = self.bytes.split_at_checked(MODELS_BYTES).unwrap_or((&self.bytes, &[]));
         let levels_first = !rest.is_empty() && (first.starts_with(b"BLZB") || rest.starts_with(b"BLZR"));
-        let (pages, levels) = if levels_first { (rest, first) } else { (first, rest) };
+        let (pages, site_models) = if levels_first { (rest, first) } else { (first, rest) };
         // A file of at most 4096 bytes has pages of 2048, or a single one.
         let size = if pages.len() > 4096 { 4096 } else { 2048 };
         let (first, second) = pages.split_at_checked(size).unwrap_or((pages, &[]));
-        ([first, second], levels)
+        ([first, second], site_models)
     }
 
     /// The record that counts, whatever else is wrong with the file.
@@ -176,8 +176,8 @@ impl Image {
     /// # Errors
     /// There is none.
     pub fn read(&self) -> Result<Held, LoadError> {
-        let (pages, levels) = self.parts();
-        held(pages, levels)
+        let (pages, site_models) = self.parts();
+        held(pages, site_models)
     }
 
     /// The record that counts, where all of the file is as it should be.
@@ -204,7 +204,7 @@ impl Image {
                 return Err(format!("page {number} of 2: the record is whole, but beside it is {fault}"));
             }
         }
-        held.levels.as_deref().map_or(Ok(()), levels::check)?;
+        held.site_models.as_deref().map_or(Ok(()), site_models::check)?;
         Ok(held)
     }
 }
@@ -251,7 +251,7 @@ mod tests {
     }
 
     fn of<'a>(record: &'a Record, model: Option<&'a [u8]>) -> Contents<'a> {
-        Contents { record, model, levels: None }
+        Contents { record, model, site_models: None }
     }
 
     #[test]
@@ -263,7 +263,7 @@ mod tests {
             assert_eq!(decode(&bytes[size..]), Ok((record(), 1)));
             assert_eq!(
                 Image::new(&bytes).unwrap().check(),
-                Ok(Held { record: record(), version: 2, sequence: 1, model: None, levels: None })
+                Ok(Held { record: record(), version: 2, sequence: 1, model: None, site_models: None })
             );
         }
     }
@@ -349,7 +349,7 @@ mod tests {
             .to_vec();
         for (board, address, place) in [(Board::Dwm1001, 0x7C000, 0), (Board::Esp32C3, 0x9000, 8192)] {
             let record = record();
-            let contents = Contents { levels: Some(&region), ..of(&record, None) };
+            let contents = Contents { site_models: Some(&region), ..of(&record, None) };
             assert_eq!(contents.address(board), address, "{board:?}");
             let bytes = contents.binary(board);
             assert_eq!((bytes.len(), &bytes[place..place + region.len()]), (16_384, region.as_slice()), "{board:?}");
@@ -357,7 +357,7 @@ mod tests {
             for bytes in [bytes.as_slice(), hex.as_bytes()] {
                 let held = Image::new(bytes).unwrap().check().unwrap();
                 assert_eq!(held.record, record, "{board:?}");
-                assert!(held.levels.is_some_and(|levels| levels.starts_with(&region)), "{board:?}");
+                assert!(held.site_models.is_some_and(|site_models| site_models.starts_with(&region)), "{board:?}");
             }
             let mut damaged = bytes.clone();
             damaged[place + 20] ^= 1;
@@ -366,9 +366,9 @@ mod tests {
             // Flash as it was read, with nothing there.
             let mut none = bytes;
             none[place..place + 8192].fill(0xFF);
-            assert_eq!(Image::new(&none).unwrap().check().map(|held| held.levels), Ok(None), "{board:?}");
+            assert_eq!(Image::new(&none).unwrap().check().map(|held| held.site_models), Ok(None), "{board:?}");
         }
         // A board without Bluetooth has no place for them.
-        assert_eq!(Contents { levels: Some(&region), ..of(&record(), None) }.binary(Board::Evk1000).len(), 4096);
+        assert_eq!(Contents { site_models: Some(&region), ..of(&record(), None) }.binary(Board::Evk1000).len(), 4096);
     }
 }

@@ -6,13 +6,13 @@
 mod calibrated;
 mod document;
 pub mod image;
-pub mod levels;
 mod lists;
 mod network;
 mod node;
 mod region;
 pub mod show;
 mod site;
+pub mod site_models;
 pub mod transfer;
 
 pub use node::Node;

@@ -6,8 +6,8 @@ use node_record::{Advertiser, Board, Calibration, Identity, Invalid, Pins, Recor
 use positioning_core::nlos::{Classifier, NodeModel};
 
 use super::document::{Field, Section, nearest};
-use super::levels::{self, Files};
 use super::network::{Lines, centihertz};
+use super::site_models::{self, Files};
 use crate::UserError;
 use crate::train::Chosen;
 
@@ -28,8 +28,8 @@ const TAG_KEYS: [&str; 15] = [
     "scan_window_ms",
     "nlos_model",
     "nlos_classifier",
-    levels::KEYS[0],
-    levels::KEYS[1],
+    site_models::KEYS[0],
+    site_models::KEYS[1],
 ];
 const BEACON_KEYS: [&str; 9] = [
     "position_m",
@@ -61,7 +61,7 @@ pub struct Node {
     /// What it tells blocked links by, where that is not their powers.
     pub model: Option<Chosen>,
     /// What it knows of beacons' levels on the spot, as `node_record::decode_models` reads it.
-    pub levels: Option<Vec<u8>>,
+    pub site_models: Option<Vec<u8>>,
     pub(super) file: PathBuf,
     pub(super) line: u64,
     pub(super) lines: Lines,
@@ -77,7 +77,7 @@ pub(super) struct Own {
     pub(super) calibration: Calibration,
     pub(super) pins: Option<Pins>,
     pub(super) model: Option<Chosen>,
-    pub(super) levels: Files,
+    pub(super) site_models: Files,
     /// Where it stands, for those that list it.
     pub(super) position_m: Option<[f32; 3]>,
     pub(super) line: u64,
@@ -140,7 +140,7 @@ impl Own {
         let pins = reader.pins()?;
         let position_m = reader.field("position_m", "anchor.position_m").map(|field| field.place()).transpose()?;
         let model = reader.model()?;
-        let levels = Files::read(section)?;
+        let site_models = Files::read(section)?;
         let role = match role {
             "anchor" => Role::Anchor { position_m },
             "tag" => Role::Tag(reader.tag()?),
@@ -156,7 +156,7 @@ impl Own {
             calibration,
             pins,
             model,
-            levels,
+            site_models,
             position_m,
             line: section.line,
             lines,

@@ -5,8 +5,8 @@ use std::fmt::{Display, Write};
 use node_record::{Advertiser, Anchor, Beacon, Board, Mode, Record, Role, Tag};
 
 use super::image::Held;
-use super::levels::KEYS;
 use super::network::{self, HIDDEN};
+use super::site_models::KEYS;
 
 /// What is shown of a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,13 +79,13 @@ pub fn summary(held: &Held) -> String {
     };
     let classifier = held.classifier().map_or_else(String::new, |classifier| format!(", with {classifier}"));
     let [map, rooms] = held.map_and_rooms().map(|words| words.is_some());
-    let levels = match (map, rooms) {
+    let site_models = match (map, rooms) {
         (true, true) => ", with a map and rooms",
         (true, false) => ", with a map",
         (false, true) => ", with rooms",
         (false, false) => "",
     };
-    format!("{what}{classifier}{levels}; version {}, sequence {}", held.version, held.sequence)
+    format!("{what}{classifier}{site_models}; version {}, sequence {}", held.version, held.sequence)
 }
 
 /// TOML that grows.

@@ -137,9 +137,9 @@ fn node(document: Document<'_>, own: &Own, shared: &Shared, told: &Lists, count:
         beacons: lists.beacons,
         beacon_key,
     };
-    let levels = own.levels.bound(&record.beacons).map_err(|(line, what)| document.wrong(line, what))?;
+    let site_models = own.site_models.bound(&record.beacons).map_err(|(line, what)| document.wrong(line, what))?;
     let (file, model) = (document.file.to_owned(), own.model.clone());
-    Ok(Node { name, board: own.board, record, model, levels, file, line: own.line, lines })
+    Ok(Node { name, board: own.board, record, model, site_models, file, line: own.line, lines })
 }
 
 /// No two nodes are called, or are, the same.

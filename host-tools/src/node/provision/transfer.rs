@@ -118,7 +118,7 @@ pub fn write(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -> R
 fn write_levels(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -> Result<()> {
     let (Some(address), Role::Tag(_)) = (board.pages().models_address(), &contents.record.role) else { return Ok(()) };
     let size = board.pages().size as usize;
-    let mut region = contents.levels.unwrap_or_default().to_vec();
+    let mut region = contents.site_models.unwrap_or_default().to_vec();
     // Without its first page there is nothing.
     region.resize(if region.is_empty() { size } else { MODELS_BYTES }, 0xFF);
     let before = if is_readable(board) { read_levels(flash, board)? } else { Vec::new() };
@@ -141,8 +141,8 @@ fn write_levels(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -
 /// # Errors
 /// The probe's.
 pub fn read(flash: &mut impl Flash, board: Board) -> Result<Result<Held, LoadError>> {
-    let (pages, levels) = (read_pages(flash, board)?, read_levels(flash, board)?);
-    Ok(image::held([&pages[0], &pages[1]], &levels))
+    let (pages, site_models) = (read_pages(flash, board)?, read_levels(flash, board)?);
+    Ok(image::held([&pages[0], &pages[1]], &site_models))
 }
 
 /// The region of beacons' levels; empty where the board has none.
@@ -216,11 +216,11 @@ mod tests {
     }
 
     fn of(record: &Record) -> Contents<'_> {
-        Contents { record, model: None, levels: None }
+        Contents { record, model: None, site_models: None }
     }
 
     /// Models that fill more than a page, of this byte.
-    fn levels(byte: u8) -> Vec<u8> {
+    fn site_models(byte: u8) -> Vec<u8> {
         let map = Some(BeaconModel { beacons: &[], model: &[byte; 5000] });
         let models = SiteModels { map, ..SiteModels::default() };
         encode_models(&models, &mut [0; MODELS_BYTES]).expect("they fit").to_vec()
@@ -237,17 +237,17 @@ mod tests {
     fn a_tags_models_go_with_its_record_and_go_when_it_has_none() {
         let records = records();
         let (anchor, tag) = (&records[0], &records[4]);
-        let levels = levels(7);
+        let site_models = site_models(7);
         for (board, at) in [(Board::Dwm1001, 0x7C000), (Board::Esp32C6, 0xB000)] {
             let mut memory = Memory::default();
-            write(&mut memory, board, &Contents { levels: Some(&levels), ..of(tag) }).unwrap();
+            write(&mut memory, board, &Contents { site_models: Some(&site_models), ..of(tag) }).unwrap();
             assert_eq!((taken(&mut memory, board), &memory.writes[..2]), (Ok(7), &[at, at + 0x1000][..]));
             if is_readable(board) {
                 let held = read(&mut memory, board).unwrap().unwrap();
-                assert!(held.levels.is_some_and(|region| region.starts_with(&levels)));
+                assert!(held.site_models.is_some_and(|region| region.starts_with(&site_models)));
                 // What is there already is not written again.
                 memory.writes.clear();
-                write(&mut memory, board, &Contents { levels: Some(&levels), ..of(tag) }).unwrap();
+                write(&mut memory, board, &Contents { site_models: Some(&site_models), ..of(tag) }).unwrap();
                 assert_eq!(memory.writes, [0x7F000]);
             }
             write(&mut memory, board, &of(tag)).unwrap();
@@ -262,16 +262,16 @@ mod tests {
     #[test]
     fn a_power_cut_at_any_page_leaves_the_models_of_before_or_the_new_ones_or_none() {
         let records = records();
-        let (tag, old, new) = (&records[4], levels(1), levels(2));
+        let (tag, old, new) = (&records[4], site_models(1), site_models(2));
         for board in [Board::Dwm1001, Board::Esp32C3] {
             let mut memory = Memory::default();
-            write(&mut memory, board, &Contents { levels: Some(&old), ..of(tag) }).unwrap();
-            for levels in [Some(new.as_slice()), None] {
+            write(&mut memory, board, &Contents { site_models: Some(&old), ..of(tag) }).unwrap();
+            for site_models in [Some(new.as_slice()), None] {
                 let mut pages = 0;
                 loop {
                     let mut cut = memory.clone();
                     cut.power = Some(memory.writes.len() + pages);
-                    if write(&mut cut, board, &Contents { levels, ..of(tag) }).is_ok() {
+                    if write(&mut cut, board, &Contents { site_models, ..of(tag) }).is_ok() {
                         break;
                     }
                     let found = taken(&mut cut, board);
@@ -293,7 +293,7 @@ mod tests {
             let written = write(&mut memory, Board::Dwm1001, &of(record)).unwrap();
             assert_eq!(written, (vec![[0x7F000, 0x7E000][sequence as usize % 2]], sequence));
             let held = read(&mut memory, Board::Dwm1001).unwrap();
-            assert_eq!(held, Ok(Held { record: record.clone(), version: 2, sequence, model: None, levels: None }));
+            assert_eq!(held, Ok(Held { record: record.clone(), version: 2, sequence, model: None, site_models: None }));
         }
         assert_eq!((memory.writes, memory.restarts), (vec![0x7E000, 0x7F000, 0x7E000], 3));
     }

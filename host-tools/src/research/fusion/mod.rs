@@ -268,8 +268,12 @@ fn filtered(rounds: &[Round], heard: Heard, conditions: &Conditions) -> Vec<Opti
                         let count = of_it.len() as f64;
                         let [x, y, z] = single(world::beacon_m(beacon));
                         let level = (of_it.iter().sum::<f64>() / count) as f32;
-                        let heard =
-                            multilateration::Heard { place: [x, y], above: z - HEIGHT_M as f32, level, path_loss };
+                        let heard = multilateration::Heard {
+                            place: [x, y],
+                            above: z - HEIGHT_M as f32,
+                            rssi: level,
+                            path_loss,
+                        };
                         let noise = (FADING_DB / count.sqrt()) as f32;
                         (count > 0.0).then_some(Level { beacon, heard, noise, is_torn: false })
                     })

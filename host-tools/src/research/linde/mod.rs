@@ -1,7 +1,7 @@
 //! The benchmark of A. Linde Cerezo's thesis (Universitat Oberta de Catalunya, 2024), annex A: four beacons at A, E, H and J of table 4.1, a mesh
-//! of receivers in the middle of the room, levels and times of flight with Gaussian noise, found by fingerprints and by multilateration.
+//! of receivers in the middle of the room, RSSI values and times of flight with Gaussian noise, found by fingerprints and by multilateration.
 //!
-//! - Level (1): RSSI₀ − 10 n log₁₀(d ⁄ d₀) + N(0, σ²), RSSI₀ = −50 dBm at d₀ = 1 m, σ = 5 and 10 dB.
+//! - RSSI (1): RSSI₀ − 10 n log₁₀(d ⁄ d₀) + N(0, σ²), RSSI₀ = −50 dBm at d₀ = 1 m, σ = 5 and 10 dB.
 //! - Time of flight (2): ToF₀ + (d − d₀) ⁄ c + N(0, σ²), ToF₀ = 1 ms, σ = 100 µs: 30 km.
 //!
 //! So much is printed. Assumed are: n = 2 where the beacon is seen and 3 where a wall of [`room`] is between, in the plane; the two meshes;
@@ -26,7 +26,7 @@ use room::BEACONS_M;
 
 pub use table::{name, to_markdown};
 
-/// The level at one metre, dBm.
+/// The RSSI at one metre, dBm.
 const LEVEL_1M_DBM: f64 = -50.0;
 /// n where the beacon is seen, and where it is not.
 const EXPONENTS: [f64; 2] = [2.0, 3.0];
@@ -38,15 +38,15 @@ const LIGHT_M_PER_S: f64 = 299_792_458.0;
 const SURVEYED: usize = 100;
 /// By how many nearest fingerprints a position is found.
 const NEIGHBOURS: usize = 5;
-/// A map holds levels from −127.5 to −0.5 dBm; times stand in it about this one, with their deviation as so many decibels.
+/// A map holds RSSI values from −127.5 to −0.5 dBm; times stand in it about this one, with their deviation as so many decibels.
 const TOF_IN_MAP_DB: [f64; 2] = [-64.0, 20.0];
-/// What the levels of a map end at, dBm.
+/// What the RSSI values of a map end at, dBm.
 const MAP_DBM: [f64; 2] = [-127.0, -0.5];
 
 /// What is measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Parameter {
-    /// Levels with so much noise, dB.
+    /// RSSI values with so much noise, dB.
     Rssi(f64),
     /// Times of flight with so much noise, microseconds.
     Tof(f64),
@@ -56,7 +56,7 @@ pub enum Parameter {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Measured {
-    /// Levels.
+    /// RSSI values.
     Rssi,
     /// Times of flight.
     Tof,
@@ -68,9 +68,9 @@ pub enum Measured {
 pub enum Algorithm {
     /// The nearest fingerprints, weighted.
     Fingerprinting,
-    /// Weighted linear least squares (6): of levels as [`multilateration::weighted_linear`], of times as [`Method::BWls`].
+    /// Weighted linear least squares (6): of RSSI values as [`multilateration::weighted_linear`], of times as [`Method::BWls`].
     Multilateration,
-    /// Nonlinear least squares within the box about the room: of levels as [`multilateration::nonlinear`], of times as [`Method::Nls`].
+    /// Nonlinear least squares within the box about the room: of RSSI values as [`multilateration::nonlinear`], of times as [`Method::Nls`].
     Nonlinear,
 }
 
@@ -181,7 +181,7 @@ impl Score {
 }
 
 impl Parameter {
-    /// One measurement: a level, dBm, or a time, seconds.
+    /// One measurement: an RSSI, dBm, or a time, seconds.
     fn measure(self, random: &mut impl Rng, walls: &[Wall<f64>], beacon: [f64; 2], at: [f64; 2]) -> f64 {
         let distance = (at[0] - beacon[0]).hypot(at[1] - beacon[1]);
         match self {
@@ -189,7 +189,7 @@ impl Parameter {
                 let [direct, blocked] = EXPONENTS;
                 let exponent = if room::in_sight(walls, beacon, at) { direct } else { blocked };
                 let path_loss = PathLoss { level_1m: LEVEL_1M_DBM, exponent, deviation: sigma_db };
-                path_loss.level(distance) + sigma_db * normal(random)
+                path_loss.rssi(distance) + sigma_db * normal(random)
             }
             Self::Tof(sigma_us) => TOF_1M_S + (distance - 1.0) / LIGHT_M_PER_S + 1.0e-6 * sigma_us * normal(random),
         }
@@ -197,7 +197,7 @@ impl Parameter {
 
     /// A measurement as a map has it, dBm.
     fn in_map(self, measured: f64) -> f64 {
-        let level = match self {
+        let rssi = match self {
             Self::Rssi(_) => measured,
             Self::Tof(sigma_us) => {
                 let [middle, deviation] = TOF_IN_MAP_DB;
@@ -205,22 +205,22 @@ impl Parameter {
             }
         };
         let [least, most] = MAP_DBM;
-        level.clamp(least, most)
+        rssi.clamp(least, most)
     }
 
     /// The bytes of a map of fingerprints.
     fn survey(self, random: &mut impl Rng, walls: &[Wall<f64>]) -> Result<Vec<u8>> {
         let surveyed = room::fingerprints().into_iter().map(|position_m| {
-            let levels = BEACONS_M.map(|beacon| {
+            let rssis = BEACONS_M.map(|beacon| {
                 let sum: f64 = (0..SURVEYED).map(|_| self.measure(random, walls, beacon, position_m)).sum();
                 Some(self.in_map(sum / SURVEYED as f64))
             });
-            (position_m, levels)
+            (position_m, rssis)
         });
         let surveyed: Vec<_> = surveyed.collect();
         let points: Vec<Point> = surveyed
             .iter()
-            .map(|(position_m, levels)| Point { position_m: *position_m, levels, deviations: &[] })
+            .map(|(position_m, rssis)| Point { position_m: *position_m, rssis, deviations: &[] })
             .collect();
         let [least, _] = MAP_DBM;
         to_bytes(&points, &[0, 4, 7, 9], &[least; BEACONS_M.len()], None).context("a survey makes no map")
@@ -239,7 +239,7 @@ impl Parameter {
         };
         let heard = |deviation| -> [Heard<f64, 2>; BEACONS_M.len()] {
             let path_loss = PathLoss { level_1m: LEVEL_1M_DBM, exponent: EXPONENTS[0], deviation };
-            std::array::from_fn(|i| Heard { place: BEACONS_M[i], above: 0.0, level: measured[i], path_loss })
+            std::array::from_fn(|i| Heard { place: BEACONS_M[i], above: 0.0, rssi: measured[i], path_loss })
         };
         match (algorithm, self) {
             (Algorithm::Fingerprinting, _) => {

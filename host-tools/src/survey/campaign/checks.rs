@@ -15,9 +15,9 @@ const STEADY_DBM: f64 = -85.0;
 /// A steady beacon is silent for so many of its intervals, and so many seconds, at most.
 const SILENT_INTERVALS: f64 = 20.0;
 const SILENT_S: f64 = 2.5;
-/// Between its halves a beacon's mean level changes by this at most, dB.
+/// Between its halves a beacon's mean RSSI changes by this at most, dB.
 const SHIFT_DB: f64 = 8.0;
-/// Over the stay a straight line through its levels rises or falls by this at most, dB; a shift of half as much between the halves.
+/// Over the stay a straight line through its RSSI values rises or falls by this at most, dB; a shift of half as much between the halves.
 const DRIFT_DB: f64 = 12.0;
 /// Half of the beacons change by less than this between the halves while nobody moves, dB.
 const STILL_DB: f64 = 4.0;
@@ -39,21 +39,21 @@ pub enum Bias {
         /// How long, seconds.
         for_s: f64,
     },
-    /// A beacon's level drifts.
+    /// A beacon's RSSI drifts.
     Drift {
         /// The beacon.
         beacon: String,
         /// By how much over the stay, dB.
         by_db: f64,
     },
-    /// A beacon's level changed between the halves.
+    /// A beacon's RSSI changed between the halves.
     Shift {
         /// The beacon.
         beacon: String,
         /// By how much, dB.
         by_db: f64,
     },
-    /// Most levels changed: whoever holds the receiver moved.
+    /// Most RSSI values changed: whoever holds the receiver moved.
     Moved {
         /// How much half of the beacons changed at least, dB.
         by_db: f64,
@@ -91,7 +91,7 @@ pub fn judge(stay: &Dwell) -> Vec<Bias> {
     let mut shifts = Vec::new();
     for (beacon, adverts) in beacons.iter().filter(|(_, adverts)| adverts.len() >= LEAST_JUDGED) {
         let beacon = || (*beacon).to_owned();
-        let mean = adverts.iter().map(|(_, level)| level).sum::<f64>() / adverts.len() as f64;
+        let mean = adverts.iter().map(|(_, rssi)| rssi).sum::<f64>() / adverts.len() as f64;
         if let Some((from_s, for_s)) = silence(adverts, stay.length_s).filter(|_| mean >= STEADY_DBM) {
             biases.push(Bias::Silent { beacon: beacon(), from_s, for_s });
         }
@@ -125,20 +125,20 @@ fn silence(adverts: &[(f64, f64)], length_s: f64) -> Option<(f64, f64)> {
     (for_s > SILENT_S && for_s > SILENT_INTERVALS * usual).then_some((from_s, for_s))
 }
 
-/// By how much the mean level of the second half is higher, dB; `None` where a half has too few.
+/// By how much the mean RSSI of the second half is higher, dB; `None` where a half has too few.
 fn shift(adverts: &[(f64, f64)], middle_s: f64) -> Option<f64> {
     let (early, late) = adverts.split_at(adverts.partition_point(|(t_s, _)| *t_s < middle_s));
-    let mean = |half: &[(f64, f64)]| half.iter().map(|(_, level)| level).sum::<f64>() / half.len() as f64;
+    let mean = |half: &[(f64, f64)]| half.iter().map(|(_, rssi)| rssi).sum::<f64>() / half.len() as f64;
     (early.len().min(late.len()) >= LEAST_JUDGED / 2).then(|| mean(late) - mean(early))
 }
 
-/// The slope of the straight line through the levels, dB a second.
+/// The slope of the straight line through the RSSI values, dB a second.
 fn drift(adverts: &[(f64, f64)]) -> f64 {
     let count = adverts.len() as f64;
     let mean = |of: fn(&(f64, f64)) -> f64| adverts.iter().map(of).sum::<f64>() / count;
-    let (time, level) = (mean(|advert| advert.0), mean(|advert| advert.1));
+    let (time, rssi) = (mean(|advert| advert.0), mean(|advert| advert.1));
     let (products, squares) = adverts.iter().fold((0.0, 0.0), |(products, squares), advert| {
-        (products + (advert.0 - time) * (advert.1 - level), squares + (advert.0 - time).powi(2))
+        (products + (advert.0 - time) * (advert.1 - rssi), squares + (advert.0 - time).powi(2))
     });
     if squares > 0.0 { products / squares } else { 0.0 }
 }
@@ -148,16 +148,16 @@ mod tests {
     use super::{Bias, judge};
     use crate::survey::campaign::Dwell;
 
-    /// Ten seconds of three beacons at ten adverts a second; `level` says what the beacon has at a time, if it is heard.
-    fn stay(level: impl Fn(usize, f64) -> Option<f64>) -> Dwell {
+    /// Ten seconds of three beacons at ten adverts a second; `rssi` says what the beacon has at a time, if it is heard.
+    fn stay(rssi: impl Fn(usize, f64) -> Option<f64>) -> Dwell {
         let mut stay = Dwell::new(None, 10.0);
         for advert in 0..100 {
             let t_s = f64::from(advert) * 0.1;
             stay.at(t_s);
             for beacon in 0..3 {
                 // One decibel up and down: no receiver is steadier.
-                if let Some(level) = level(beacon, t_s) {
-                    stay.hear(t_s, &beacon.to_string(), level + f64::from(advert % 3 - 1));
+                if let Some(rssi) = rssi(beacon, t_s) {
+                    stay.hear(t_s, &beacon.to_string(), rssi + f64::from(advert % 3 - 1));
                 }
             }
         }
@@ -199,7 +199,7 @@ mod tests {
 
     #[test]
     fn whoever_walks_is_told_to_stand_still() {
-        // All levels change by 5 dB half way, one up and two down: too little for any beacon alone.
+        // All RSSI values change by 5 dB half way, one up and two down: too little for any beacon alone.
         let biases =
             judge(&stay(|beacon, t_s| Some(-60.0 + if t_s >= 4.95 { [5.0, -5.0, -5.0][beacon] } else { 0.0 })));
         let [Bias::Moved { by_db }] = biases.as_slice() else { panic!("{biases:?}") };

@@ -2,14 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use positioning_core::ble::signal::level;
+use positioning_core::ble::signal::rssi;
 
 /// An advert heard.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Advert {
     /// Who sent it.
     pub beacon: String,
-    /// Its level, dBm.
+    /// Its RSSI, dBm.
     pub rssi_dbm: f64,
     /// When it came, seconds since the stay began.
     pub t_s: f64,
@@ -23,7 +23,7 @@ pub struct Dwell {
     pub length_s: f64,
     /// What was heard.
     pub adverts: Vec<Advert>,
-    /// Adverts whose level none can have measured.
+    /// Adverts whose RSSI none can have measured.
     pub refused: usize,
     now_s: f64,
 }
@@ -47,7 +47,7 @@ impl Dwell {
         if !(0.0..self.length_s).contains(&since_s) {
             return;
         }
-        match level(rssi_dbm) {
+        match rssi(rssi_dbm) {
             Ok(rssi_dbm) => self.adverts.push(Advert { beacon: beacon.to_owned(), rssi_dbm, t_s: since_s }),
             Err(_) => self.refused += 1,
         }
@@ -63,11 +63,11 @@ impl Dwell {
         beacons
     }
 
-    /// How it stands: seconds, and the count and mean level of each beacon.
+    /// How it stands: seconds, and the count and mean RSSI of each beacon.
     pub fn status(&self) -> String {
         let mut text = format!("{:.0} of {:.0} s", self.now_s.min(self.length_s), self.length_s);
         for (beacon, adverts) in self.by_beacon() {
-            let mean = adverts.iter().map(|(_, level)| level).sum::<f64>() / adverts.len() as f64;
+            let mean = adverts.iter().map(|(_, rssi)| rssi).sum::<f64>() / adverts.len() as f64;
             text += &format!(", {beacon}: {} at {mean:.0} dBm", adverts.len());
         }
         text

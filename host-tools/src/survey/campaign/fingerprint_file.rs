@@ -69,14 +69,14 @@ impl FingerprintFile {
         let mut rows = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
         let [x, y] = place.position_m.map(|metres| metres.to_string());
         for advert in &stay.adverts {
-            let (level, time) = (advert.rssi_dbm.to_string(), format!("{:.4}", advert.t_s));
+            let (rssi, time) = (advert.rssi_dbm.to_string(), format!("{:.4}", advert.t_s));
             let fields = self.columns.iter().map(|column| match column.as_str() {
                 "point" => place.name.as_str(),
                 "room" => place.room.as_deref().unwrap_or(""),
                 "x_m" => &x,
                 "y_m" => &y,
                 "beacon" => &advert.beacon,
-                "rssi_dbm" => &level,
+                "rssi_dbm" => &rssi,
                 "t_s" => &time,
                 // Somebody's own column.
                 _ => "",

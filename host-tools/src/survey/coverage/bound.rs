@@ -1,13 +1,13 @@
-//! The least error of a position (Cramér and Rao) from levels or ranges whose noise is Gaussian and independent.
+//! The least error of a position (Cramér and Rao) from RSSI values or ranges whose noise is Gaussian and independent.
 //!
 //! A station at the distance d in the direction u adds u uᵀ ⁄ s² to the information; s is the deviation of a range, or of a distance
-//! that is read from a level, d σ ln 10 ⁄ (10 n). Close to a beacon that is too little: the tag is within d of it, whatever the direction,
-//! so that a level tells 1 ⁄ d² across u, too. What is known beforehand, that the tag is within the area, is information too: without
+//! that is read from an RSSI, d σ ln 10 ⁄ (10 n). Close to a beacon that is too little: the tag is within d of it, whatever the direction,
+//! so that an RSSI tells 1 ⁄ d² across u, too. What is known beforehand, that the tag is within the area, is information too: without
 //! it, places that hear one station would have no error at all to compare.
 
 use positioning_core::ble::path_loss::{PathLoss, Wall};
 
-/// Nearer than this a level tells no more: path loss fails there, metres.
+/// Nearer than this an RSSI tells no more: path loss fails there, metres.
 const NEAREST_M: f64 = 0.5;
 
 /// Information of two coordinates, xx, xy, yy, 1 ⁄ m².
@@ -17,7 +17,7 @@ pub struct Information([f64; 3]);
 /// What stations measure.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Noise {
-    /// Levels of beacons.
+    /// RSSI values of beacons.
     Level {
         /// Weaker is not heard, dBm.
         sensitivity_dbm: f64,
@@ -38,7 +38,7 @@ pub enum Noise {
 pub struct Station {
     /// Metres.
     pub at_m: [f64; 2],
-    /// What is known of its levels.
+    /// What is known of its RSSI values.
     pub path_loss: PathLoss<f64>,
 }
 
@@ -49,7 +49,7 @@ impl Station {
         let distance = away[0].hypot(away[1]);
         let (along, across) = match noise {
             Noise::Level { sensitivity_dbm } => {
-                if self.level(tag_m, walls) < sensitivity_dbm {
+                if self.rssi(tag_m, walls) < sensitivity_dbm {
                     return None;
                 }
                 let near = distance.max(NEAREST_M);
@@ -67,8 +67,8 @@ impl Station {
         Some(Information([along * x * x + across * y * y, (along - across) * x * y, along * y * y + across * x * x]))
     }
 
-    /// Its level at a place, dBm.
-    pub fn level(&self, tag_m: [f64; 2], walls: &[Wall<f64>]) -> f64 {
+    /// Its RSSI at a place, dBm.
+    pub fn rssi(&self, tag_m: [f64; 2], walls: &[Wall<f64>]) -> f64 {
         let distance = (tag_m[0] - self.at_m[0]).hypot(tag_m[1] - self.at_m[1]);
         let attenuation = positioning_core::ble::path_loss::attenuation(walls, self.at_m, tag_m);
         self.path_loss.level_through(distance, attenuation)

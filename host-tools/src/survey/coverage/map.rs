@@ -1,4 +1,4 @@
-//! Levels over a grid: interpolated between fingerprints, or simulated from beacons and walls.
+//! RSSI values over a grid: interpolated between fingerprints, or simulated from beacons and walls.
 
 use positioning_core::ble::path_loss::{PathLoss, Wall};
 
@@ -14,15 +14,15 @@ const FARTHEST_M: f64 = 3.0;
 /// Nearer than this two places are one, metres.
 const NEAREST_M: f64 = 0.1;
 
-/// Levels over a grid.
+/// RSSI values over a grid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Map {
     /// The cells.
     pub grid: Grid,
     /// Names of the beacons.
     pub beacons: Vec<String>,
-    /// For each cell a level a beacon, dBm, `None` where it is not heard; nothing at all where nobody has measured.
-    pub levels: Vec<Option<Vec<Option<f64>>>>,
+    /// For each cell an RSSI a beacon, dBm, `None` where it is not heard; nothing at all where nobody has measured.
+    pub rssis: Vec<Option<Vec<Option<f64>>>>,
 }
 
 /// How far a simulation is from what was measured.
@@ -63,49 +63,49 @@ impl Map {
             let distances: Vec<f64> = distances.collect();
             let nearest = distances.iter().copied().fold(f64::INFINITY, f64::min);
             (nearest <= FARTHEST_M).then(|| {
-                let level = |beacon: usize| {
+                let rssi = |beacon: usize| {
                     let (mut all, mut weights, mut sum) = (0.0, 0.0, 0.0);
-                    for (distance, (_, levels)) in distances.iter().zip(&heard) {
+                    for (distance, (_, rssis)) in distances.iter().zip(&heard) {
                         let weight = distance.powi(-2);
                         all += weight;
-                        if let Some(level) = levels.get(beacon).copied().flatten() {
+                        if let Some(rssi) = rssis.get(beacon).copied().flatten() {
                             weights += weight;
-                            sum += weight * f64::from(level);
+                            sum += weight * f64::from(rssi);
                         }
                     }
                     (weights > 0.5 * all).then(|| sum / weights)
                 };
-                (0..beacons.len()).map(level).collect()
+                (0..beacons.len()).map(rssi).collect()
             })
         };
-        Self { grid, beacons: names(beacons), levels: grid.middles().map(cell).collect() }
+        Self { grid, beacons: names(beacons), rssis: grid.middles().map(cell).collect() }
     }
 
     /// Simulates beacons behind walls; what is weaker than the sensitivity is not heard.
     pub fn simulated(grid: Grid, beacons: &[Beacon], walls: &[Wall<f64>], sensitivity_dbm: f64) -> Self {
         let stations: Vec<Station> = beacons.iter().map(Station::of).collect();
         let cell = |at: [f64; 2]| {
-            let level = |station: &Station| Some(station.level(at, walls)).filter(|level| *level >= sensitivity_dbm);
-            Some(stations.iter().map(level).collect())
+            let rssi = |station: &Station| Some(station.rssi(at, walls)).filter(|rssi| *rssi >= sensitivity_dbm);
+            Some(stations.iter().map(rssi).collect())
         };
-        Self { grid, beacons: names(beacons), levels: grid.middles().map(cell).collect() }
+        Self { grid, beacons: names(beacons), rssis: grid.middles().map(cell).collect() }
     }
 
     /// A number a cell.
     pub fn values(&self, of: impl Fn(&[Option<f64>]) -> Option<f64>) -> Vec<Option<f64>> {
-        self.levels.iter().map(|levels| levels.as_deref().and_then(&of)).collect()
+        self.rssis.iter().map(|rssis| rssis.as_deref().and_then(&of)).collect()
     }
 
     /// How many beacons are heard in each cell.
     pub fn heard(&self) -> Vec<Option<f64>> {
-        self.values(|levels| Some(levels.iter().flatten().count() as f64))
+        self.values(|rssis| Some(rssis.iter().flatten().count() as f64))
     }
 
-    /// The mean level of all beacons in each cell, with the sensitivity for those that are not heard, dBm (figure 4.4).
+    /// The mean RSSI of all beacons in each cell, with the sensitivity for those that are not heard, dBm (figure 4.4).
     pub fn mean(&self, sensitivity_dbm: f64) -> Vec<Option<f64>> {
-        self.values(|levels| {
-            let sum: f64 = levels.iter().map(|level| level.unwrap_or(sensitivity_dbm)).sum();
-            Some(sum / levels.len() as f64)
+        self.values(|rssis| {
+            let sum: f64 = rssis.iter().map(|rssi| rssi.unwrap_or(sensitivity_dbm)).sum();
+            Some(sum / rssis.len() as f64)
         })
     }
 }
@@ -128,7 +128,7 @@ pub fn fitted(beacons: &[Beacon], walls: &[Wall<f64>], stays: &[Dwell]) -> Vec<F
         let station = Station::of(beacon);
         let errors: Vec<f64> = measured
             .iter()
-            .filter_map(|(at, levels)| Some(station.level(*at, walls) - f64::from((*levels.get(index)?)?)))
+            .filter_map(|(at, rssis)| Some(station.rssi(*at, walls) - f64::from((*rssis.get(index)?)?)))
             .collect();
         let count = errors.len() as f64;
         (!errors.is_empty()).then(|| Fitted {
@@ -165,9 +165,8 @@ mod tests {
         }
     }
 
-    fn stay(position_m: [f64; 2], levels: &[(&str, f64)]) -> Dwell {
-        let samples =
-            levels.iter().map(|(beacon, level)| Sample { beacon: (*beacon).into(), rssi_dbm: *level, t_s: 0.0 });
+    fn stay(position_m: [f64; 2], rssis: &[(&str, f64)]) -> Dwell {
+        let samples = rssis.iter().map(|(beacon, rssi)| Sample { beacon: (*beacon).into(), rssi_dbm: *rssi, t_s: 0.0 });
         Dwell { point: format!("{position_m:?}"), room: None, position_m, samples: samples.collect() }
     }
 
@@ -185,10 +184,10 @@ mod tests {
             &[stay([0.0, 0.0], &[("a", -60.0), ("b", -70.0)]), stay([4.0, 0.0], &[("a", -80.0)])],
         );
         // At 1 m: weights 1 and 1/9: (−60 − 80/9) ⁄ (10/9) = −62; b has 0.9 of the weights. At 3 m it has 0.1.
-        let cell = |index: usize| map.levels[index].clone().expect("measured");
+        let cell = |index: usize| map.rssis[index].clone().expect("measured");
         assert!((cell(0)[0].expect("heard") + 62.0).abs() < 1e-9 && cell(0)[1] == Some(-70.0));
         assert!((cell(1)[0].expect("heard") + 78.0).abs() < 1e-9 && cell(1)[1].is_none());
-        assert_eq!(map.levels[4], None, "5 m from the nearest point");
+        assert_eq!(map.rssis[4], None, "5 m from the nearest point");
         assert_eq!(map.heard()[..2], [Some(2.0), Some(1.0)]);
         assert!((map.mean(-90.0)[1].expect("measured") + 84.0).abs() < 1e-9);
     }
@@ -199,8 +198,8 @@ mod tests {
         let beacons = [beacon("a", [0.0, 0.0])];
         let map = Map::simulated(grid(), &beacons, &walls, -80.0);
         // −60 at 1 m; −60 − 20 log₁₀ 3 − 6 = −75.542425 at 3 m; −60 − 19.084850 − 6 = −85.08 at 9 m.
-        let level = |index: usize| map.levels[index].as_ref().and_then(|levels| levels[0]);
-        assert!(level(0) == Some(-60.0) && (level(1).expect("heard") + 75.542_425).abs() < 1e-4 && level(4).is_none());
+        let rssi = |index: usize| map.rssis[index].as_ref().and_then(|rssis| rssis[0]);
+        assert!(rssi(0) == Some(-60.0) && (rssi(1).expect("heard") + 75.542_425).abs() < 1e-4 && rssi(4).is_none());
         let fit =
             fitted(&beacons, &walls, &[stay([3.0, 0.0], &[("a", -74.542_425)]), stay([1.0, 0.0], &[("a", -63.0)])]);
         assert!((fit[0].bias_db - 1.0).abs() < 1e-4 && (fit[0].rms_db - 5.0_f64.sqrt()).abs() < 1e-4, "{fit:?}");

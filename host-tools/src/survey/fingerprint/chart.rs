@@ -1,4 +1,4 @@
-//! A process as a map for the node: the levels to be expected on a lattice, with their deviations.
+//! A process as a map for the node: the RSSI values to be expected on a lattice, with their deviations.
 
 use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, MapError, Point};
 
@@ -45,15 +45,15 @@ pub fn chart(survey: &Survey, process: &Process, grid: Grid) -> Result<Vec<u8>, 
     let predicted: Vec<(Vec<Option<f64>>, Vec<f64>)> = points_m
         .iter()
         .map(|at_m| {
-            let levels = (0..survey.beacons.len()).map(|beacon| process.predict(beacon, *at_m));
-            levels.map(|(level, deviation)| (Some(level.clamp(-127.0, -1.0)), deviation)).unzip()
+            let rssis = (0..survey.beacons.len()).map(|beacon| process.predict(beacon, *at_m));
+            rssis.map(|(rssi, deviation)| (Some(rssi.clamp(-127.0, -1.0)), deviation)).unzip()
         })
         .collect();
     let points: Vec<Point> = points_m
         .iter()
         .copied()
         .zip(&predicted)
-        .map(|(at_m, (levels, deviations))| Point { position_m: at_m, levels, deviations })
+        .map(|(at_m, (rssis, deviations))| Point { position_m: at_m, rssis, deviations })
         .collect();
     to_bytes(&points, &survey.identities(), &survey.fallbacks(), Some(step_m))
 }

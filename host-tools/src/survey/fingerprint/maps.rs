@@ -16,7 +16,7 @@ use crate::files::beacons::Capture;
 pub struct Making<'a> {
     /// The lattice of the process.
     pub grid: Grid,
-    /// Levels are expected to follow path loss from these beacons through these walls, where nothing was measured nearby; without a
+    /// RSSI values are expected to follow path loss from these beacons through these walls, where nothing was measured nearby; without a
     /// plan, to be the same everywhere.
     pub plan: Option<&'a Plan>,
 }
@@ -112,6 +112,6 @@ pub(super) fn kernel(survey: &Survey, making: Making, comparisons: &[Comparison]
 
 /// The process of a survey, about what its plan lets expect.
 fn fitted(survey: &Survey, making: Making, guess: Option<Kernel>) -> Result<Process, MapError> {
-    let trends = making.plan.map_or_else(|| Trend::levels(survey), |plan| Trend::rays(survey, plan));
+    let trends = making.plan.map_or_else(|| Trend::rssis(survey), |plan| Trend::rays(survey, plan));
     Process::fit(survey, trends, guess).ok_or(MapError::Invalid)
 }

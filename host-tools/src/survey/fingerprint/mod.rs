@@ -1,6 +1,6 @@
 //! Fingerprints: surveys in, maps and positions out.
 //!
-//! A [`Survey`] has a level a beacon and point; [`Process`] says what the levels are between its points, `chart` makes of that the map
+//! A [`Survey`] has an RSSI a beacon and point; [`Process`] says what the RSSI values are between its points, `chart` makes of that the map
 //! that a node reads; [`Maps`] are those that a [`Comparison`] wants, or one from a file; [`Solver`] runs the node's own comparisons over
 //! captures, and [`held_out`] over parts of a survey that the maps have not seen.
 

@@ -1,7 +1,7 @@
-//! Levels between surveyed points: a Gaussian process a beacon, with one kernel for all of them.
+//! RSSI values between surveyed points: a Gaussian process a beacon, with one kernel for all of them.
 //!
-//! Levels at points flow in; at any place flows out the level to be expected and its deviation. The kernel is Matérn's with ν = 3⁄2,
-//! whose functions have a slope but no curvature, as shadows of walls do; its three numbers make all beacons' levels likeliest together
+//! RSSI values at points flow in; at any place flows out the RSSI to be expected and its deviation. The kernel is Matérn's with ν = 3⁄2,
+//! whose functions have a slope but no curvature, as shadows of walls do; its three numbers make all beacons' RSSI values likeliest together
 //! (Rasmussen and Williams, *Gaussian Processes for Protocol Learning*, 2006, algorithm 2.1 and section 5.4.1). Points of one cell count
 //! as one, the surer the more stays it has; what stays of a cell differ by is a visit's scatter.
 
@@ -22,9 +22,9 @@ const VISITS: f64 = 2.0;
 /// The kernel's numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Kernel {
-    /// Deviation of the levels over the place, dB.
+    /// Deviation of the RSSI values over the place, dB.
     pub signal_db: f64,
-    /// How far levels resemble each other, metres.
+    /// How far RSSI values resemble each other, metres.
     pub length_m: f64,
     /// Deviation of what is a point's own, dB.
     pub noise_db: f64,
@@ -50,17 +50,17 @@ impl Kernel {
 #[derive(Clone, Debug)]
 struct Cell {
     at_m: [f64; 2],
-    /// Mean level and number of stays that heard it, of each beacon.
-    levels: Vec<Option<(f64, f64)>>,
+    /// Mean RSSI and number of stays that heard it, of each beacon.
+    rssis: Vec<Option<(f64, f64)>>,
 }
 
-/// A beacon's levels over the place.
+/// A beacon's RSSI values over the place.
 #[derive(Clone, Debug)]
 struct Field {
     /// The cells that heard it.
     places_m: Vec<[f64; 2]>,
     root: Root,
-    /// (K + noise)⁻¹ (levels − trend).
+    /// (K + noise)⁻¹ (RSSI values − trend).
     weights: Vec<f64>,
 }
 
@@ -75,7 +75,7 @@ pub struct Process {
 }
 
 impl Process {
-    /// The process of a survey about trends, one a beacon, with the kernel that makes its levels likeliest; the search begins at
+    /// The process of a survey about trends, one a beacon, with the kernel that makes its RSSI values likeliest; the search begins at
     /// `guess`. `None` where there is no point that hears anything.
     pub fn fit(survey: &Survey, trends: Vec<Trend>, guess: Option<Kernel>) -> Option<Self> {
         let (cells, scatter_db) = cells(survey);
@@ -109,16 +109,16 @@ impl Process {
         self.kernel
     }
 
-    /// The level of a beacon to be expected at a visit to a place, and its deviation, dBm and dB.
+    /// The RSSI of a beacon to be expected at a visit to a place, and its deviation, dBm and dB.
     pub fn predict(&self, beacon: usize, at_m: [f64; 2]) -> (f64, f64) {
         let (field, trend) = (&self.fields[beacon], &self.trends[beacon]);
         let near: Vec<f64> = field.places_m.iter().map(|place_m| self.kernel.at(apart(*place_m, at_m))).collect();
-        let level = near.iter().zip(&field.weights).map(|(near, weight)| near * weight).sum::<f64>();
+        let rssi = near.iter().zip(&field.weights).map(|(near, weight)| near * weight).sum::<f64>();
         let known: f64 = field.root.half_solve(&near).iter().map(|z| z * z).sum();
         let variance = (self.kernel.at(0.0) - known).max(0.0)
             + VISITS * self.kernel.noise_db.powi(2)
             + self.scatter_db[beacon].powi(2);
-        (trend.at(at_m) + level, variance.sqrt())
+        (trend.at(at_m) + rssi, variance.sqrt())
     }
 }
 
@@ -127,7 +127,7 @@ struct Beacon {
     places_m: Vec<[f64; 2]>,
     /// Distances between them.
     apart_m: Vec<Vec<f64>>,
-    /// Levels less the trend.
+    /// RSSI values less the trend.
     residuals: Vec<f64>,
     /// Variances of the cells' means.
     variances: Vec<f64>,
@@ -135,13 +135,11 @@ struct Beacon {
 
 impl Beacon {
     fn of(cells: &[Cell], beacon: usize, trend: &Trend, scatter_db: f64) -> Self {
-        let heard: Vec<([f64; 2], f64, f64)> = cells
-            .iter()
-            .filter_map(|cell| cell.levels[beacon].map(|(level, stays)| (cell.at_m, level, stays)))
-            .collect();
+        let heard: Vec<([f64; 2], f64, f64)> =
+            cells.iter().filter_map(|cell| cell.rssis[beacon].map(|(rssi, stays)| (cell.at_m, rssi, stays))).collect();
         let places_m: Vec<[f64; 2]> = heard.iter().map(|(at_m, ..)| *at_m).collect();
         let apart_m = places_m.iter().map(|a| places_m.iter().map(|b| apart(*a, *b)).collect()).collect();
-        let residuals = heard.iter().map(|(at_m, level, _)| level - trend.at(*at_m)).collect();
+        let residuals = heard.iter().map(|(at_m, rssi, _)| rssi - trend.at(*at_m)).collect();
         let variances = heard.iter().map(|(.., stays)| scatter_db.powi(2) / stays).collect();
         Self { places_m, apart_m, residuals, variances }
     }
@@ -188,7 +186,7 @@ fn descend(start: [f64; 3], step: f64, cost: impl Fn([f64; 3]) -> f64) -> [f64; 
     best
 }
 
-/// Points that share a cell, merged; and by how much their levels differ within, dB, of each beacon.
+/// Points that share a cell, merged; and by how much their RSSI values differ within, dB, of each beacon.
 fn cells(survey: &Survey) -> (Vec<Cell>, Vec<f64>) {
     let mut side_m = CELL_M;
     let groups = loop {
@@ -206,17 +204,17 @@ fn cells(survey: &Survey) -> (Vec<Cell>, Vec<f64>) {
         let count = members.len() as f64;
         let at_m =
             [0, 1].map(|axis| members.iter().map(|&spot| survey.spots[spot].position_m[axis]).sum::<f64>() / count);
-        let mut level = |beacon: usize| {
-            let levels: Vec<f64> = members.iter().filter_map(|&spot| survey.spots[spot].levels[beacon]).collect();
-            let count = levels.len() as f64;
-            let mean = levels.iter().sum::<f64>() / count;
-            if !levels.is_empty() {
-                squares[beacon].0 += levels.iter().map(|level| (level - mean).powi(2)).sum::<f64>();
+        let mut rssi = |beacon: usize| {
+            let rssis: Vec<f64> = members.iter().filter_map(|&spot| survey.spots[spot].rssis[beacon]).collect();
+            let count = rssis.len() as f64;
+            let mean = rssis.iter().sum::<f64>() / count;
+            if !rssis.is_empty() {
+                squares[beacon].0 += rssis.iter().map(|rssi| (rssi - mean).powi(2)).sum::<f64>();
                 squares[beacon].1 += count - 1.0;
             }
-            (!levels.is_empty()).then_some((mean, count))
+            (!rssis.is_empty()).then_some((mean, count))
         };
-        Cell { at_m, levels: (0..survey.beacons.len()).map(&mut level).collect() }
+        Cell { at_m, rssis: (0..survey.beacons.len()).map(&mut rssi).collect() }
     };
     let cells = groups.values().map(cell).collect();
     let scatter =
@@ -239,24 +237,24 @@ mod tests {
             let i = f64::from(i);
             let position_m = [(i * 1.3).sin() * 4.0 + 5.0, (i * 0.7).cos() * 3.0 + 4.0];
             let other = if i < 6.0 { Some(-80.0 + i) } else { None };
-            Spot { position_m, levels: vec![Some(-60.0 + 8.0 * (i * 0.9).sin()), other] }
+            Spot { position_m, rssis: vec![Some(-60.0 + 8.0 * (i * 0.9).sin()), other] }
         };
         Survey { beacons: vec!["a".to_owned(), "b".to_owned()], spots: (0..12).map(spot).collect() }
     }
 
     #[test]
     fn levels_and_deviations_are_those_of_scikit_learn() {
-        // GaussianProcessRegressor(36·Matern(length_scale=2.5, nu=1.5), alpha=4.0, optimizer=None), levels less their mean; deviations
+        // GaussianProcessRegressor(36·Matern(length_scale=2.5, nu=1.5), alpha=4.0, optimizer=None), RSSI values less their mean; deviations
         // √(predicted variance + 2 · 4). The survey has no two points in one cell.
         let survey = survey();
         let kernel = Kernel { signal_db: 6.0, length_m: 2.5, noise_db: 2.0 };
         let (cells, scatter_db) = cells(&survey);
         assert_eq!(cells.len(), 12);
-        let trends = Trend::levels(&survey);
+        let trends = Trend::rssis(&survey);
         let beacons: Vec<Beacon> = (0..2).map(|b| Beacon::of(&cells, b, &trends[b], scatter_db[b])).collect();
         let cost: f64 = beacons.iter().map(|beacon| beacon.field(&kernel).expect("a root").1).sum();
         let process = Process::with(&beacons, trends, scatter_db, kernel).expect("a root");
-        for (beacon, at_m, level, deviation) in [
+        for (beacon, at_m, rssi, deviation) in [
             (0, [5.0, 4.0], -60.261_719_27, 4.739_419_56),
             (0, [2.0, 6.5], -53.465_749_34, 3.287_261_64),
             (0, [20.0, 20.0], -58.848_596_50, 6.633_249_57),
@@ -264,7 +262,7 @@ mod tests {
             (1, [2.0, 6.5], -78.255_274_05, 6.170_324_86),
         ] {
             let found = process.predict(beacon, at_m);
-            assert!((found.0 - level).abs() < 1e-6 && (found.1 - deviation).abs() < 1e-6, "{found:?}");
+            assert!((found.0 - rssi).abs() < 1e-6 && (found.1 - deviation).abs() < 1e-6, "{found:?}");
         }
         // −log_marginal_likelihood_value_ of both − 18 ⁄ 2 ln 2π.
         assert!((cost - 37.735_776_5).abs() < 1e-6, "{cost}");
@@ -273,11 +271,11 @@ mod tests {
     #[test]
     fn stays_at_one_place_are_one_cell_and_tell_their_scatter() {
         // Two stays 2 dB apart: mean −61, scatter √(2 · 1² ⁄ 1) = 1.414; the lone one adds nothing.
-        let spot = |x: f64, level: f64| Spot { position_m: [x, 0.1], levels: vec![Some(level)] };
+        let spot = |x: f64, rssi: f64| Spot { position_m: [x, 0.1], rssis: vec![Some(rssi)] };
         let spots = vec![spot(0.1, -60.0), spot(0.1, -62.0), spot(3.0, -70.0)];
         let survey = Survey { beacons: vec!["a".to_owned()], spots };
         let (cells, scatter_db) = cells(&survey);
-        assert_eq!((cells.len(), cells[0].levels[0]), (2, Some((-61.0, 2.0))));
+        assert_eq!((cells.len(), cells[0].rssis[0]), (2, Some((-61.0, 2.0))));
         assert!((scatter_db[0] - 2.0_f64.sqrt()).abs() < 1e-12);
     }
 
@@ -288,24 +286,24 @@ mod tests {
                 let (x, i) = (f64::from(i) * 0.5, f64::from(i));
                 Spot {
                     position_m: [x, 0.0],
-                    levels: vec![Some(-60.0 + 8.0 * (x * 0.8).sin() + noise_db * (i * i * 0.37).sin())],
+                    rssis: vec![Some(-60.0 + 8.0 * (x * 0.8).sin() + noise_db * (i * i * 0.37).sin())],
                 }
             };
             let survey = Survey { beacons: vec!["a".to_owned()], spots: (0..40).map(spot).collect() };
-            Process::fit(&survey, Trend::levels(&survey), None).expect("a process").kernel()
+            Process::fit(&survey, Trend::rssis(&survey), None).expect("a process").kernel()
         };
         let (quiet, noisy) = (field(0.1), field(5.0));
         assert!(quiet.noise_db < 1.5 && noisy.noise_db > 2.0 * quiet.noise_db, "{quiet:?} {noisy:?}");
         let nothing =
-            Survey { beacons: vec!["a".to_owned()], spots: vec![Spot { position_m: [0.0; 2], levels: vec![None] }] };
-        assert!(Process::fit(&nothing, Trend::levels(&nothing), None).is_none());
+            Survey { beacons: vec!["a".to_owned()], spots: vec![Spot { position_m: [0.0; 2], rssis: vec![None] }] };
+        assert!(Process::fit(&nothing, Trend::rssis(&nothing), None).is_none());
     }
 
     #[test]
     fn thousands_of_points_become_few_cells() {
         let spot = |i: u32| Spot {
             position_m: [f64::from(i % 71) * 0.31, f64::from(i / 71) * 0.31],
-            levels: vec![Some(-60.0)],
+            rssis: vec![Some(-60.0)],
         };
         let survey = Survey { beacons: vec!["a".to_owned()], spots: (0..5000).map(spot).collect() };
         assert!(cells(&survey).0.len() <= MOST_CELLS);

@@ -15,7 +15,7 @@ use crate::{Coordinates, NoPosition, Position, Solved};
 
 /// Captures that follow each other sooner than this are of one walk, seconds.
 const ONE_WALK_S: f64 = 2.0;
-/// Deviation of a single level, dB, that an offset of all is compared with.
+/// Deviation of a single RSSI, dB, that an offset of all is compared with.
 const LEVEL_DB: f32 = 3.0;
 /// Room for the points of a lattice.
 const ROOM: usize = 1000;
@@ -25,7 +25,7 @@ const SEED: u64 = 1;
 /// How captures are solved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setup<'a> {
-    /// How the levels of a capture become one.
+    /// How the RSSI values of a capture become one.
     pub average: Average,
     /// By how much the receiver may hear all beacons louder or weaker than the surveyor's did, dB (deviation).
     pub offset_db: f64,
@@ -150,7 +150,7 @@ impl<'a> Way<'a> {
         match self.comparison {
             Comparison::Nearest { k, weighted } => {
                 let offset = receiver.offset_deviation_db / LEVEL_DB;
-                let scan: Vec<_> = scan.iter().map(|level| level.map(|level| level - receiver.offset_db)).collect();
+                let scan: Vec<_> = scan.iter().map(|rssi| rssi.map(|rssi| rssi - receiver.offset_db)).collect();
                 let found = Nearest { neighbours: k, weighted, offset }.locate(&self.map, &scan)?;
                 Ok(Found::of(found, receiver, self.map.beacons()))
             }
@@ -169,7 +169,7 @@ impl<'a> Way<'a> {
 }
 
 fn single_precision(scan: Vec<Option<f64>>) -> Vec<Option<f32>> {
-    scan.into_iter().map(|level| level.map(|level| level as f32)).collect()
+    scan.into_iter().map(|rssi| rssi.map(|rssi| rssi as f32)).collect()
 }
 
 /// A position in the map's metres, and what it says of the receiver.
@@ -183,7 +183,7 @@ struct Found {
 }
 
 impl Found {
-    /// What neighbours say of the offset: their mean differences, as sure as so many levels make it.
+    /// What neighbours say of the offset: their mean differences, as sure as so many RSSI values make it.
     fn of(vicinity: Vicinity<f32>, before: &Receiver<f32>, beacons: usize) -> Self {
         let precision = beacons as f32 / LEVEL_DB.powi(2) + before.offset_deviation_db.powi(-2);
         Self {

@@ -1,9 +1,9 @@
-//! A survey: what the levels were at known points, one number a beacon.
+//! A survey: what the RSSI values were at known points, one number a beacon.
 
 use std::collections::BTreeSet;
 
 use positioning_core::ble::fingerprint::{MAX_BEACONS, MapError, Point, encode};
-use positioning_core::ble::signal::level;
+use positioning_core::ble::signal::rssi;
 
 use super::process::apart;
 use crate::files::beacons::{Dwell, Sample};
@@ -11,7 +11,7 @@ use crate::files::beacons::{Dwell, Sample};
 /// What counts for a beacon that no point ever heard, dBm.
 const NEVER_HEARD_DBM: f64 = -100.0;
 
-/// How the levels of a stay become one.
+/// How the RSSI values of a stay become one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Average {
     /// The mean power. Fading is deep and narrow: the mean of decibels follows its notches, which differ from channel to channel and
@@ -23,14 +23,14 @@ pub enum Average {
 }
 
 impl Average {
-    /// The average of levels, dBm; `None` of none.
+    /// The average of RSSI values, dBm; `None` of none.
     pub fn of(self, levels_dbm: &[f64]) -> Option<f64> {
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         if levels_dbm.is_empty() {
             return None;
         }
         Some(match self {
-            Self::Power => dbm(mean(&levels_dbm.iter().map(|level| milliwatts(*level)).collect::<Vec<_>>())),
+            Self::Power => dbm(mean(&levels_dbm.iter().map(|rssi| milliwatts(*rssi)).collect::<Vec<_>>())),
             Self::Trimmed => {
                 let mut sorted = levels_dbm.to_vec();
                 sorted.sort_by(f64::total_cmp);
@@ -40,18 +40,18 @@ impl Average {
                     below + at.fract() * (above - below)
                 };
                 let (low, high) = (percentile(0.1), percentile(0.9));
-                mean(&sorted.iter().copied().filter(|level| (low..=high).contains(level)).collect::<Vec<_>>())
+                mean(&sorted.iter().copied().filter(|rssi| (low..=high).contains(rssi)).collect::<Vec<_>>())
             }
         })
     }
 }
 
-/// A level as a power.
+/// An RSSI as a power.
 pub fn milliwatts(dbm: f64) -> f64 {
     10.0_f64.powf(dbm / 10.0)
 }
 
-/// A power as a level.
+/// A power as an RSSI.
 pub fn dbm(milliwatts: f64) -> f64 {
     10.0 * milliwatts.log10()
 }
@@ -66,8 +66,8 @@ pub fn minor(name: &str) -> Option<u16> {
 pub struct Spot {
     /// Where, metres.
     pub position_m: [f64; 2],
-    /// The level of each beacon, dBm; `None`: not heard.
-    pub levels: Vec<Option<f64>>,
+    /// The RSSI of each beacon, dBm; `None`: not heard.
+    pub rssis: Vec<Option<f64>>,
 }
 
 /// A survey.
@@ -80,7 +80,7 @@ pub struct Survey {
 }
 
 impl Survey {
-    /// The survey of stays at known points. What is no level is left out.
+    /// The survey of stays at known points. What is no RSSI is left out.
     pub fn of(stays: &[Dwell], average: Average) -> Self {
         let names: BTreeSet<&str> =
             stays.iter().flat_map(|stay| &stay.samples).map(|sample| sample.beacon.as_str()).collect();
@@ -91,7 +91,7 @@ impl Survey {
             numbers.sort();
             beacons = numbers.into_iter().map(|(_, name)| name).collect();
         }
-        let spot = |stay: &Dwell| Spot { position_m: stay.position_m, levels: scan(&beacons, &stay.samples, average) };
+        let spot = |stay: &Dwell| Spot { position_m: stay.position_m, rssis: scan(&beacons, &stay.samples, average) };
         let spots = stays.iter().map(spot).collect();
         Self { beacons, spots }
     }
@@ -118,9 +118,9 @@ impl Survey {
         moved
     }
 
-    /// What counts for a beacon that is not heard: its weakest level anywhere, dBm (table 5.3 has such levels).
+    /// What counts for a beacon that is not heard: its weakest RSSI anywhere, dBm (table 5.3 has such RSSI values).
     pub fn fallbacks(&self) -> Vec<f64> {
-        let weakest = |beacon: usize| self.spots.iter().filter_map(|spot| spot.levels[beacon]).reduce(f64::min);
+        let weakest = |beacon: usize| self.spots.iter().filter_map(|spot| spot.rssis[beacon]).reduce(f64::min);
         (0..self.beacons.len()).map(|beacon| weakest(beacon).unwrap_or(NEVER_HEARD_DBM)).collect()
     }
 
@@ -140,7 +140,7 @@ impl Survey {
         let points: Vec<Point> = self
             .spots
             .iter()
-            .map(|Spot { position_m, levels }| Point { position_m: *position_m, levels, deviations: &[] })
+            .map(|Spot { position_m, rssis }| Point { position_m: *position_m, rssis, deviations: &[] })
             .collect();
         to_bytes(&points, &self.identities(), &self.fallbacks(), None)
     }
@@ -163,11 +163,11 @@ pub fn spread(survey: &Survey, count: usize) -> BTreeSet<usize> {
     kept
 }
 
-/// The average level of every beacon in samples, dBm; what no receiver can have measured is left out.
+/// The average RSSI of every beacon in samples, dBm; what no receiver can have measured is left out.
 pub fn scan(beacons: &[String], samples: &[Sample], average: Average) -> Vec<Option<f64>> {
     let of = |name: &String| {
         let own = samples.iter().filter(|sample| sample.beacon == *name);
-        average.of(&own.filter_map(|sample| level(sample.rssi_dbm).ok()).collect::<Vec<_>>())
+        average.of(&own.filter_map(|sample| rssi(sample.rssi_dbm).ok()).collect::<Vec<_>>())
     };
     beacons.iter().map(of).collect()
 }
@@ -202,8 +202,8 @@ mod tests {
         // −60 and −70 dBm are 1 and 0.1 nW: 0.55 nW, −62.596 dBm.
         assert!((Average::Power.of(&[-60.0, -70.0]).expect("one") + 62.596).abs() < 1e-3);
         // numpy.percentile of −90, −60 … −52, −20: 10 % is −60, 90 % is −52: what is left has the mean −56.
-        let levels: Vec<f64> = [-90.0, -20.0].into_iter().chain((52..=60).map(|level| -f64::from(level))).collect();
-        assert_eq!(Average::Trimmed.of(&levels), Some(-56.0));
+        let rssis: Vec<f64> = [-90.0, -20.0].into_iter().chain((52..=60).map(|rssi| -f64::from(rssi))).collect();
+        assert_eq!(Average::Trimmed.of(&rssis), Some(-56.0));
         assert_eq!((Average::Power.of(&[]), Average::Trimmed.of(&[])), (None, None));
         assert_eq!(Average::Trimmed.of(&[-61.0]), Some(-61.0));
     }
@@ -214,7 +214,7 @@ mod tests {
             [stay("a", &[("10", -60.0), ("9", 127.0)]), stay("b", &[("9", -70.0), ("9", f64::NAN), ("10", -65.0)])];
         let survey = Survey::of(&stays, Average::Power);
         assert_eq!((survey.beacons.clone(), survey.identities()), (vec!["9".to_owned(), "10".to_owned()], vec![9, 10]));
-        assert_eq!(survey.spots[0].levels, [None, Some(-60.0)]);
+        assert_eq!(survey.spots[0].rssis, [None, Some(-60.0)]);
         let [weakest, other] = survey.fallbacks()[..] else { panic!("two") };
         assert!((weakest + 70.0).abs() < 1e-9 && (other + 65.0).abs() < 1e-9);
         let named = Survey::of(&[stay("a", &[("north", -60.0), ("8", -60.0)])], Average::Power);
@@ -228,7 +228,7 @@ mod tests {
     #[test]
     fn few_points_are_spread_over_the_place() {
         // Along a line at 0, 1, 2, 9, 10: the middle is 4.4, its nearest 2; then 10, which is 8 away, then 0.
-        let spot = |x: f64| Spot { position_m: [x, 0.0], levels: vec![None] };
+        let spot = |x: f64| Spot { position_m: [x, 0.0], rssis: vec![None] };
         let survey = Survey { beacons: vec!["a".to_owned()], spots: [0.0, 1.0, 2.0, 9.0, 10.0].map(spot).to_vec() };
         assert_eq!(spread(&survey, 3), BTreeSet::from([0, 2, 4]));
         assert_eq!(spread(&survey, 9).len(), 5);
@@ -239,7 +239,7 @@ mod tests {
         let nothing = Survey { beacons: vec!["1".to_owned()], spots: Vec::new() };
         assert_eq!(nothing.map(), Err(MapError::Invalid));
         let crowd: Vec<(String, f64)> = (0..25).map(|name| (name.to_string(), -60.0)).collect();
-        let crowd: Vec<(&str, f64)> = crowd.iter().map(|(name, level)| (name.as_str(), *level)).collect();
+        let crowd: Vec<(&str, f64)> = crowd.iter().map(|(name, rssi)| (name.as_str(), *rssi)).collect();
         assert_eq!(Survey::of(&[stay("a", &crowd)], Average::Power).map(), Err(MapError::Invalid));
     }
 }

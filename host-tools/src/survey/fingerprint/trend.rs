@@ -1,4 +1,4 @@
-//! What levels are about before any is measured nearby: their mean, or path loss through walls (1), (2).
+//! What RSSI values are about before any is measured nearby: their mean, or path loss through walls (1), (2).
 
 use positioning_core::ble::path_loss::{PathLoss, Wall, attenuation};
 
@@ -6,11 +6,11 @@ use super::process::apart;
 use super::survey::Survey;
 use crate::files::beacons;
 
-/// How far beacons are above or below the receiver where nobody says, metres: nearer than this no level rises any more.
+/// How far beacons are above or below the receiver where nobody says, metres: nearer than this no RSSI rises any more.
 const ABOVE_M: f64 = 1.0;
 /// A usual exponent, and how far it may be off.
 const EXPONENT: (f64, f64) = (2.0, 1.0);
-/// Deviation of levels about path loss, dB, against which the exponent's prior counts.
+/// Deviation of RSSI values about path loss, dB, against which the exponent's prior counts.
 const SHADOWS_DB: f64 = 4.0;
 /// The most that an unknown wall is tried to take, dB.
 const MOST_DB: u32 = 15;
@@ -36,7 +36,7 @@ impl Plan {
     }
 }
 
-/// The trend of a beacon's levels.
+/// The trend of a beacon's RSSI values.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Trend {
     /// The same everywhere, dBm.
@@ -56,25 +56,25 @@ impl Trend {
     /// The trend at a place, dBm.
     pub fn at(&self, at_m: [f64; 2]) -> f64 {
         match self {
-            Self::Level(level) => *level,
+            Self::Level(rssi) => *rssi,
             Self::Rays { place_m, path_loss, walls } => {
                 path_loss.level_through(distance(*place_m, at_m), attenuation(walls, *place_m, at_m))
             }
         }
     }
 
-    /// Every beacon's mean level.
-    pub fn levels(survey: &Survey) -> Vec<Self> {
+    /// Every beacon's mean RSSI.
+    pub fn rssis(survey: &Survey) -> Vec<Self> {
         let fallbacks = survey.fallbacks();
         let mean = |(beacon, fallback): (usize, f64)| {
-            let levels: Vec<f64> = survey.spots.iter().filter_map(|spot| spot.levels[beacon]).collect();
-            Self::Level(if levels.is_empty() { fallback } else { levels.iter().sum::<f64>() / levels.len() as f64 })
+            let rssis: Vec<f64> = survey.spots.iter().filter_map(|spot| spot.rssis[beacon]).collect();
+            Self::Level(if rssis.is_empty() { fallback } else { rssis.iter().sum::<f64>() / rssis.len() as f64 })
         };
         fallbacks.into_iter().enumerate().map(mean).collect()
     }
 
     /// Path losses that fit the survey, of beacons whose places are known; the others keep their mean. Walls that do not say what they
-    /// take are given what fits all levels best, the same to each.
+    /// take are given what fits all RSSI values best, the same to each.
     pub fn rays(survey: &Survey, plan: &Plan) -> Vec<Self> {
         let Plan { beacons, walls } = plan;
         let unknown = walls.iter().any(|wall| wall.attenuation_db.is_none());
@@ -85,7 +85,7 @@ impl Trend {
                 |wall: &beacons::Wall| Wall { ends: wall.ends_m, attenuation: wall.attenuation_db.unwrap_or(usual_db) };
             Self::rays_through(survey, beacons, &walls.iter().map(wall).collect::<Vec<_>>())
         });
-        tried.min_by(|(_, a), (_, b)| a.total_cmp(b)).map_or_else(|| Self::levels(survey), |(trends, _)| trends)
+        tried.min_by(|(_, a), (_, b)| a.total_cmp(b)).map_or_else(|| Self::rssis(survey), |(trends, _)| trends)
     }
 
     /// The trends through these walls, and the squares of what they leave, dB².
@@ -94,13 +94,13 @@ impl Trend {
         let trend = |((index, name), usual): ((usize, &String), Self)| {
             let beacon = beacons.iter().find(|beacon| beacon.name == *name)?;
             let place_m = beacon.position_m;
-            // Level = A − n x, x = 10 lg d, where walls have been given back.
+            // RSSI = A − n x, x = 10 lg d, where walls have been given back.
             let samples: Vec<(f64, f64)> = survey
                 .spots
                 .iter()
                 .filter_map(|spot| {
-                    let level = spot.levels[index]? + attenuation(walls, place_m, spot.position_m);
-                    Some((10.0 * distance(place_m, spot.position_m).log10(), level))
+                    let rssi = spot.rssis[index]? + attenuation(walls, place_m, spot.position_m);
+                    Some((10.0 * distance(place_m, spot.position_m).log10(), rssi))
                 })
                 .collect();
             if samples.is_empty() {
@@ -114,12 +114,12 @@ impl Trend {
             });
             let exponent = (-xy / xx).max(0.1);
             let level_1m = y + exponent * x;
-            left += samples.iter().map(|(x, level)| (level - level_1m + exponent * x).powi(2)).sum::<f64>();
+            left += samples.iter().map(|(x, rssi)| (rssi - level_1m + exponent * x).powi(2)).sum::<f64>();
             let path_loss = PathLoss { level_1m, exponent, ..PathLoss::default() };
             Some(Self::Rays { place_m, path_loss, walls: walls.to_vec() })
         };
         let mut trend = trend;
-        let trends = survey.beacons.iter().enumerate().zip(Self::levels(survey));
+        let trends = survey.beacons.iter().enumerate().zip(Self::rssis(survey));
         let trends =
             trends.map(|((index, name), usual)| trend(((index, name), usual.clone())).unwrap_or(usual)).collect();
         (trends, left)
@@ -137,10 +137,10 @@ mod tests {
 
     #[test]
     fn walls_and_path_loss_are_found_again() {
-        // −40 dBm and n = 3 of a beacon at the origin, 6 dB of a wall at x = 5, levels by (2) over √(d² + 1).
+        // −40 dBm and n = 3 of a beacon at the origin, 6 dB of a wall at x = 5, RSSI values by (2) over √(d² + 1).
         let spot = |x: f64, y: f64| {
-            let level = -40.0 - 15.0 * (x * x + y * y + 1.0).log10() - if x > 5.0 { 6.0 } else { 0.0 };
-            Spot { position_m: [x, y], levels: vec![Some(level)] }
+            let rssi = -40.0 - 15.0 * (x * x + y * y + 1.0).log10() - if x > 5.0 { 6.0 } else { 0.0 };
+            Spot { position_m: [x, y], rssis: vec![Some(rssi)] }
         };
         let spots: Vec<Spot> = (1..20).map(|i| spot(f64::from(i) * 0.7, f64::from(i % 4) - 1.5)).collect();
         let survey = Survey { beacons: vec!["a".to_owned()], spots };
@@ -159,10 +159,10 @@ mod tests {
         assert!((path_loss.exponent - 3.0).abs() < 0.15 && (path_loss.level_1m + 40.0).abs() < 1.5, "{path_loss:?}");
         assert!((found[0].attenuation - 6.0).abs() <= 1.0, "{found:?}");
         // Without its place there is only the mean.
-        let mean = survey.spots.iter().filter_map(|spot| spot.levels[0]).sum::<f64>() / 19.0;
-        let Trend::Level(level) = Trend::rays(&survey, &Plan { beacons: Vec::new(), walls: walls.to_vec() })[0] else {
+        let mean = survey.spots.iter().filter_map(|spot| spot.rssis[0]).sum::<f64>() / 19.0;
+        let Trend::Level(rssi) = Trend::rays(&survey, &Plan { beacons: Vec::new(), walls: walls.to_vec() })[0] else {
             panic!("no place")
         };
-        assert!((level - mean).abs() < 1e-9);
+        assert!((rssi - mean).abs() < 1e-9);
     }
 }

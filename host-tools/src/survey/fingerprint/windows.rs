@@ -1,11 +1,11 @@
 //! A capture as a tag hears it: window by window, smoothed (sections 3.4 and 3.4.1.2).
 
-use positioning_core::ble::signal::{Kalman, Smoothing, level};
+use positioning_core::ble::signal::{Kalman, Smoothing, rssi};
 
 use super::survey::{Average, dbm, milliwatts};
 use crate::files::beacons::{Capture, Sample};
 
-/// A beacon keeps its level for so many windows without an advertisement.
+/// A beacon keeps its RSSI for so many windows without an advertisement.
 const KEPT: f64 = 10.0;
 /// A file may claim any span of time.
 const MOST_WINDOWS: f64 = 1.0e5;
@@ -14,7 +14,7 @@ const MOST_WINDOWS: f64 = 1.0e5;
 pub struct Window {
     /// How long before the end of the capture it ends, microseconds.
     pub before_us: u64,
-    /// The level of each beacon, dBm.
+    /// The RSSI of each beacon, dBm.
     pub scan: Vec<Option<f64>>,
 }
 
@@ -25,7 +25,7 @@ pub fn span_s(capture: &Capture) -> Option<(f64, f64)> {
     Some((first, last))
 }
 
-/// The windows of a capture, at least one; a capture shorter than one is as it is. Where levels are averaged as powers, they are
+/// The windows of a capture, at least one; a capture shorter than one is as it is. Where RSSI values are averaged as powers, they are
 /// smoothed as powers.
 pub fn windows(beacons: &[String], capture: &Capture, window_s: f64, average: Average) -> Vec<Window> {
     let (first_s, last_s) = span_s(capture).unwrap_or((0.0, 0.0));
@@ -37,40 +37,39 @@ pub fn windows(beacons: &[String], capture: &Capture, window_s: f64, average: Av
     let window = |index: usize| {
         let begin_s = first_s + index as f64 * window_s;
         let end_s = if index + 1 == count { f64::INFINITY } else { begin_s + window_s };
-        let level = |way: &Vec<(f64, f64)>| {
+        let rssi = |way: &Vec<(f64, f64)>| {
             let until = way.partition_point(|(t_s, _)| *t_s < end_s);
             let inside: Vec<f64> =
-                way[..until].iter().filter(|(t_s, _)| *t_s >= begin_s).map(|(_, level)| *level).collect();
-            let kept = way[..until].last().filter(|(t_s, _)| begin_s - t_s < KEPT * window_s).map(|(_, level)| *level);
+                way[..until].iter().filter(|(t_s, _)| *t_s >= begin_s).map(|(_, rssi)| *rssi).collect();
+            let kept = way[..until].last().filter(|(t_s, _)| begin_s - t_s < KEPT * window_s).map(|(_, rssi)| *rssi);
             let mean = inside.iter().sum::<f64>() / inside.len() as f64;
-            if inside.is_empty() { kept } else { Some(mean) }.map(|level| match average {
-                Average::Power => dbm(level),
-                Average::Trimmed => level,
+            if inside.is_empty() { kept } else { Some(mean) }.map(|rssi| match average {
+                Average::Power => dbm(rssi),
+                Average::Trimmed => rssi,
             })
         };
         let before_s = (last_s - begin_s - window_s).max(0.0);
-        Window { before_us: (before_s * 1.0e6) as u64, scan: ways.iter().map(level).collect() }
+        Window { before_us: (before_s * 1.0e6) as u64, scan: ways.iter().map(rssi).collect() }
     };
     (0..count).map(window).collect()
 }
 
-/// Times and smoothed levels of a beacon, in order; as powers or as decibels.
+/// Times and smoothed RSSI values of a beacon, in order; as powers or as decibels.
 fn smoothed(name: &str, samples: &[Sample], average: Average) -> Vec<(f64, f64)> {
     let own = samples.iter().filter(|sample| sample.beacon == name && sample.t_s.is_finite());
-    let mut levels: Vec<(f64, f64)> =
-        own.filter_map(|sample| Some((sample.t_s, level(sample.rssi_dbm).ok()?))).collect();
-    levels.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let begun_s = levels.first().map_or(0.0, |(t_s, _)| *t_s);
+    let mut rssis: Vec<(f64, f64)> = own.filter_map(|sample| Some((sample.t_s, rssi(sample.rssi_dbm).ok()?))).collect();
+    rssis.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let begun_s = rssis.first().map_or(0.0, |(t_s, _)| *t_s);
     let mut kalman = Kalman::<f64>::default();
-    for (t_s, level) in &mut levels {
+    for (t_s, rssi) in &mut rssis {
         let value = match average {
-            Average::Power => milliwatts(*level),
-            Average::Trimmed => *level,
+            Average::Power => milliwatts(*rssi),
+            Average::Trimmed => *rssi,
         };
         kalman.hear(((*t_s - begun_s) * 1.0e6) as u64, value, &Smoothing::default());
-        *level = kalman.level().unwrap_or(value);
+        *rssi = kalman.rssi().unwrap_or(value);
     }
-    levels
+    rssis
 }
 
 #[cfg(test)]
@@ -90,10 +89,10 @@ mod tests {
         let capture = capture(&[(5.0, -60.0), (5.1, -56.0), (5.15, 127.0), (8.0, 0.0)]);
         let found = windows(&["a".to_owned()], &capture, 0.2, Average::Trimmed);
         assert_eq!(found.len(), 15);
-        let levels: Vec<Option<f64>> = found.iter().map(|window| window.scan[0]).collect();
-        assert!((levels[0].expect("heard") + 58.995).abs() < 1e-3, "{levels:?}");
-        assert!((levels[9].expect("kept") + 57.990).abs() < 1e-3, "{levels:?}");
-        assert_eq!(levels[14], None);
+        let rssis: Vec<Option<f64>> = found.iter().map(|window| window.scan[0]).collect();
+        assert!((rssis[0].expect("heard") + 58.995).abs() < 1e-3, "{rssis:?}");
+        assert!((rssis[9].expect("kept") + 57.990).abs() < 1e-3, "{rssis:?}");
+        assert_eq!(rssis[14], None);
         assert_eq!((found[0].before_us, found[14].before_us), (2_800_000, 0));
     }
 

@@ -120,7 +120,7 @@ pub fn judge(method: Method, trained: &Trained, targets: &Survey, window_s: f64,
 }
 
 /// Answers for each point by a model of all the others; `step` is called for each. Nothing is taken from the point that is left out,
-/// neither fall-back levels nor a choice.
+/// neither fall-back RSSI values nor a choice.
 ///
 /// # Errors
 /// [`train`]'s.

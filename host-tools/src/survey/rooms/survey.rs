@@ -1,16 +1,16 @@
-//! What a survey says of its points: each beacon's level and deviation, and the scans of short windows.
+//! What a survey says of its points: each beacon's RSSI and deviation, and the scans of short windows.
 
 use std::path::Path;
 
 use positioning_core::ble::rooms::{MAX_BEACONS, MAX_ROOMS};
-use positioning_core::ble::signal::level;
+use positioning_core::ble::signal::rssi;
 
 use super::file::Names;
 use crate::UserError;
 use crate::files::beacons::{Dwell, Sample};
 use crate::survey::fingerprint::{self, Average, scan};
 
-/// Levels are averaged as those of maps are.
+/// RSSI values are averaged as those of maps are.
 const AVERAGE: Average = Average::Power;
 /// A file may claim any span of time.
 const MOST_WINDOWS: f64 = 1e5;
@@ -18,7 +18,7 @@ const MOST_WINDOWS: f64 = 1e5;
 /// A beacon at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeanRssi {
-    /// Level of the mean power, dBm.
+    /// RSSI of the mean power, dBm.
     pub mean_dbm: f64,
     /// Standard deviation of single adverts, dB.
     pub deviation_db: f64,
@@ -33,7 +33,7 @@ pub struct Point {
     pub room: usize,
     /// By the beacons' order.
     pub heard: Vec<Option<MeanRssi>>,
-    /// One scan a window, in order of time; a window in which nothing is heard has no level.
+    /// One scan a window, in order of time; a window in which nothing is heard has no RSSI.
     pub windows: Vec<Vec<Option<f32>>>,
 }
 
@@ -126,10 +126,10 @@ fn heard(samples: &[Sample], beacons: &[String]) -> Vec<Option<MeanRssi>> {
     let means = scan(beacons, samples, AVERAGE);
     let deviation_db = |beacon: &String| {
         let of_it = samples.iter().filter(|sample| sample.beacon == *beacon);
-        let levels: Vec<f64> = of_it.filter_map(|sample| level(sample.rssi_dbm).ok()).collect();
-        let count = levels.len() as f64;
-        let middle = levels.iter().sum::<f64>() / count;
-        (levels.iter().map(|level| (level - middle).powi(2)).sum::<f64>() / count).sqrt()
+        let rssis: Vec<f64> = of_it.filter_map(|sample| rssi(sample.rssi_dbm).ok()).collect();
+        let count = rssis.len() as f64;
+        let middle = rssis.iter().sum::<f64>() / count;
+        (rssis.iter().map(|rssi| (rssi - middle).powi(2)).sum::<f64>() / count).sqrt()
     };
     let heard = |(mean, beacon): (Option<f64>, &String)| {
         mean.map(|mean_dbm| MeanRssi { mean_dbm, deviation_db: deviation_db(beacon) })
@@ -148,7 +148,7 @@ fn windows(samples: &[Sample], beacons: &[String], window_s: f64) -> Vec<Vec<Opt
             part.push(sample.clone());
         }
     }
-    let single = |level: Option<f64>| level.map(|level| level as f32);
+    let single = |rssi: Option<f64>| rssi.map(|rssi| rssi as f32);
     parts.into_iter().map(|part| scan(beacons, &part, AVERAGE).into_iter().map(single).collect()).collect()
 }
 
@@ -173,7 +173,7 @@ mod tests {
         ];
         let survey = Survey::of_fingerprints(Path::new("f"), &stays, 1.0).expect("good");
         assert_eq!((survey.beacons.join(","), survey.rooms.join(",")), ("2,10".into(), "hall,attic".into()));
-        // r heard nothing that is a level. p: 1, 0.398107 and 0.1 nW, mean 0.499369, −63.0158 dBm; about the mean of the decibels,
+        // r heard nothing that is an RSSI. p: 1, 0.398107 and 0.1 nW, mean 0.499369, −63.0158 dBm; about the mean of the decibels,
         // −64.667: 4.667² + 0.667² + 5.333² = 50.667, /3 = 16.889. The first window: 0.699054 nW, −61.5549 dBm.
         assert_eq!(survey.points.len(), 2);
         let heard = survey.points[0].heard[1].expect("heard");

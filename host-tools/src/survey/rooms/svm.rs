@@ -1,6 +1,6 @@
 //! The planes of a linear support vector machine, one for each two rooms.
 //!
-//! Three samples a point: the mean levels, and all of them a standard deviation higher and lower (section 5.3.4), so that a receiver
+//! Three samples a point: the mean RSSI values, and all of them a standard deviation higher and lower (section 5.3.4), so that a receiver
 //! that hears more or less than the surveyor's is still in the room. C = 0.001 (the same). Rooms count alike, however many points each
 //! of them has: the cost of a sample is C N / (K n), with n of the N points in its room.
 
@@ -13,18 +13,18 @@ const TOLERANCE: f64 = 1e-5;
 /// Steps of a training at most; those of a recorded floor take some hundred.
 const MOST_STEPS: usize = 200_000;
 
-/// A point: its room, and for each beacon the mean level and the deviation, dB.
+/// A point: its room, and for each beacon the mean RSSI and the deviation, dB.
 pub(super) struct Example {
     pub(super) room: usize,
-    pub(super) levels: Vec<(f64, f64)>,
+    pub(super) rssis: Vec<(f64, f64)>,
 }
 
 /// For each pair of rooms, by [`pairs`], what is added and a weight a beacon. Each room has examples.
 pub(super) fn planes(rooms: usize, examples: &[Example]) -> Vec<Vec<f64>> {
-    let beacons = examples.first().map_or(0, |example| example.levels.len());
+    let beacons = examples.first().map_or(0, |example| example.rssis.len());
     let points = examples.len() as f64;
     // Far from zero, a plane's offset is badly determined.
-    let mean = |beacon: usize| examples.iter().map(|example| example.levels[beacon].0).sum::<f64>() / points;
+    let mean = |beacon: usize| examples.iter().map(|example| example.rssis[beacon].0).sum::<f64>() / points;
     let centre: Vec<f64> = (0..beacons).map(mean).collect();
     pairs(rooms)
         .map(|(first, second)| {
@@ -34,9 +34,9 @@ pub(super) fn planes(rooms: usize, examples: &[Example]) -> Vec<Vec<f64>> {
                 let cost = COST * points / (rooms * in_room().count()) as f64;
                 for example in in_room() {
                     for sign in [0.0, 1.0, -1.0] {
-                        let levels = example.levels.iter().zip(&centre);
-                        let levels = levels.map(|((mean, sigma), centre)| mean + sign * sigma - centre).collect();
-                        samples.push(Sample { levels, side, cost, multiplier: 0.0, projection: 0.0 });
+                        let rssis = example.rssis.iter().zip(&centre);
+                        let rssis = rssis.map(|((mean, sigma), centre)| mean + sign * sigma - centre).collect();
+                        samples.push(Sample { rssis, side, cost, multiplier: 0.0, projection: 0.0 });
                     }
                 }
             }
@@ -49,7 +49,7 @@ pub(super) fn planes(rooms: usize, examples: &[Example]) -> Vec<Vec<f64>> {
 
 /// A sample of one side, 1 or −1.
 struct Sample {
-    levels: Vec<f64>,
+    rssis: Vec<f64>,
     side: f64,
     cost: f64,
     /// Lagrange's, 0 to the cost.
@@ -74,7 +74,7 @@ impl Sample {
 /// The offset and the weights of the plane between both sides: sequential minimal optimisation by the pair that violates the
 /// conditions most (Keerthi et al., *Improvements to Platt's SMO algorithm for SVM classifier design*, 2001), with a cost a sample.
 fn plane(mut samples: Vec<Sample>) -> (f64, Vec<f64>) {
-    let mut weights = vec![0.0; samples.first().map_or(0, |sample| sample.levels.len())];
+    let mut weights = vec![0.0; samples.first().map_or(0, |sample| sample.rssis.len())];
     let mut offset = 0.0;
     for _ in 0..MOST_STEPS {
         let up = (0..samples.len()).filter(|&at| samples[at].ways().0 > 0.0);
@@ -87,7 +87,7 @@ fn plane(mut samples: Vec<Sample>) -> (f64, Vec<f64>) {
             break;
         }
         let difference: Vec<f64> =
-            samples[up].levels.iter().zip(&samples[down].levels).map(|(up, down)| up - down).collect();
+            samples[up].rssis.iter().zip(&samples[down].rssis).map(|(up, down)| up - down).collect();
         let square: f64 = difference.iter().map(|d| d * d).sum();
         // Samples of both sides at one place go as far as they may.
         let step = (violation / square.max(1e-12)).min(samples[up].ways().0).min(samples[down].ways().1);
@@ -97,7 +97,7 @@ fn plane(mut samples: Vec<Sample>) -> (f64, Vec<f64>) {
         }
         weights.iter_mut().zip(&difference).for_each(|(weight, d)| *weight += step * d);
         for sample in &mut samples {
-            sample.projection += step * sample.levels.iter().zip(&difference).map(|(level, d)| level * d).sum::<f64>();
+            sample.projection += step * sample.rssis.iter().zip(&difference).map(|(rssi, d)| rssi * d).sum::<f64>();
         }
     }
     (offset, weights)
@@ -111,7 +111,7 @@ mod tests {
     fn planes_are_those_of_libsvm() {
         // scikit-learn 1.9.1 (LIBSVM), SVC(kernel="linear", C=0.001, tol=1e-9) with sample_weight 7/(3 n) on these points and their
         // means ± σ.
-        let example = |room, a, b| Example { room, levels: vec![a, b] };
+        let example = |room, a, b| Example { room, rssis: vec![a, b] };
         let examples = [
             example(0, (-60.0, 3.0), (-80.0, 2.0)),
             example(0, (-64.0, 2.0), (-74.0, 4.0)),
@@ -132,7 +132,7 @@ mod tests {
 
     #[test]
     fn a_room_on_top_of_another_is_no_endless_search() {
-        let example = |room| Example { room, levels: vec![(-60.0, 0.0)] };
+        let example = |room| Example { room, rssis: vec![(-60.0, 0.0)] };
         let planes = planes(2, &[example(0), example(1), example(1)]);
         assert_eq!(planes.len(), 1);
         assert!(planes[0].iter().all(|number| number.is_finite()), "{planes:?}");

@@ -84,10 +84,10 @@ pub fn train(method: Method, survey: &Survey, chosen: &[&Point]) -> Result<Optio
                 .iter()
                 .map(|point| {
                     let heard = point.heard.iter().zip(&fallback_dbm);
-                    let levels = heard.map(|(heard, fallback)| {
+                    let rssis = heard.map(|(heard, fallback)| {
                         heard.map_or((*fallback, 0.0), |heard| (heard.mean_dbm, heard.deviation_db))
                     });
-                    Example { room: number(point.room), levels: levels.collect() }
+                    Example { room: number(point.room), rssis: rssis.collect() }
                 })
                 .collect();
             fallback = bytes_of(&mut fallback_dbm.iter().copied());
@@ -95,12 +95,12 @@ pub fn train(method: Method, survey: &Survey, chosen: &[&Point]) -> Result<Optio
             Kind::Svm(Svm { rooms: rooms.len() as u8, slope: SLOPE, fallback_dbm: &fallback, planes: &contents })
         }
         Method::Nearest => {
-            fallback = fallback_dbm.iter().map(|level| level_byte(Some(*level as f32))).collect();
+            fallback = fallback_dbm.iter().map(|rssi| level_byte(Some(*rssi as f32))).collect();
             contents = chosen
                 .iter()
                 .flat_map(|point| {
-                    let levels = point.scan().into_iter().map(level_byte);
-                    std::iter::once(number(point.room) as u8).chain(levels).collect::<Vec<_>>()
+                    let rssis = point.scan().into_iter().map(level_byte);
+                    std::iter::once(number(point.room) as u8).chain(rssis).collect::<Vec<_>>()
                 })
                 .collect();
             let neighbours = NEIGHBOURS.min(u8::try_from(chosen.len()).unwrap_or(NEIGHBOURS));

@@ -1,13 +1,13 @@
-//! Whether a beacon is where it is listed: E. S. Page's sum (*Continuous inspection schemes*, Biometrika 41, 1954) of how far its levels
+//! Whether a beacon is where it is listed: E. S. Page's sum (*Continuous inspection schemes*, Biometrika 41, 1954) of how far its RSSI values
 //! contradict the position that others give.
 
 use crate::Real;
 
-/// A level that is off by more of its variances than this adds what it is off by beyond it, any other takes as much off …
+/// An RSSI that is off by more of its variances than this adds what it is off by beyond it, any other takes as much off …
 const EXPECTED: f64 = 1.6;
-/// … and no level is off by more.
+/// … and no RSSI is off by more.
 const MOST: f64 = 6.0;
-/// A beacon whose sum goes beyond this is doubted: two levels at two places that are off by 2.5 deviations, or more that are off by
+/// A beacon whose sum goes beyond this is doubted: two RSSI values at two places that are off by 2.5 deviations, or more that are off by
 /// less. A walk of minutes among shadows of 5 dB, which are expected, comes to it now and then; among such of 3 dB never (simulated).
 const DOUBTED: f64 = 8.0;
 /// Under this it is believed again.
@@ -22,9 +22,9 @@ pub enum BeaconHealth {
     /// It is where it is listed.
     #[default]
     Agrees,
-    /// Its levels are those of another place, or of another power.
+    /// Its RSSI values are those of another place, or of another power.
     Elsewhere,
-    /// Its levels jump between those of two places: two senders have its identity.
+    /// Its RSSI values jump between those of two places: two senders have its identity.
     TwoPlaces,
 }
 
@@ -38,8 +38,8 @@ pub(super) struct History<T> {
 }
 
 impl<T: Real> History<T> {
-    /// A level that is off by so many of its variances, or that of two senders; worth `weight` of one at a place of its own. What is
-    /// believed from now on, if it is another thing, and for how many seconds the levels have told so.
+    /// An RSSI that is off by so many of its variances, or that of two senders; worth `weight` of one at a place of its own. What is
+    /// believed from now on, if it is another thing, and for how many seconds the RSSI values have told so.
     pub(super) fn take(&mut self, now_us: u64, variances: T, is_torn: bool, weight: T) -> Option<(BeaconHealth, u32)> {
         let now_s = u32::try_from(now_us / 1_000_000).unwrap_or(u32::MAX);
         let off = if is_torn { T::of(MOST) } else { variances.at_most(T::of(MOST)) };

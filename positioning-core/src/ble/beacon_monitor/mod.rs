@@ -1,7 +1,7 @@
 //! What a tag knows of the listed beacons around it, learnt as it goes: what its receiver reads too loud, and whether each beacon is
 //! where it is listed. The tag, its simulation and the replays find themselves by this one.
 //!
-//! The levels of a window flow in, with the tag's position where anchors give one; out flows the position by the levels
+//! The RSSI values of a window flow in, with the tag's position where anchors give one; out flows the position by the RSSI values
 //! ([`posterior`]), as the engine wants it, and now and then [`HealthChange`] of a beacon. A beacon is judged by the position without it, one of them a
 //! window, since that takes a lattice of its own; what is doubted makes no position until it agrees again.
 
@@ -33,16 +33,16 @@ const JUDGES: usize = 3;
 /// recordings with calibrated beacons none is named by it, two of thirteen would be by 1.
 const PEERS: f64 = 0.5;
 
-/// The level of a beacon in a window.
+/// The RSSI of a beacon in a window.
 #[derive(Clone, Copy, Debug)]
 pub struct Level<T> {
     /// Its place in the list.
     pub beacon: usize,
-    /// The level, and the beacon's path loss; its deviation is of what stays with the place.
+    /// The RSSI, and the beacon's path loss; its deviation is of what stays with the place.
     pub heard: Heard<T, 2>,
-    /// The deviation of the level by noise, dB.
+    /// The deviation of the RSSI by noise, dB.
     pub noise: T,
-    /// It jumps about as the levels of two senders do.
+    /// It jumps about as the RSSI values of two senders do.
     pub is_torn: bool,
 }
 
@@ -93,12 +93,12 @@ impl<T: Real> Known<T> {
     }
 }
 
-/// Where the levels have a tag.
+/// Where the RSSI values have a tag.
 #[derive(Clone, Copy, Debug)]
 pub struct Located<T> {
     /// For the engine.
     pub position: BeaconPosition<T>,
-    /// What made it: bit i is the window's i-th level.
+    /// What made it: bit i is the window's i-th RSSI.
     pub used: u16,
 }
 
@@ -110,7 +110,7 @@ pub struct HealthChange {
     pub beacon: usize,
     /// What is believed.
     pub health: BeaconHealth,
-    /// For how long its levels have told so, seconds.
+    /// For how long its RSSI values have told so, seconds.
     pub seconds: u32,
 }
 
@@ -153,11 +153,11 @@ impl BeaconMonitor<f32, ON_NODE> {
     pub fn locate_on_node(
         &mut self,
         now_us: u64,
-        levels: &[Level<f32>],
+        rssis: &[Level<f32>],
         site: &Site<'_, f32>,
         known: Option<&Known<f32>>,
     ) -> Result<Located<f32>, SolveError> {
-        self.locate(now_us, levels, site, known)
+        self.locate(now_us, rssis, site, known)
     }
 }
 
@@ -189,7 +189,7 @@ impl<T: Real, const N: usize> BeaconMonitor<T, N> {
         self.news.take()
     }
 
-    /// The position by the levels of a window, of which the first [`MAX_ANCHORS`] count. `known` is where anchors have the tag.
+    /// The position by the RSSI values of a window, of which the first [`MAX_ANCHORS`] count. `known` is where anchors have the tag.
     ///
     /// # Errors
     /// As [`posterior`]; [`SolveError::TooFewAnchors`] also where all that are heard are doubted.
@@ -197,17 +197,17 @@ impl<T: Real, const N: usize> BeaconMonitor<T, N> {
     pub fn locate(
         &mut self,
         now_us: u64,
-        levels: &[Level<T>],
+        rssis: &[Level<T>],
         site: &Site<'_, T>,
         known: Option<&Known<T>>,
     ) -> Result<Located<T>, SolveError> {
         let belief = PosteriorSettings { offset_deviation: self.receiver.deviation(), ..PosteriorSettings::default() };
         let mut heard: Vec<Heard<T, 2>, MAX_ANCHORS> = Vec::new();
         let (mut lasting, mut all, mut used) = (T::ZERO, T::ZERO, 0_u16);
-        for (place, level, one) in self.believed(levels) {
-            let stays = level.heard.path_loss.deviation.squared();
+        for (place, rssi, one) in self.believed(rssis) {
+            let stays = rssi.heard.path_loss.deviation.squared();
             lasting += stays;
-            all += stays + level.noise.squared();
+            all += stays + rssi.noise.squared();
             used |= 1 << place;
             // There is room for all.
             let _ = heard.push(one);
@@ -222,7 +222,7 @@ impl<T: Real, const N: usize> BeaconMonitor<T, N> {
         if let Some(at) = at {
             self.update_track(now_us, at);
         }
-        self.judge_next(now_us, levels, site, known, &belief);
+        self.judge_next(now_us, rssis, site, known, &belief);
         if self.due >= T::ONE && self.receiver.deviation() > T::ZERO {
             let there = known.map(|known| posterior(&heard, &known.area(), site.walls, &belief));
             if let Ok(Posterior { offset, offset_variance, .. }) = there.unwrap_or(found) {
@@ -236,20 +236,20 @@ impl<T: Real, const N: usize> BeaconMonitor<T, N> {
         Ok(Located { position: BeaconPosition { position: fix.position, covariance: [xx, xy, yy], lasting }, used })
     }
 
-    /// The levels that make positions, with their places in the window and as [`corrected`](Self::corrected): sane ones, of beacons that
+    /// The RSSI values that make positions, with their places in the window and as [`corrected`](Self::corrected): sane ones, of beacons that
     /// agree.
-    fn believed<'l>(&'l self, levels: &'l [Level<T>]) -> impl Iterator<Item = (usize, &'l Level<T>, Heard<T, 2>)> {
-        let agrees = |(_, level): &(usize, &Level<T>)| self.health(level.beacon) == BeaconHealth::Agrees;
-        let counted = levels.iter().enumerate().take(MAX_ANCHORS).filter(agrees);
-        counted.map(|(place, level)| (place, level, self.corrected(level))).filter(|(_, _, one)| one.is_sane())
+    fn believed<'l>(&'l self, rssis: &'l [Level<T>]) -> impl Iterator<Item = (usize, &'l Level<T>, Heard<T, 2>)> {
+        let agrees = |(_, rssi): &(usize, &Level<T>)| self.health(rssi.beacon) == BeaconHealth::Agrees;
+        let counted = rssis.iter().enumerate().take(MAX_ANCHORS).filter(agrees);
+        counted.map(|(place, rssi)| (place, rssi, self.corrected(rssi))).filter(|(_, _, one)| one.is_sane())
     }
 
-    /// A level as the calibration's receiver would have it, with all of its deviation.
+    /// An RSSI as the calibration's receiver would have it, with all of its deviation.
     #[inline(never)]
-    fn corrected(&self, level: &Level<T>) -> Heard<T, 2> {
-        let mut heard = level.heard;
-        heard.level = self.receiver.correct(heard.level);
-        heard.path_loss.deviation = (heard.path_loss.deviation.squared() + level.noise.squared()).sqrt();
+    fn corrected(&self, rssi: &Level<T>) -> Heard<T, 2> {
+        let mut heard = rssi.heard;
+        heard.rssi = self.receiver.correct(heard.rssi);
+        heard.path_loss.deviation = (heard.path_loss.deviation.squared() + rssi.noise.squared()).sqrt();
         heard
     }
 
@@ -276,21 +276,21 @@ impl<T: Real, const N: usize> BeaconMonitor<T, N> {
     fn judge_next(
         &mut self,
         now_us: u64,
-        levels: &[Level<T>],
+        rssis: &[Level<T>],
         site: &Site<'_, T>,
         known: Option<&Known<T>>,
         belief: &PosteriorSettings<T>,
     ) {
         let next = self.pass.next;
-        let candidates = levels.iter().enumerate().take(MAX_ANCHORS).filter(|(_, level)| level.beacon >= next);
-        let Some((place, level)) = candidates.min_by_key(|(_, level)| level.beacon) else { return };
-        self.pass.next = level.beacon.saturating_add(1);
-        let one = self.corrected(level);
+        let candidates = rssis.iter().enumerate().take(MAX_ANCHORS).filter(|(_, rssi)| rssi.beacon >= next);
+        let Some((place, rssi)) = candidates.min_by_key(|(_, rssi)| rssi.beacon) else { return };
+        self.pass.next = rssi.beacon.saturating_add(1);
+        let one = self.corrected(rssi);
         // Anchors need no others, and the receiver's offset is doubted as far as it is known.
         let off = match known {
             Some(known) => too_loud(&one, &[], &known.area(), site.walls, belief),
             None => {
-                let others = self.believed(levels).filter(|(other, _, _)| *other != place).map(|(_, _, one)| one);
+                let others = self.believed(rssis).filter(|(other, _, _)| *other != place).map(|(_, _, one)| one);
                 let others: Vec<Heard<T, 2>, MAX_ANCHORS> = others.collect();
                 if others.len() < JUDGES {
                     return;
@@ -299,13 +299,13 @@ impl<T: Real, const N: usize> BeaconMonitor<T, N> {
                 too_loud(&one, &others, &site.area, site.walls, &PosteriorSettings { trust: T::ONE, ..*belief })
             }
         };
-        let (Some([excess, variance]), Some(record)) = (off, self.histories.get_mut(level.beacon)) else { return };
-        // Where a tag stands, the levels of three channels may be as far apart as those of two senders.
-        let weight = if level.is_torn { self.pass.moved } else { self.pass.weight };
+        let (Some([excess, variance]), Some(record)) = (off, self.histories.get_mut(rssi.beacon)) else { return };
+        // Where a tag stands, the RSSI values of three channels may be as far apart as those of two senders.
+        let weight = if rssi.is_torn { self.pass.moved } else { self.pass.weight };
         let weight = if known.is_some() { weight } else { weight * T::of(PEERS) };
-        let change = record.take(now_us, excess.squared() / variance, level.is_torn, weight);
+        let change = record.take(now_us, excess.squared() / variance, rssi.is_torn, weight);
         let Some((standing, seconds)) = change else { return };
-        self.news = Some(HealthChange { beacon: level.beacon, health: standing, seconds });
+        self.news = Some(HealthChange { beacon: rssi.beacon, health: standing, seconds });
         if known.is_none() {
             // What it has spoilt is no sign against the others.
             self.histories.iter_mut().for_each(History::clear_suspicion);

@@ -1,4 +1,4 @@
-//! Points and levels in, a map's bytes out.
+//! Points and RSSI values in, a map's bytes out.
 
 use super::map::{CHECKSUM, DEVIATIONS_DB, HEADER, MAGIC, MAX_BEACONS, MapError, VERSION, WITH_DEVIATIONS, stride};
 
@@ -7,9 +7,9 @@ use super::map::{CHECKSUM, DEVIATIONS_DB, HEADER, MAGIC, MAX_BEACONS, MapError, 
 pub struct Point<'a> {
     /// Where it is, metres.
     pub position_m: [f64; 2],
-    /// A level each beacon, dBm; `None`: not heard there.
-    pub levels: &'a [Option<f64>],
-    /// How far a level may be off at a visit, dB, each beacon; empty for a map of surveyed points.
+    /// An RSSI each beacon, dBm; `None`: not heard there.
+    pub rssis: &'a [Option<f64>],
+    /// How far an RSSI may be off at a visit, dB, each beacon; empty for a map of surveyed points.
     pub deviations: &'a [f64],
 }
 
@@ -63,15 +63,15 @@ pub fn encode<'b>(
     }
     for point in points {
         let wanted = if deviations { beacons } else { 0 };
-        if point.levels.len() != beacons || point.deviations.len() != wanted {
+        if point.rssis.len() != beacons || point.deviations.len() != wanted {
             return Err(MapError::Invalid);
         }
         for (coordinate, cm) in point.position_m.iter().zip(origin_cm) {
             let units = rounded((coordinate - f64::from(cm) / 100.0) / unit_m, 0, 255)?;
             out.write(&[u8::try_from(units).map_err(|_| MapError::Invalid)?])?;
         }
-        for level in point.levels {
-            out.write(&[level.map_or(Ok(0), code)?])?;
+        for rssi in point.rssis {
+            out.write(&[rssi.map_or(Ok(0), code)?])?;
         }
         for pair in point.deviations.chunks(2) {
             let half = |at: usize| pair.get(at).map_or(Ok(0), |deviation| half(*deviation));
@@ -86,8 +86,8 @@ pub fn encode<'b>(
 }
 
 /// Half decibels below 0 dBm.
-fn code(level_dbm: f64) -> Result<u8, MapError> {
-    u8::try_from(rounded(-2.0 * level_dbm, 1, 255)?).map_err(|_| MapError::Invalid)
+fn code(rssi_dbm: f64) -> Result<u8, MapError> {
+    u8::try_from(rounded(-2.0 * rssi_dbm, 1, 255)?).map_err(|_| MapError::Invalid)
 }
 
 /// A deviation's half byte; what is too small or too large for one is the least or the largest.
@@ -129,8 +129,8 @@ mod tests {
     use super::super::{Map, Point};
     use super::*;
 
-    fn tried(levels: &[Option<f64>], deviations: &[f64], position_m: [f64; 2]) -> Result<usize, MapError> {
-        encode(&[Point { position_m, levels, deviations }], &[1], &[-90.0], None, &mut [0; 64]).map(<[u8]>::len)
+    fn tried(rssis: &[Option<f64>], deviations: &[f64], position_m: [f64; 2]) -> Result<usize, MapError> {
+        encode(&[Point { position_m, rssis, deviations }], &[1], &[-90.0], None, &mut [0; 64]).map(<[u8]>::len)
     }
 
     #[test]
@@ -148,7 +148,7 @@ mod tests {
 
     #[test]
     fn empty_maps_and_small_buffers_are_refused() {
-        let point = Point { position_m: [0.0, 0.0], levels: &[Some(-60.0)], deviations: &[] };
+        let point = Point { position_m: [0.0, 0.0], rssis: &[Some(-60.0)], deviations: &[] };
         assert_eq!(encode(&[], &[1], &[-90.0], None, &mut [0; 64]), Err(MapError::Invalid));
         assert_eq!(encode(&[point], &[], &[], None, &mut [0; 64]), Err(MapError::Invalid));
         assert_eq!(encode(&[point], &[1, 2], &[-90.0], None, &mut [0; 64]), Err(MapError::Invalid));
@@ -161,8 +161,8 @@ mod tests {
 
     #[test]
     fn a_full_map_of_a_node_fits_four_kibibytes() {
-        let (levels, deviations) = ([Some(-60.0); 12], [4.0; 12]);
-        let mut points = [Point { position_m: [0.0, 0.0], levels: &levels, deviations: &[] }; 200];
+        let (rssis, deviations) = ([Some(-60.0); 12], [4.0; 12]);
+        let mut points = [Point { position_m: [0.0, 0.0], rssis: &rssis, deviations: &[] }; 200];
         for (index, point) in points.iter_mut().enumerate() {
             point.position_m = [(index / 20) as f64, (index % 20) as f64];
         }
@@ -175,7 +175,7 @@ mod tests {
     #[test]
     fn a_lattice_far_from_the_origin_keeps_its_places() {
         let points = [[-7000.0, 42.0], [-6999.54, 42.46], [-6998.16, 42.0]];
-        let points = points.map(|position_m| Point { position_m, levels: &[Some(-60.0)], deviations: &[3.0] });
+        let points = points.map(|position_m| Point { position_m, rssis: &[Some(-60.0)], deviations: &[3.0] });
         let mut buffer = [0; 128];
         let bytes = encode(&points, &[9], &[-90.0], Some(0.46), &mut buffer).expect("encoded");
         let (map, _) = Map::decode(bytes).expect("decoded");

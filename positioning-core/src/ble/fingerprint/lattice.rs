@@ -1,6 +1,6 @@
-//! Where a scan is on a lattice whose levels are a Gaussian process: the posterior's mean, not the likeliest point.
+//! Where a scan is on a lattice whose RSSI values are a Gaussian process: the posterior's mean, not the likeliest point.
 //!
-//! At each point the levels z are normal about the map's m with its deviations σ, and share the receiver's offset o, normal too, which
+//! At each point the RSSI values z are normal about the map's m with its deviations σ, and share the receiver's offset o, normal too, which
 //! is integrated out: with d = z − m − ō, w = 1 ⁄ σ², W = Σ w, R = Σ w d and the offset's precision π,
 //! ln L = −½ (Σ w d² − R² ⁄ (W + π)) − ½ ln((W + π) ⁄ π) − Σ ln σ, and the offset there is R ⁄ (W + π) ± 1 ⁄ √(W + π). Deviations have
 //! sixteen values, so that their reciprocals and logarithms are a table; no matrix is left for the node.
@@ -24,7 +24,7 @@ pub struct Receiver<T> {
     pub offset_db: T,
     /// Deviation of that, dB; 0: it is known.
     pub offset_deviation_db: T,
-    /// Variance of the scan's levels beyond the map's deviations, dB²: of a short window.
+    /// Variance of the scan's RSSI values beyond the map's deviations, dB²: of a short window.
     pub noise_db2: T,
 }
 
@@ -70,7 +70,7 @@ pub struct Posterior<T> {
 /// The position of one scan by itself.
 ///
 /// # Errors
-/// No beacon of the map is heard, or the map's levels have no deviations.
+/// No beacon of the map is heard, or the map's RSSI values have no deviations.
 pub fn locate<T: Real>(map: &Map<'_>, scan: &[Option<T>], receiver: &Receiver<T>) -> Result<Posterior<T>, NoPosition> {
     let likelihood = Likelihood::new(map, scan, receiver)?;
     let mut moments = Moments::default();
@@ -96,7 +96,7 @@ pub fn locate_on_node(
 
 /// How likely a scan is at the points of a map.
 pub(super) struct Likelihood<T> {
-    /// Of each beacon that is heard: its place in the map, its level, and what it has where a point did not hear it.
+    /// Of each beacon that is heard: its place in the map, its RSSI, and what it has where a point did not hear it.
     heard: Vec<(usize, T, u8), MAX_BEACONS>,
     /// 1 ⁄ σ² and ln σ of each half byte, in the map's half decibels.
     table: [(T, T); 16],
@@ -140,7 +140,7 @@ impl<T: Real> Likelihood<T> {
     pub fn at(&self, row: &Row<'_>) -> Seen<T> {
         let (mut weights, mut sum, mut square, mut logs) = (T::ZERO, T::ZERO, T::ZERO, T::ZERO);
         for (beacon, scanned, fallback) in &self.heard {
-            let (Some(code), Some(halves)) = (row.levels.get(*beacon), row.deviations.get(*beacon / 2)) else { break };
+            let (Some(code), Some(halves)) = (row.rssis.get(*beacon), row.deviations.get(*beacon / 2)) else { break };
             let code = if *code == 0 { *fallback } else { *code };
             let half = usize::from(if *beacon % 2 == 0 { halves & 15 } else { halves >> 4 });
             let (weight, log) = self.table[half & 15];
@@ -244,11 +244,11 @@ pub(super) mod tests {
     use super::super::{Point, encode};
     use super::*;
 
-    /// A lattice of one beacon's levels along x, `unit_m` apart, with deviations of 3 dB.
-    pub fn row_of(levels: &[f64], unit_m: f64) -> Vec<u8> {
-        let levels: Vec<[Option<f64>; 1]> = levels.iter().map(|level| [Some(*level)]).collect();
-        let point = |(index, levels)| Point { position_m: [index as f64 * unit_m, 1.0], levels, deviations: &[3.0] };
-        let points: Vec<_> = levels.iter().map(|levels| &levels[..]).enumerate().map(point).collect();
+    /// A lattice of one beacon's RSSI values along x, `unit_m` apart, with deviations of 3 dB.
+    pub fn row_of(rssis: &[f64], unit_m: f64) -> Vec<u8> {
+        let rssis: Vec<[Option<f64>; 1]> = rssis.iter().map(|rssi| [Some(*rssi)]).collect();
+        let point = |(index, rssis)| Point { position_m: [index as f64 * unit_m, 1.0], rssis, deviations: &[3.0] };
+        let points: Vec<_> = rssis.iter().map(|rssis| &rssis[..]).enumerate().map(point).collect();
         let mut buffer = [0; 4096];
         encode(&points, &[1], &[-95.0], Some(unit_m), &mut buffer).expect("encoded").to_vec()
     }
@@ -278,9 +278,9 @@ pub(super) mod tests {
     fn an_offset_common_to_all_beacons_is_found_and_forgiven() {
         // Two points whose beacons differ by 10 dB in opposite ways; scipy.stats.multivariate_normal with the covariance
         // diag(9, 9) + 16 for all entries gives ln L = −6.518 at the first and −12.074 at the second, thus a weight of 0.003851.
-        let levels = [[Some(-50.0), Some(-60.0)], [Some(-60.0), Some(-50.0)]];
+        let rssis = [[Some(-50.0), Some(-60.0)], [Some(-60.0), Some(-50.0)]];
         let point =
-            |index: usize| Point { position_m: [index as f64, 0.0], levels: &levels[index], deviations: &[3.0, 3.0] };
+            |index: usize| Point { position_m: [index as f64, 0.0], rssis: &rssis[index], deviations: &[3.0, 3.0] };
         let mut buffer = [0; 128];
         let bytes = encode(&[point(0), point(1)], &[1, 2], &[-95.0; 2], Some(1.0), &mut buffer).expect("encoded");
         let (map, _) = Map::decode(bytes).expect("a map");
@@ -294,7 +294,7 @@ pub(super) mod tests {
 
     #[test]
     fn an_offset_is_learnt_from_scan_to_scan() {
-        // One point, one beacon, always 6 dB too weak: the offset's prior is 4 dB, a level's deviation 3 dB. By hand: gain 16 ⁄ 25, offset
+        // One point, one beacon, always 6 dB too weak: the offset's prior is 4 dB, an RSSI's deviation 3 dB. By hand: gain 16 ⁄ 25, offset
         // −3.84, deviation √(16 · 9 ⁄ 25) = 2.4; then 5.76 ⁄ 14.76 of the rest, −4.683, √(5.76 · 9 ⁄ 14.76) = 1.874; at last −6 ± 1.
         let bytes = row_of(&[-60.0], 1.0);
         let (map, _) = Map::decode(&bytes).expect("a map");
@@ -316,8 +316,8 @@ pub(super) mod tests {
 
     #[test]
     fn single_precision_says_the_same() {
-        let levels: Vec<f64> = (0..200).map(|index| -50.0 - f64::from(index % 37) / 2.0).collect();
-        let bytes = row_of(&levels, 0.5);
+        let rssis: Vec<f64> = (0..200).map(|index| -50.0 - f64::from(index % 37) / 2.0).collect();
+        let bytes = row_of(&rssis, 0.5);
         let (map, _) = Map::decode(&bytes).expect("a map");
         let double = locate(&map, &[Some(-58.0)], &Receiver::<f64>::default()).expect("found");
         let single = locate(&map, &[Some(-58.0_f32)], &Receiver::default()).expect("found");

@@ -2,9 +2,9 @@
 //!
 //! Layout, numbers little-endian: `"FM"`, the version, flags (bit 0: with deviations), the number of points in two bytes, that of
 //! beacons in one, 0; the place of the origin, two times four bytes of centimetres; the unit of coordinates in two bytes of millimetres;
-//! a beacon's identity each in two bytes; a beacon's fall-back level each in one; then the points: x and y in units in one byte each,
-//! a byte a level, and with deviations half a byte each, the lower half first; at the end a CRC-16 (IBM-3740) of all before it. A
-//! level's byte counts half decibels below 0 dBm, 0 stands for a beacon that is not heard there. 200 points × 12 beacons are 2.8 kB,
+//! a beacon's identity each in two bytes; a beacon's fall-back RSSI each in one; then the points: x and y in units in one byte each,
+//! a byte an RSSI, and with deviations half a byte each, the lower half first; at the end a CRC-16 (IBM-3740) of all before it. A
+//! RSSI's byte counts half decibels below 0 dBm, 0 stands for a beacon that is not heard there. 200 points × 12 beacons are 2.8 kB,
 //! with deviations 4.0 kB.
 
 use core::fmt;
@@ -72,8 +72,8 @@ pub struct Map<'a> {
 pub(super) struct Row<'a> {
     /// Coordinates in units.
     pub units: [u8; 2],
-    /// Levels in half decibels below 0 dBm, 0: not heard.
-    pub levels: &'a [u8],
+    /// RSSI values in half decibels below 0 dBm, 0: not heard.
+    pub rssis: &'a [u8],
     /// Half bytes of the deviations, or none.
     pub deviations: &'a [u8],
 }
@@ -136,7 +136,7 @@ impl<'a> Map<'a> {
         self.fallbacks.len()
     }
 
-    /// Whether its levels have deviations: [`locate`](super::locate) needs them.
+    /// Whether its RSSI values have deviations: [`locate`](super::locate) needs them.
     pub fn has_deviations(&self) -> bool {
         self.deviations
     }
@@ -151,10 +151,10 @@ impl<'a> Map<'a> {
         self.rows().map(|row| self.place(row.units.map(|units| T::count(units.into()))))
     }
 
-    /// The levels of a point, dBm, in the order of beacons; `None`: not heard there. Empty where there is no such point.
-    pub fn levels<T: Real>(&self, point: usize) -> impl Iterator<Item = Option<T>> + '_ {
-        let levels = self.rows().nth(point).map_or(&[][..], |row| row.levels);
-        levels.iter().map(|&code| (code != 0).then(|| T::of(-0.5) * T::count(code.into())))
+    /// The RSSI values of a point, dBm, in the order of beacons; `None`: not heard there. Empty where there is no such point.
+    pub fn rssis<T: Real>(&self, point: usize) -> impl Iterator<Item = Option<T>> + '_ {
+        let rssis = self.rows().nth(point).map_or(&[][..], |row| row.rssis);
+        rssis.iter().map(|&code| (code != 0).then(|| T::of(-0.5) * T::count(code.into())))
     }
 
     /// The step between the lattice's points, or to which surveyed points are rounded, metres.
@@ -162,7 +162,7 @@ impl<'a> Map<'a> {
         T::of(0.001) * T::count(self.unit_mm.into())
     }
 
-    /// The levels of beacons that are not heard, in the map's own numbers.
+    /// The RSSI values of beacons that are not heard, in the map's own numbers.
     pub(super) fn fallbacks(&self) -> &'a [u8] {
         self.fallbacks
     }
@@ -172,8 +172,8 @@ impl<'a> Map<'a> {
         let beacons = self.beacons();
         self.points.chunks_exact(self.stride()).filter_map(move |row| {
             let (&units, row) = row.split_first_chunk::<2>()?;
-            let (levels, deviations) = row.split_at_checked(beacons)?;
-            Some(Row { units, levels, deviations })
+            let (rssis, deviations) = row.split_at_checked(beacons)?;
+            Some(Row { units, rssis, deviations })
         })
     }
 
@@ -204,8 +204,8 @@ pub(super) mod tests {
     /// A map of these points, without deviations.
     pub fn surveyed(points: &[([f64; 2], &[Option<f64>])]) -> Vec<u8> {
         let points: Vec<_> =
-            points.iter().map(|&(position_m, levels)| Point { position_m, levels, deviations: &[] }).collect();
-        let beacons = points[0].levels.len();
+            points.iter().map(|&(position_m, rssis)| Point { position_m, rssis, deviations: &[] }).collect();
+        let beacons = points[0].rssis.len();
         let mut buffer = [0; 8192];
         let fallbacks = std::vec![-95.0; beacons];
         let identities: Vec<u16> = (1..).take(beacons).collect();
@@ -226,8 +226,8 @@ pub(super) mod tests {
         assert_eq!((map.points(), map.beacons(), map.has_deviations(), rest), (2, 2, false, &[][..]));
         assert_eq!(map.bytes(), bytes);
         assert_eq!(map.identities().collect::<Vec<_>>(), [1, 2]);
-        assert_eq!(map.levels::<f32>(0).collect::<Vec<_>>(), [Some(-60.0), None]);
-        assert_eq!(map.levels::<f32>(2).count(), 0);
+        assert_eq!(map.rssis::<f32>(0).collect::<Vec<_>>(), [Some(-60.0), None]);
+        assert_eq!(map.rssis::<f32>(2).count(), 0);
         let positions: Vec<[f64; 2]> = map.positions().collect();
         assert!((positions[1][0] - 3.55).abs() < 1e-9 && (positions[1][1] - 2.0).abs() < 1e-9, "{positions:?}");
     }

@@ -1,12 +1,12 @@
-//! Positions by comparing a scan with a map of levels (section 2.2.3).
+//! Positions by comparing a scan with a map of RSSI values (section 2.2.3).
 //!
-//! A [`Map`] lies as bytes in flash and is read where it lies: points, and the level of each beacon there. [`Nearest`] compares a scan
-//! with surveyed points (7). [`locate`] takes a map whose levels have deviations, a Gaussian process that the host has evaluated on a
+//! A [`Map`] lies as bytes in flash and is read where it lies: points, and the RSSI of each beacon there. [`Nearest`] compares a scan
+//! with surveyed points (7). [`locate`] takes a map whose RSSI values have deviations, a Gaussian process that the host has evaluated on a
 //! lattice, for the likelihood of the scan at each point of it: out flow the posterior's mean and covariance, and what the receiver's
 //! own offset seems to be. [`Walk`] does so from scan to scan.
 //!
-//! A scan is a slice of levels in dBm by the map's order of beacons, `None` where one is not heard; what is no level
-//! ([`signal::level`](super::signal::level)) counts as not heard.
+//! A scan is a slice of RSSI values in dBm by the map's order of beacons, `None` where one is not heard; what is no RSSI
+//! ([`signal::rssi`](super::signal::RSSI)) counts as not heard.
 
 mod encode;
 mod lattice;
@@ -20,7 +20,7 @@ pub use map::{DEVIATIONS_DB, MAX_BEACONS, MAX_NODE_POINTS, Map, MapError, VERSIO
 pub use nearest::{MAX_NEIGHBOURS, Nearest, Vicinity};
 pub use walk::{Motion, Walk};
 
-use super::signal::level;
+use super::signal::rssi;
 use crate::Real;
 
 /// Why there is no position.
@@ -29,7 +29,7 @@ use crate::Real;
 pub enum NoPosition {
     /// No beacon of the map is heard.
     Unheard,
-    /// The map's levels have no deviations: it is one of surveyed points.
+    /// The map's RSSI values have no deviations: it is one of surveyed points.
     NoDeviations,
     /// The map has more points than there is room for.
     TooManyPoints,
@@ -54,7 +54,7 @@ impl core::fmt::Display for NoPosition {
 
 impl core::error::Error for NoPosition {}
 
-/// The scan's levels by the map's beacons in the map's own unit, half decibels below 0 dBm.
+/// The scan's RSSI values by the map's beacons in the map's own unit, half decibels below 0 dBm.
 struct Codes<T> {
     codes: [T; MAX_BEACONS],
     heard: [bool; MAX_BEACONS],
@@ -66,8 +66,8 @@ impl<T: Real> Codes<T> {
     fn of(scan: &[Option<T>], beacons: usize) -> Result<Self, NoPosition> {
         let mut codes = Self { codes: [T::ZERO; MAX_BEACONS], heard: [false; MAX_BEACONS], count: 0 };
         for ((code, heard), scanned) in codes.codes.iter_mut().zip(&mut codes.heard).zip(scan).take(beacons) {
-            if let Some(Ok(level)) = scanned.map(level) {
-                *code = -(level + level);
+            if let Some(Ok(rssi)) = scanned.map(rssi) {
+                *code = -(rssi + rssi);
                 *heard = true;
                 codes.count += 1;
             }

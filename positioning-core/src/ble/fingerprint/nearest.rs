@@ -1,7 +1,7 @@
 //! The K nearest points of a survey (7).
 //!
 //! The distance between a scan z and a point f is √Σ (zᵢ − fᵢ)², as in the thesis; with an unknown offset of the receiver it is that
-//! of Mahalanobis, Σ dᵢ² − (Σ dᵢ)² ⁄ (N + ρ), d = z − f: a normal offset with the variance 1 ⁄ ρ of a level's has been integrated out.
+//! of Mahalanobis, Σ dᵢ² − (Σ dᵢ)² ⁄ (N + ρ), d = z − f: a normal offset with the variance 1 ⁄ ρ of an RSSI's has been integrated out.
 
 use heapless::Vec;
 
@@ -10,7 +10,7 @@ use crate::Real;
 
 /// Most neighbours.
 pub const MAX_NEIGHBOURS: usize = 15;
-/// A distance counts as no smaller than a half decibel's, to which the map's levels are rounded (a quarter of a dB²).
+/// A distance counts as no smaller than a half decibel's, to which the map's RSSI values are rounded (a quarter of a dB²).
 const LEAST_SQUARE: f64 = 1.0;
 
 /// How neighbours make a position.
@@ -21,7 +21,7 @@ pub struct Nearest<T> {
     pub neighbours: usize,
     /// Weighted by 1 ⁄ d² (7), or all alike.
     pub weighted: bool,
-    /// How far the receiver's levels may be from the surveyor's all together, in deviations of a single level; 0: none.
+    /// How far the receiver's RSSI values may be from the surveyor's all together, in deviations of a single RSSI; 0: none.
     pub offset: T,
 }
 
@@ -55,7 +55,7 @@ struct Neighbour<T> {
 }
 
 impl<T: Real> Nearest<T> {
-    /// Compares a scan with every point of the map; the map's fall-back levels stand for what is not heard, in the scan and at a point.
+    /// Compares a scan with every point of the map; the map's fall-back RSSI values stand for what is not heard, in the scan and at a point.
     /// Among points alike far the first are taken.
     ///
     /// # Errors
@@ -78,7 +78,7 @@ impl<T: Real> Nearest<T> {
         let mut farthest = T::of(f64::INFINITY);
         for (index, row) in map.rows().enumerate() {
             let (mut sum, mut square) = (T::ZERO, T::ZERO);
-            for ((wanted, code), fallback) in wanted.iter().zip(row.levels).zip(fallbacks) {
+            for ((wanted, code), fallback) in wanted.iter().zip(row.rssis).zip(fallbacks) {
                 let code = if *code == 0 { *fallback } else { *code };
                 let apart = *wanted - T::count(code.into());
                 sum += apart;
@@ -167,7 +167,7 @@ mod tests {
 
     #[test]
     fn a_receiver_that_hears_all_weaker_is_where_it_is() {
-        // 8 dB below B's levels, and nearer to C's as they stand.
+        // 8 dB below B's RSSI values, and nearer to C's as they stand.
         let bytes = surveyed(&[
             ([0.0, 0.0], &[Some(-50.0), Some(-80.0), Some(-60.0)]),
             ([10.0, 0.0], &[Some(-60.0), Some(-60.0), Some(-60.0)]),
@@ -191,18 +191,18 @@ mod tests {
         let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(1);
         let points: Vec<([f64; 2], Vec<Option<f64>>)> = (0..200)
             .map(|_| {
-                let levels =
+                let rssis =
                     (0..12).map(|_| random.random_bool(0.9).then(|| -f64::from(random.random_range(60..190)) / 2.0));
-                let levels = levels.collect();
+                let rssis = rssis.collect();
                 (
                     [f64::from(random.random_range(0..=255)) / 10.0, f64::from(random.random_range(0..=255)) / 10.0],
-                    levels,
+                    rssis,
                 )
             })
             .collect();
         let corners = [([0.0, 0.0], std::vec![None; 12]), ([25.5, 25.5], std::vec![None; 12])];
         let all: Vec<_> = points.into_iter().chain(corners).collect();
-        let rows: Vec<_> = all.iter().map(|(place, levels)| (*place, &levels[..])).collect();
+        let rows: Vec<_> = all.iter().map(|(place, rssis)| (*place, &rssis[..])).collect();
         let bytes = surveyed(&rows);
         let (map, _) = Map::decode(&bytes).expect("a map");
         for neighbours in [1, 3, 5, 15] {
@@ -211,9 +211,9 @@ mod tests {
                 .collect();
             let mut sorted: Vec<(f64, [f64; 2])> = rows
                 .iter()
-                .map(|(place, levels)| {
+                .map(|(place, rssis)| {
                     let apart = |(a, b): (&Option<f64>, &Option<f64>)| a.unwrap_or(-95.0) - b.unwrap_or(-95.0);
-                    (scan.iter().zip(*levels).map(apart).map(|d| d * d).sum(), *place)
+                    (scan.iter().zip(*rssis).map(apart).map(|d| d * d).sum(), *place)
                 })
                 .collect();
             sorted.sort_by(|a, b| a.0.total_cmp(&b.0));

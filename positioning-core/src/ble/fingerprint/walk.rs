@@ -27,7 +27,7 @@ const NOTHING: f64 = 1.0e-6;
 pub struct Motion<T> {
     /// How far it goes along each axis in a second, metres (deviation; with the square root of time).
     pub spread_m: T,
-    /// How long levels err alike, seconds.
+    /// How long RSSI values err alike, seconds.
     pub fading_s: T,
 }
 
@@ -198,11 +198,11 @@ mod tests {
 
     #[test]
     fn belief_spreads_as_a_random_walk_and_none_is_lost() {
-        // Levels that say nothing, but the first scan: 41 points, the middle one sure. After 1 s with 0.5 m ⁄ √s on 0.5 m the
+        // RSSI values that say nothing, but the first scan: 41 points, the middle one sure. After 1 s with 0.5 m ⁄ √s on 0.5 m the
         // variance is (0.5 m)², that of the belief within a point's square apart.
-        let mut levels = [-90.0; 41];
-        levels[20] = -40.0;
-        let bytes = row_of(&levels, 0.5);
+        let mut rssis = [-90.0; 41];
+        rssis[20] = -40.0;
+        let bytes = row_of(&rssis, 0.5);
         let (map, _) = Map::decode(&bytes).expect("a map");
         let mut walk = Walk::<f64, 41>::new();
         let motion = Motion { spread_m: 0.5, fading_s: 1.0e9 };
@@ -220,7 +220,7 @@ mod tests {
         // An L of five points, column by column: (0,0) (0,1) (0,2) (1,0) (2,0). Sure of (0,0); a pass of 0.1 reaches (0,1) and (1,0).
         let places = [[0.0, 0.0], [0.0, 1.0], [0.0, 2.0], [1.0, 0.0], [2.0, 0.0]];
         let points =
-            places.map(|position_m| super::super::Point { position_m, levels: &[Some(-60.0)], deviations: &[3.0] });
+            places.map(|position_m| super::super::Point { position_m, rssis: &[Some(-60.0)], deviations: &[3.0] });
         let mut buffer = [0; 128];
         let bytes = super::super::encode(&points, &[1], &[-95.0], Some(1.0), &mut buffer).expect("encoded");
         let (map, _) = Map::decode(bytes).expect("a map");
@@ -240,11 +240,11 @@ mod tests {
 
     #[test]
     fn a_walker_does_not_pass_a_wall() {
-        // A corridor of eleven points, 1 m apart, alike on both sides of its middle: levels fall from −50 there by 4 dB a metre. The
+        // A corridor of eleven points, 1 m apart, alike on both sides of its middle: RSSI values fall from −50 there by 4 dB a metre. The
         // belief is put to x = 2, the receiver comes up to the middle and goes back to −62. Without a wall both ends are as likely, and
         // the mean is the middle; with a wall at x = 5.5 it is x = 2, where −62 is.
-        let levels: std::vec::Vec<f64> = (0..11).map(|x| -50.0 - 4.0 * f64::from((x - 5_i32).abs())).collect();
-        let bytes = row_of(&levels, 1.0);
+        let rssis: std::vec::Vec<f64> = (0..11).map(|x| -50.0 - 4.0 * f64::from((x - 5_i32).abs())).collect();
+        let bytes = row_of(&rssis, 1.0);
         let (map, _) = Map::decode(&bytes).expect("a map");
         let goes = |walls: &[Wall<f64>]| {
             let mut walk = Walk::<f64, 11>::new();
@@ -255,8 +255,8 @@ mod tests {
             let motion = Motion { spread_m: 1.0, fading_s: 1.0 };
             let way = [-62.0, -58.0, -54.0, -50.0, -50.0, -50.0, -54.0, -58.0, -62.0, -62.0];
             let scans = way.into_iter().zip(1..);
-            let found = scans.map(|(level, second)| {
-                walk.step(&map, &[Some(level)], &receiver(), &motion, walls, second * 1_000_000).expect("found")
+            let found = scans.map(|(rssi, second)| {
+                walk.step(&map, &[Some(rssi)], &receiver(), &motion, walls, second * 1_000_000).expect("found")
             });
             found.last().expect("some").position[0]
         };

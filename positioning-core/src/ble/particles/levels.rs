@@ -1,4 +1,4 @@
-//! The likelihood of a place by the levels heard there: the path loss (1) with normal shadowing, and the receiver's own offset
+//! The likelihood of a place by the RSSI values heard there: the path loss (1) with normal shadowing, and the receiver's own offset
 //! integrated out.
 //!
 //! It is asked for every particle, so it is a sum of squares over the beacons with one approximate logarithm each.
@@ -13,7 +13,7 @@ use crate::{MAX_ANCHORS, Real};
 /// Distances are not told apart below this, metres.
 const NEAREST_M: f64 = 0.3;
 
-/// One beacon: its level is off by `base + slope · log₂ d²`, dB.
+/// One beacon: its RSSI is off by `base + slope · log₂ d²`, dB.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Term<T> {
     place: [T; 2],
@@ -23,23 +23,23 @@ pub(crate) struct Term<T> {
     weight: T,
 }
 
-/// The likelihood of the levels of one scan.
+/// The likelihood of the RSSI values of one scan.
 #[derive(Clone, Debug)]
 pub struct Levels<'a, T> {
     terms: Vec<Term<T>, MAX_ANCHORS>,
     /// 1 ⁄ (Σ w + 1 ⁄ σₒ²), of the offset that is integrated out.
     share: T,
-    /// −½ of the levels' trust.
+    /// −½ of the RSSI values' trust.
     factor: T,
     /// What stands between beacons and tag.
     walls: &'a [Wall<T>],
 }
 
 impl<'a, T: Real> Levels<'a, T> {
-    /// Of levels that were heard, at most [`MAX_ANCHORS`] of them; what is not sane is left out.
+    /// Of RSSI values that were heard, at most [`MAX_ANCHORS`] of them; what is not sane is left out.
     ///
     /// `offset_deviation` is how far the receiver's own offset may be from none, dB. `trust`, up to 1, is how much of it is news: what
-    /// shadows a level at a place is there in the next scan again, and counts once in the time it takes to leave the place (a
+    /// shadows an RSSI at a place is there in the next scan again, and counts once in the time it takes to leave the place (a
     /// second or two), not once a scan.
     pub fn of(heard: &[Heard<T, 2>], offset_deviation: T, trust: T) -> Self {
         let (mut terms, mut weights) = (Vec::new(), T::ZERO);
@@ -83,7 +83,7 @@ impl<'a, T: Real> Levels<'a, T> {
         self.share / (self.factor + self.factor).abs()
     }
 
-    /// By how much a level is too loud for a place, dB. Near the beacon, where the model ends, the distance is rounded off.
+    /// By how much an RSSI is too loud for a place, dB. Near the beacon, where the model ends, the distance is rounded off.
     #[inline(always)]
     pub(crate) fn residual(&self, term: &Term<T>, position: [T; 2]) -> T {
         let (x, y) = (position[0] - term.place[0], position[1] - term.place[1]);
@@ -91,12 +91,12 @@ impl<'a, T: Real> Levels<'a, T> {
         if self.walls.is_empty() { residual } else { residual + attenuation(self.walls, term.place, position) }
     }
 
-    /// How many levels it holds.
+    /// How many RSSI values it holds.
     pub fn len(&self) -> usize {
         self.terms.len()
     }
 
-    /// How far the levels agree with a place, 0 to 1, as the quality of a [`Fix`](crate::Fix).
+    /// How far the RSSI values agree with a place, 0 to 1, as the quality of a [`Fix`](crate::Fix).
     #[inline(never)]
     pub(crate) fn agreement(&self, position: [T; 2]) -> T {
         let mut weights = T::ZERO;
@@ -121,14 +121,14 @@ impl<T: Real> Likelihood<T> for Levels<'_, T> {
 }
 
 impl<T: Real> Term<T> {
-    /// Of a level that is sane.
+    /// Of an RSSI that is sane.
     #[inline(never)]
     pub(crate) fn of(heard: &Heard<T, 2>) -> Self {
         let path_loss = &heard.path_loss;
         Self {
             place: heard.place,
             above: heard.above.squared().at_least(T::of(NEAREST_M * NEAREST_M)),
-            base: heard.level - path_loss.level_1m,
+            base: heard.rssi - path_loss.level_1m,
             // 10 n log₁₀ d = 5 n log₁₀ 2 · log₂ d².
             slope: path_loss.exponent * T::of(5.0 * core::f64::consts::LOG10_2),
             weight: T::ONE / path_loss.deviation.squared(),
@@ -142,8 +142,8 @@ mod tests {
     use crate::ble::multilateration::Heard;
     use crate::ble::path_loss::{PathLoss, Wall};
 
-    fn heard(place: [f64; 2], level: f64) -> Heard<f64, 2> {
-        Heard { place, above: 0.0, level, path_loss: PathLoss { level_1m: -50.0, exponent: 2.0, deviation: 4.0 } }
+    fn heard(place: [f64; 2], rssi: f64) -> Heard<f64, 2> {
+        Heard { place, above: 0.0, rssi, path_loss: PathLoss { level_1m: -50.0, exponent: 2.0, deviation: 4.0 } }
     }
 
     #[test]
@@ -164,9 +164,9 @@ mod tests {
     fn a_wall_makes_the_places_behind_it_as_much_louder_as_it_takes() {
         // Without: residual -2.004993 at (3, 4). A wall of 5 dB between: 2.995007, squared 8.970067, −½ · 8.970067 ⁄ 16 = −0.280315.
         let walls = [Wall { ends: [[1.0, 0.0], [1.0, 9.0]], attenuation: 5.0 }];
-        let levels = Levels::of(&[heard([0.0, 0.0], -66.0)], 0.0, 1.0).through(&walls);
-        assert!((levels.ln_at([3.0, 4.0]) + 0.280_315).abs() < 1e-6, "{}", levels.ln_at([3.0, 4.0]));
-        assert!((levels.ln_at([-3.0, 4.0]) + 0.125_625).abs() < 1e-6, "not behind the wall");
+        let rssis = Levels::of(&[heard([0.0, 0.0], -66.0)], 0.0, 1.0).through(&walls);
+        assert!((rssis.ln_at([3.0, 4.0]) + 0.280_315).abs() < 1e-6, "{}", rssis.ln_at([3.0, 4.0]));
+        assert!((rssis.ln_at([-3.0, 4.0]) + 0.125_625).abs() < 1e-6, "not behind the wall");
     }
 
     #[test]

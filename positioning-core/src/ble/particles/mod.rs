@@ -1,7 +1,7 @@
 //! The particle filter (15): ways from whatever says how likely a place is.
 //!
 //! Likelihoods of places flow in, one a window of integration; out flow position and covariance. What is likely is the caller's: a
-//! position that a kernel found ([`Towards`], the thesis' way), levels through their path loss ([`Levels`]), a map of fingerprints, a room:
+//! position that a kernel found ([`Towards`], the thesis' way), RSSI values through their path loss ([`Levels`]), a map of fingerprints, a room:
 //! any [`Likelihood`]. `N` particles of five numbers each, no more memory; randomness from a seed.
 
 mod levels;

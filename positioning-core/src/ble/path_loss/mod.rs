@@ -1,6 +1,6 @@
-//! Levels and distances: the log-distance path loss (1), with walls (2).
+//! RSSI values and distances: the log-distance path loss (1), with walls (2).
 //!
-//! Metres go in and dBm come out, or back. A beacon's parameters come from a calibration, from its adverts (the level at one metre),
+//! Metres go in and dBm come out, or back. A beacon's parameters come from a calibration, from its adverts (the RSSI at one metre),
 //! or are estimated while positions are known otherwise: [`OnlinePathLoss`].
 
 mod online;
@@ -21,11 +21,11 @@ const DB: f64 = 10.0 / core::f64::consts::LN_10;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PathLoss<T> {
-    /// RSSI₀, the level at one metre, dBm.
+    /// RSSI₀, the RSSI at one metre, dBm.
     pub level_1m: T,
     /// n, the path loss exponent: 2 in free space, 1 to 5 indoors.
     pub exponent: T,
-    /// Standard deviation of a level about the model, dB: X_σ, mostly what shadows and reflections do at a place.
+    /// Standard deviation of an RSSI about the model, dB: X_σ, mostly what shadows and reflections do at a place.
     pub deviation: T,
 }
 
@@ -47,26 +47,26 @@ impl<T: Real> PathLoss<T> {
             && self.deviation <= T::of(100.0)
     }
 
-    /// The level at a distance in metres, dBm (1); distances are held within 0.1 m and 300 m.
-    pub fn level(&self, distance: T) -> T {
+    /// The RSSI at a distance in metres, dBm (1); distances are held within 0.1 m and 300 m.
+    pub fn rssi(&self, distance: T) -> T {
         let distance = distance.at_least(T::of(NEAREST_M)).at_most(T::of(FARTHEST_M));
         self.level_1m - self.exponent * T::of(DB) * distance.ln()
     }
 
-    /// The level behind walls that take `attenuation` dB together, dBm (2).
+    /// The RSSI behind walls that take `attenuation` dB together, dBm (2).
     pub fn level_through(&self, distance: T, attenuation: T) -> T {
-        self.level(distance) - attenuation
+        self.rssi(distance) - attenuation
     }
 
-    /// The distance of a level in dBm, metres: (1) read backwards, within 0.1 m and 300 m.
-    pub fn distance(&self, level: T) -> T {
-        let nepers = (self.level_1m - level) / (self.exponent * T::of(DB));
+    /// The distance of an RSSI in dBm, metres: (1) read backwards, within 0.1 m and 300 m.
+    pub fn distance(&self, rssi: T) -> T {
+        let nepers = (self.level_1m - rssi) / (self.exponent * T::of(DB));
         nepers.exp().at_least(T::of(NEAREST_M)).at_most(T::of(FARTHEST_M))
     }
 
-    /// The distance of a level through walls that take `attenuation` dB together, metres.
-    pub fn distance_through(&self, level: T, attenuation: T) -> T {
-        self.distance(level + attenuation)
+    /// The distance of an RSSI through walls that take `attenuation` dB together, metres.
+    pub fn distance_through(&self, rssi: T, attenuation: T) -> T {
+        self.distance(rssi + attenuation)
     }
 
     /// The deviation of a distance's natural logarithm: σ ln 10 ⁄ (10 n).
@@ -122,8 +122,8 @@ mod tests {
     #[test]
     fn levels_are_those_of_a_hand_calculation() {
         // Beacon 6 of table 4.3: −33.7 − 21.2 · log₁₀ 5 = −33.7 − 21.2 · 0.698970 = −48.518164.
-        assert!((BEACON_6.level(5.0) + 48.518_164).abs() < 1e-6);
-        assert_eq!(BEACON_6.level(1.0), -33.7);
+        assert!((BEACON_6.rssi(5.0) + 48.518_164).abs() < 1e-6);
+        assert_eq!(BEACON_6.rssi(1.0), -33.7);
         assert!((BEACON_6.level_through(5.0, 7.5) + 56.018_164).abs() < 1e-6);
         assert!((BEACON_6.distance(-48.518_164) - 5.0).abs() < 1e-6);
         assert!((BEACON_6.distance_through(-56.018_164, 7.5) - 5.0).abs() < 1e-6);
@@ -134,8 +134,8 @@ mod tests {
     #[test]
     fn impossible_levels_and_distances_stay_within_bounds() {
         assert_eq!((BEACON_6.distance(500.0), BEACON_6.distance(-500.0)), (0.1, 300.0));
-        assert_eq!(BEACON_6.level(0.0), BEACON_6.level(0.1));
-        assert_eq!(BEACON_6.level(1e30), BEACON_6.level(300.0));
+        assert_eq!(BEACON_6.rssi(0.0), BEACON_6.rssi(0.1));
+        assert_eq!(BEACON_6.rssi(1e30), BEACON_6.rssi(300.0));
     }
 
     #[test]

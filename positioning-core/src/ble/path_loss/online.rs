@@ -1,17 +1,17 @@
 //! A beacon's parameters, estimated while the tag's position is known otherwise (ES 2397388, step b of the claim: the parameters of
 //! every channel are estimated dynamically, without a calibration before).
 //!
-//! Pairs of level and distance flow in; recursive least squares (a Kalman filter of two constant states) with a prior and bounds
-//! gives level at one metre and exponent.
+//! Pairs of RSSI and distance flow in; recursive least squares (a Kalman filter of two constant states) with a prior and bounds
+//! gives RSSI at one metre and exponent.
 
 use super::{DB, NEAREST_M, PathLoss};
 use crate::Real;
 
 /// What an exponent can be indoors: below (1) the thesis has 1 to 5.
 const EXPONENTS: (f64, f64) = (1.0, 5.0);
-/// What the level at one metre can be, dBm: −20 is louder than 20 dBm, the most that Bluetooth allows.
+/// What the RSSI at one metre can be, dBm: −20 is louder than 20 dBm, the most that Bluetooth allows.
 const LEVELS_DBM: (f64, f64) = (-100.0, -20.0);
-/// A level so many deviations away is no more surprising than this.
+/// An RSSI so many deviations away is no more surprising than this.
 const SURPRISE: f64 = 3.0;
 
 /// The estimate of one beacon's parameters.
@@ -19,7 +19,7 @@ const SURPRISE: f64 = 3.0;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct OnlinePathLoss<T> {
     model: PathLoss<T>,
-    /// Variances of level and exponent, and their covariance.
+    /// Variances of RSSI and exponent, and their covariance.
     variances: [T; 2],
     covariance: T,
 }
@@ -37,7 +37,7 @@ impl<T: Real> OnlinePathLoss<T> {
         &self.model
     }
 
-    /// Standard deviations of the level at one metre, dB, and of the exponent.
+    /// Standard deviations of the RSSI at one metre, dB, and of the exponent.
     pub fn deviations(&self) -> [T; 2] {
         self.variances.map(|variance| variance.at_least(T::ZERO).sqrt())
     }
@@ -50,12 +50,12 @@ impl<T: Real> OnlinePathLoss<T> {
         }
     }
 
-    /// Takes a level in dBm that was heard at a distance known to `distance_deviation`, metres. False where the numbers are none, and
+    /// Takes an RSSI in dBm that was heard at a distance known to `distance_deviation`, metres. False where the numbers are none, and
     /// nothing was learnt.
     ///
-    /// The shadow of a place lasts: levels heard without moving are worth little more than one. Give one a metre of way.
-    pub fn learn(&mut self, level: T, distance: T, distance_deviation: T) -> bool {
-        let sum = level.abs() + distance + distance_deviation;
+    /// The shadow of a place lasts: RSSI values heard without moving are worth little more than one. Give one a metre of way.
+    pub fn learn(&mut self, rssi: T, distance: T, distance_deviation: T) -> bool {
+        let sum = rssi.abs() + distance + distance_deviation;
         if !(sum.is_finite() && distance > T::ZERO && distance_deviation >= T::ZERO) {
             return false;
         }
@@ -69,7 +69,7 @@ impl<T: Real> OnlinePathLoss<T> {
         let noise = self.model.deviation.squared() + of_distance.squared();
         let variance = to_level - x * to_exponent + noise;
         let most = T::of(SURPRISE) * variance.sqrt();
-        let innovation = (level - (self.model.level_1m - self.model.exponent * x)).at_least(-most).at_most(most);
+        let innovation = (rssi - (self.model.level_1m - self.model.exponent * x)).at_least(-most).at_most(most);
         let (level_gain, exponent_gain) = (to_level / variance, to_exponent / variance);
         self.model.level_1m = within(self.model.level_1m + level_gain * innovation, LEVELS_DBM);
         self.model.exponent = within(self.model.exponent + exponent_gain * innovation, EXPONENTS);
@@ -93,7 +93,7 @@ mod tests {
 
     #[test]
     fn one_pair_moves_the_estimate_as_calculated_by_hand() {
-        // At one metre x = 0: only the level learns. Variance 64 + 36 = 100, gain 0.64; −59 + 0.64 · (−54 + 59) = −55.8,
+        // At one metre x = 0: only the RSSI learns. Variance 64 + 36 = 100, gain 0.64; −59 + 0.64 · (−54 + 59) = −55.8,
         // 64 − 0.64 · 64 = 23.04 = 4.8².
         let mut online = OnlinePathLoss::<f64>::new(PathLoss::default(), 8.0, 0.7);
         assert!(online.learn(-54.0, 1.0, 0.0));
@@ -108,10 +108,10 @@ mod tests {
             let start = PathLoss { deviation: 1.0, ..PathLoss::default() };
             let mut online = OnlinePathLoss::<f32>::new(start, 20.0, 1.0);
             for step in 0..400_i16 {
-                // From one metre to eleven and back, with a level off by 1 dB now above, now below.
+                // From one metre to eleven and back, with an RSSI off by 1 dB now above, now below.
                 let distance = 1.0 + 0.05 * f32::from(if step < 200 { step } else { 400 - step });
                 let noise = if step % 2 == 0 { 1.0 } else { -1.0 };
-                online.learn(truth.level(distance) + noise, distance, 0.2);
+                online.learn(truth.rssi(distance) + noise, distance, 0.2);
             }
             let found = online.model();
             assert!((found.exponent - exponent).abs() < 0.1 && (found.level_1m - level_1m).abs() < 0.8, "{found:?}");
@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn what_is_learnt_level_by_level_is_what_least_squares_make_of_all() {
-        // Batch: (XᵀX ⁄ R + P⁻¹) θ = Xᵀz ⁄ R + P⁻¹ θ₀ with rows (1, −10 log₁₀ d), R = 4², P = diag(8², 0.7²), θ₀ = (−59, 2.4). Levels by
+        // Batch: (XᵀX ⁄ R + P⁻¹) θ = Xᵀz ⁄ R + P⁻¹ θ₀ with rows (1, −10 log₁₀ d), R = 4², P = diag(8², 0.7²), θ₀ = (−59, 2.4). RSSI values by
         // −52 dBm and 2.9, off by ±3 dB in turn: no wonders, which would be clipped.
         let start = PathLoss { level_1m: -59.0, exponent: 2.4, deviation: 4.0 };
         let mut online = OnlinePathLoss::<f64>::new(start, 8.0, 0.7);
@@ -128,16 +128,16 @@ mod tests {
         let (mut u, mut v) = (-59.0 / 64.0, 2.4 / 0.49);
         for step in 0..60_i32 {
             let distance = 1.0 + 0.2 * f64::from(step % 37);
-            let level = -52.0 - 29.0 * distance.log10() + f64::from(step % 3 - 1) * 3.0;
-            assert!(online.learn(level, distance, 0.0));
+            let rssi = -52.0 - 29.0 * distance.log10() + f64::from(step % 3 - 1) * 3.0;
+            assert!(online.learn(rssi, distance, 0.0));
             let x = -10.0 * distance.log10();
             (a, b, d) = (a + 1.0 / 16.0, b + x / 16.0, d + x * x / 16.0);
-            (u, v) = (u + level / 16.0, v + x * level / 16.0);
+            (u, v) = (u + rssi / 16.0, v + x * rssi / 16.0);
         }
         let determinant = a * d - b * b;
-        let (level, exponent) = ((d * u - b * v) / determinant, (a * v - b * u) / determinant);
+        let (rssi, exponent) = ((d * u - b * v) / determinant, (a * v - b * u) / determinant);
         let found = online.model();
-        assert!((found.level_1m - level).abs() < 1e-6 && (found.exponent - exponent).abs() < 1e-6, "{found:?}");
+        assert!((found.level_1m - rssi).abs() < 1e-6 && (found.exponent - exponent).abs() < 1e-6, "{found:?}");
         let deviations = [(d / determinant).sqrt(), (a / determinant).sqrt()];
         let off = online.deviations().into_iter().zip(deviations).map(|(a, b)| (a - b).abs());
         assert!(off.fold(0.0, f64::max) < 1e-6, "{online:?} {deviations:?}");
@@ -147,10 +147,10 @@ mod tests {
     fn what_is_no_number_teaches_nothing_and_nonsense_stays_in_bounds() {
         let mut online = OnlinePathLoss::<f32>::new(PathLoss::default(), 8.0, 0.7);
         let before = online;
-        for [level, distance, deviation] in
+        for [rssi, distance, deviation] in
             [[f32::NAN, 1.0, 0.1], [-60.0, 0.0, 0.1], [-60.0, f32::INFINITY, 0.1], [-60.0, 1.0, f32::NAN]]
         {
-            assert!(!online.learn(level, distance, deviation));
+            assert!(!online.learn(rssi, distance, deviation));
         }
         assert_eq!(online, before);
         for step in 0..10_000_u16 {

@@ -1,6 +1,6 @@
 //! In which room a tag is.
 //!
-//! In flows a scan (levels in dBm by the beacons' order, `None` where a beacon is not heard), or a position with its covariance. A
+//! In flows a scan (RSSI values in dBm by the beacons' order, `None` where a beacon is not heard), or a position with its covariance. A
 //! [`Classifier`] makes of it a probability a room: [`Svm`], the linear support vector machine of the thesis (section 3.5),
 //! [`Nearest`], the k nearest fingerprints, or [`Outlines`], the walls about the position. [`RoomHysteresis`] makes answers of
 //! probabilities that come one after the other: a room, or *between* two of them, and none that flaps.
@@ -69,18 +69,18 @@ fn normalised(mut shares: Probabilities) -> Option<Probabilities> {
     Some(shares)
 }
 
-/// The levels of a scan with fall-back levels for beacons that are not heard (table 5.3); `None` where none is heard. A level that is
+/// The RSSI values of a scan with fall-back RSSI values for beacons that are not heard (table 5.3); `None` where none is heard. An RSSI that is
 /// no number counts as not heard.
 fn filled(scan: &[Option<f32>], fallback_dbm: impl Iterator<Item = f32>) -> Option<Vec<f32, MAX_BEACONS>> {
     let mut heard = false;
-    let mut levels = Vec::new();
+    let mut rssis = Vec::new();
     let mut scan = scan.iter();
     for fallback in fallback_dbm {
-        let level = scan.next().copied().flatten().filter(|level| level.is_finite());
-        heard |= level.is_some();
-        levels.push(level.unwrap_or(fallback)).ok()?;
+        let rssi = scan.next().copied().flatten().filter(|rssi| rssi.is_finite());
+        heard |= rssi.is_some();
+        rssis.push(rssi.unwrap_or(fallback)).ok()?;
     }
-    heard.then_some(levels)
+    heard.then_some(rssis)
 }
 
 #[cfg(test)]
@@ -90,8 +90,8 @@ mod tests {
     #[test]
     fn unheard_beacons_have_their_fall_back_and_a_scan_of_none_says_nothing() {
         let fallback = || [-90.0, -85.0, -80.0].into_iter();
-        let levels = filled(&[None, Some(-60.0)], fallback()).expect("one is heard");
-        assert_eq!(levels, [-90.0, -60.0, -80.0]);
+        let rssis = filled(&[None, Some(-60.0)], fallback()).expect("one is heard");
+        assert_eq!(rssis, [-90.0, -60.0, -80.0]);
         assert_eq!(filled(&[None, Some(f32::NAN), None], fallback()), None);
         assert_eq!(filled(&[], fallback()), None);
     }

@@ -12,10 +12,10 @@ const NEAREST_DB: f32 = 0.5;
 /// The byte of a beacon that is not heard.
 pub const UNHEARD: u8 = 0;
 
-/// The byte of a level: half dB above −128 dBm.
-pub fn level_byte(level_dbm: Option<f32>) -> u8 {
+/// The byte of an RSSI: half dB above −128 dBm.
+pub fn level_byte(rssi_dbm: Option<f32>) -> u8 {
     // The conversion saturates.
-    level_dbm.map_or(UNHEARD, |level| (2.0 * (level + 128.0) + 0.5) as u8)
+    rssi_dbm.map_or(UNHEARD, |rssi| (2.0 * (rssi + 128.0) + 0.5) as u8)
 }
 
 fn level_of(byte: u8) -> Option<f32> {
@@ -39,8 +39,8 @@ pub struct Nearest<'a> {
 impl Nearest<'_> {
     fn each(&self) -> impl Iterator<Item = (u8, &[u8])> {
         self.fingerprints.chunks_exact(self.fallback.len() + 1).filter_map(|bytes| {
-            let (&room, levels) = bytes.split_first()?;
-            Some((room, levels))
+            let (&room, rssis) = bytes.split_first()?;
+            Some((room, rssis))
         })
     }
 
@@ -64,15 +64,15 @@ impl Classifier for Nearest<'_> {
     }
 
     fn probabilities(&self, scan: &[Option<f32>]) -> Option<Probabilities> {
-        let levels = filled(scan, self.fallback.iter().map(|&byte| level_of(byte).unwrap_or(-128.0)))?;
+        let rssis = filled(scan, self.fallback.iter().map(|&byte| level_of(byte).unwrap_or(-128.0)))?;
         let most = usize::from(self.neighbours).min(MAX_NEIGHBOURS);
         // Squared distance and room, the nearest first.
         let mut near: Vec<(f32, u8), MAX_NEIGHBOURS> = Vec::new();
         for (room, fingerprint) in self.each() {
-            let place = fingerprint.iter().zip(self.fallback).zip(&levels);
-            let distance = place.fold(0.0, |sum, ((&byte, &fallback), level)| {
+            let place = fingerprint.iter().zip(self.fallback).zip(&rssis);
+            let distance = place.fold(0.0, |sum, ((&byte, &fallback), rssi)| {
                 let there = level_of(byte).or(level_of(fallback)).unwrap_or(-128.0);
-                sum + (there - level).squared()
+                sum + (there - rssi).squared()
             });
             if near.len() == most {
                 if near.last().is_none_or(|(farthest, _)| *farthest <= distance) {
@@ -99,8 +99,8 @@ mod tests {
     use super::{Nearest, level_byte};
     use crate::ble::rooms::Classifier;
 
-    fn bytes(levels: [Option<f32>; 2]) -> [u8; 2] {
-        levels.map(level_byte)
+    fn bytes(rssis: [Option<f32>; 2]) -> [u8; 2] {
+        rssis.map(level_byte)
     }
 
     #[test]
@@ -108,11 +108,11 @@ mod tests {
         // From (−60, −70): room 0 at (−63, −74) is 5 dB away, room 1 at (−60, −68) 2 dB, room 0 at (−60, none = −90) 20 dB.
         // Three vote: 1/5 + 1/20 = 0.25 against 1/2: 1/3 and 2/3. Two vote: 0.2 against 0.5.
         let mut fingerprints = std::vec::Vec::new();
-        for (room, levels) in
+        for (room, rssis) in
             [(0, [Some(-63.0), Some(-74.0)]), (1, [Some(-60.0), Some(-68.0)]), (0, [Some(-60.0), None])]
         {
             fingerprints.push(room);
-            fingerprints.extend(bytes(levels));
+            fingerprints.extend(bytes(rssis));
         }
         let fallback = bytes([Some(-90.0); 2]);
         let mut nearest = Nearest { rooms: 2, neighbours: 3, fallback: &fallback, fingerprints: &fingerprints };

@@ -20,7 +20,7 @@ pub struct Svm<'a> {
     pub rooms: u8,
     /// How steep the sigmoid of a margin is; above 0.
     pub slope: f32,
-    /// A level a beacon, dBm, where it is not heard; 1 to [`MAX_BEACONS`].
+    /// An RSSI a beacon, dBm, where it is not heard; 1 to [`MAX_BEACONS`].
     pub fallback_dbm: &'a [u8],
     /// For each pair of rooms, by [`pairs`]: what is added, then a weight a beacon, 1 ⁄ dBm. Positive is the first room.
     pub planes: &'a [u8],
@@ -38,12 +38,12 @@ fn numbers(bytes: &[u8]) -> impl Iterator<Item = f32> + '_ {
 impl Svm<'_> {
     /// The margin of each pair of rooms; `None` where no beacon is heard.
     fn margins<'s>(&'s self, scan: &[Option<f32>]) -> Option<impl Iterator<Item = f32> + 's> {
-        let levels: Vec<f32, MAX_BEACONS> = filled(scan, numbers(self.fallback_dbm))?;
-        let planes = self.planes.chunks_exact(4 * (levels.len() + 1));
+        let rssis: Vec<f32, MAX_BEACONS> = filled(scan, numbers(self.fallback_dbm))?;
+        let planes = self.planes.chunks_exact(4 * (rssis.len() + 1));
         Some(planes.map(move |plane| {
             let mut plane = numbers(plane);
             let offset = plane.next().unwrap_or(0.0);
-            plane.zip(&levels).fold(offset, |sum, (weight, level)| sum + weight * level)
+            plane.zip(&rssis).fold(offset, |sum, (weight, rssi)| sum + weight * rssi)
         }))
     }
 
@@ -123,8 +123,8 @@ mod tests {
     fn levels_beyond_all_measure_leave_probabilities() {
         let (fallback, planes) = (bytes(&[-80.0]), bytes(&[15.0, 0.25]));
         let svm = Svm { rooms: 2, slope: 3.0, fallback_dbm: &fallback, planes: &planes };
-        for level in [f32::MAX, f32::MIN, 0.0, -1e30] {
-            let p = svm.probabilities(&[Some(level)]).expect("a beacon is heard");
+        for rssi in [f32::MAX, f32::MIN, 0.0, -1e30] {
+            let p = svm.probabilities(&[Some(rssi)]).expect("a beacon is heard");
             assert!(p.iter().all(|p| (0.0..=1.0).contains(p)), "{p:?}");
         }
         assert_eq!(svm.probabilities(&[Some(f32::INFINITY)]), None);

@@ -1,6 +1,6 @@
 //! All beacons of a map, by their place in it: adverts in, scans out.
 
-use super::{Kalman, RssiError, Smoothing, Step, Window, level};
+use super::{Kalman, RssiError, Smoothing, Step, Window, rssi};
 use crate::Real;
 
 /// What became of an advert.
@@ -9,7 +9,7 @@ use crate::Real;
 pub enum Verdict {
     /// It is the first of its beacon since long, or since the clock was set back.
     Started,
-    /// It has changed its beacon's level.
+    /// It has changed its beacon's RSSI.
     Taken,
     /// It is no measurement.
     Refused(RssiError),
@@ -17,7 +17,7 @@ pub enum Verdict {
     Unknown,
 }
 
-/// The levels of `N` beacons. A beacon that falls silent is unheard once the window has passed, and starts anew when it comes back
+/// The RSSI values of `N` beacons. A beacon that falls silent is unheard once the window has passed, and starts anew when it comes back
 /// after ten of them: it may stand elsewhere by then.
 #[derive(Clone, Debug)]
 pub struct Beacons<T, const N: usize> {
@@ -35,9 +35,9 @@ impl<T: Real, const N: usize> Beacons<T, N> {
         Self { smoothing, window_us, signals: core::array::from_fn(|_| (Kalman::default(), Window::default())) }
     }
 
-    /// Takes the level of an advert of beacon number `beacon`, dBm as reported.
+    /// Takes the RSSI of an advert of beacon number `beacon`, dBm as reported.
     pub fn hear(&mut self, now_us: u64, beacon: usize, rssi_dbm: T) -> Verdict {
-        let rssi_dbm = match level(rssi_dbm) {
+        let rssi_dbm = match rssi(rssi_dbm) {
             Ok(rssi_dbm) => rssi_dbm,
             Err(reason) => return Verdict::Refused(reason),
         };
@@ -49,19 +49,19 @@ impl<T: Real, const N: usize> Beacons<T, N> {
         if step == Step::Started {
             window.clear();
         }
-        window.hear(now_us, kalman.level().unwrap_or(rssi_dbm));
+        window.hear(now_us, kalman.rssi().unwrap_or(rssi_dbm));
         match step {
             Step::Started => Verdict::Started,
             Step::Smoothed => Verdict::Taken,
         }
     }
 
-    /// The smoothed level of one beacon at its latest advert, dBm; `None` where it was never heard.
+    /// The smoothed RSSI of one beacon at its latest advert, dBm; `None` where it was never heard.
     pub fn smoothed(&self, beacon: usize) -> Option<T> {
-        self.signals.get(beacon)?.0.level()
+        self.signals.get(beacon)?.0.rssi()
     }
 
-    /// The level of every beacon at `now_us`: the mean of its smoothed levels over the window (14), `None` where it is not heard.
+    /// The RSSI of every beacon at `now_us`: the mean of its smoothed RSSI values over the window (14), `None` where it is not heard.
     pub fn scan(&self, now_us: u64) -> [Option<T>; N] {
         core::array::from_fn(|beacon| {
             self.signals.get(beacon).and_then(|(_, window)| window.mean(now_us, self.window_us))
@@ -109,13 +109,13 @@ mod tests {
 
     #[test]
     fn a_beacon_that_screams_is_smoothed_no_worse() {
-        // 10,000 adverts a second, levels alternating by 2 dB about −60.
+        // 10,000 adverts a second, RSSI values alternating by 2 dB about −60.
         let mut beacons = beacons();
         for advert in 0..20_000_u64 {
             beacons.hear(advert * 100, 1, if advert % 2 == 0 { -58.0 } else { -62.0 });
         }
-        let level = beacons.scan(2_000_000)[1].expect("heard");
-        assert!((level + 60.0).abs() < 0.1, "{level}");
+        let rssi = beacons.scan(2_000_000)[1].expect("heard");
+        assert!((rssi + 60.0).abs() < 0.1, "{rssi}");
     }
 
     #[test]

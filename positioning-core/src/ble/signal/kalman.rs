@@ -1,4 +1,4 @@
-//! The scalar Kalman filter of one beacon's level (section 3.4.1.2): x' = x, z = x, with the thesis' R and Q.
+//! The scalar Kalman filter of one beacon's RSSI (section 3.4.1.2): x' = x, z = x, with the thesis' R and Q.
 //!
 //! The thesis adds Q once an advert. Here the variance grows with the time instead, Q an interval of the beacon's, so that a beacon
 //! of which adverts are missed is believed anew the faster, the longer it was silent; where all are heard, both are the same.
@@ -8,13 +8,13 @@ use crate::Real;
 /// A time that lies behind by less is an advert that was overtaken; by more, the clock was set anew. Microseconds.
 const OVERTAKING_US: u64 = 1_000_000;
 
-/// How a level is smoothed.
+/// How an RSSI is smoothed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Smoothing<T> {
-    /// R, the variance of one advert's level, dB². The gain depends on Q ⁄ R alone.
+    /// R, the variance of one advert's RSSI, dB². The gain depends on Q ⁄ R alone.
     pub measurement: T,
-    /// Q, by how much the level's variance grows in an interval, dB².
+    /// Q, by how much the RSSI's variance grows in an interval, dB².
     pub process: T,
     /// The beacon's interval of advertising, microseconds; above 0.
     pub interval_us: u32,
@@ -37,11 +37,11 @@ pub enum Step {
     Smoothed,
 }
 
-/// The level of one beacon.
+/// The RSSI of one beacon.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Kalman<T> {
-    level: T,
+    rssi: T,
     /// Below 0 before the first advert.
     variance: T,
     at_us: u64,
@@ -49,32 +49,32 @@ pub struct Kalman<T> {
 
 impl<T: Real> Default for Kalman<T> {
     fn default() -> Self {
-        Self { level: T::ZERO, variance: -T::ONE, at_us: 0 }
+        Self { rssi: T::ZERO, variance: -T::ONE, at_us: 0 }
     }
 }
 
 impl<T: Real> Kalman<T> {
-    /// Takes a level that [`level`](super::level) has judged, dBm, heard at `now_us`.
+    /// Takes an RSSI that [`rssi`](super::RSSI) has judged, dBm, heard at `now_us`.
     #[inline]
-    pub fn hear(&mut self, now_us: u64, level: T, smoothing: &Smoothing<T>) -> Step {
+    pub fn hear(&mut self, now_us: u64, rssi: T, smoothing: &Smoothing<T>) -> Step {
         if self.variance < T::ZERO || now_us.saturating_add(OVERTAKING_US) < self.at_us {
-            *self = Self { level, variance: smoothing.measurement, at_us: now_us };
+            *self = Self { rssi, variance: smoothing.measurement, at_us: now_us };
             return Step::Started;
         }
         let predicted = self.variance_at(now_us, smoothing);
         let gain = predicted / (predicted + smoothing.measurement);
-        self.level += gain * (level - self.level);
+        self.rssi += gain * (rssi - self.rssi);
         self.variance = gain * smoothing.measurement;
         self.at_us = self.at_us.max(now_us);
         Step::Smoothed
     }
 
-    /// The level, dBm; `None` before the first advert.
-    pub fn level(&self) -> Option<T> {
-        (self.variance >= T::ZERO).then_some(self.level)
+    /// The RSSI, dBm; `None` before the first advert.
+    pub fn rssi(&self) -> Option<T> {
+        (self.variance >= T::ZERO).then_some(self.rssi)
     }
 
-    /// The level's variance at `now_us`, dB²; negative before the first advert.
+    /// The RSSI's variance at `now_us`, dB²; negative before the first advert.
     pub fn variance_at(&self, now_us: u64, smoothing: &Smoothing<T>) -> T {
         // A count of microseconds beyond 32 bits is over an hour of silence: the variance is as good as infinite by then.
         let silent_us = u32::try_from(now_us.saturating_sub(self.at_us)).unwrap_or(u32::MAX);
@@ -97,12 +97,12 @@ mod tests {
         // By hand, A 1, R 1, Q 0.01: x −60, P 1; P⁻ 1.01, K 1.01/2.01 = 0.502488, x −60 + 0.502488 · 4 = −57.990050,
         // P 0.502488; P⁻ 0.512488, K 0.3388375, x −57.990050 − 0.3388375 · 4.009950 = −59.348771.
         let (mut kalman, smoothing) = (Kalman::<f64>::default(), Smoothing::default());
-        assert_eq!(kalman.level(), None);
+        assert_eq!(kalman.rssi(), None);
         assert_eq!(kalman.hear(5_000_000, -60.0, &smoothing), Step::Started);
         assert_eq!(kalman.hear(5_100_000, -56.0, &smoothing), Step::Smoothed);
-        assert!((kalman.level().expect("heard") + 57.990_050).abs() < 1e-6, "{kalman:?}");
+        assert!((kalman.rssi().expect("heard") + 57.990_050).abs() < 1e-6, "{kalman:?}");
         kalman.hear(5_200_000, -62.0, &smoothing);
-        assert!((kalman.level().expect("heard") + 59.348_771).abs() < 2e-6, "{kalman:?}");
+        assert!((kalman.rssi().expect("heard") + 59.348_771).abs() < 2e-6, "{kalman:?}");
     }
 
     #[test]
@@ -111,7 +111,7 @@ mod tests {
         let (mut kalman, smoothing) = (Kalman::<f64>::default(), Smoothing::default());
         kalman.hear(0, -60.0, &smoothing);
         kalman.hear(20_000_000, -80.0, &smoothing);
-        assert!((kalman.level().expect("heard") + 75.0).abs() < 1e-12, "{kalman:?}");
+        assert!((kalman.rssi().expect("heard") + 75.0).abs() < 1e-12, "{kalman:?}");
     }
 
     #[test]
@@ -121,7 +121,7 @@ mod tests {
         assert_eq!(kalman.hear(9_500_000, -60.0, &smoothing), Step::Smoothed);
         assert_eq!(kalman.heard_us(), 10_000_000);
         assert_eq!(kalman.hear(1_000_000, -80.0, &smoothing), Step::Started);
-        assert_eq!((kalman.level(), kalman.heard_us()), (Some(-80.0), 1_000_000));
+        assert_eq!((kalman.rssi(), kalman.heard_us()), (Some(-80.0), 1_000_000));
     }
 
     #[test]
@@ -129,6 +129,6 @@ mod tests {
         let (mut kalman, smoothing) = (Kalman::<f32>::default(), Smoothing { interval_us: 0, ..Smoothing::default() });
         kalman.hear(0, -60.0, &smoothing);
         kalman.hear(u64::MAX, -70.0, &smoothing);
-        assert!(kalman.level().expect("heard").is_finite() && kalman.variance_at(u64::MAX, &smoothing).is_finite());
+        assert!(kalman.rssi().expect("heard").is_finite() && kalman.variance_at(u64::MAX, &smoothing).is_finite());
     }
 }

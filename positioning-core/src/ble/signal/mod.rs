@@ -1,6 +1,6 @@
-//! From adverts to scans: each level is judged, smoothed by a Kalman filter of its beacon, and averaged over a window (14).
+//! From adverts to scans: each RSSI is judged, smoothed by a Kalman filter of its beacon, and averaged over a window (14).
 //!
-//! Reported levels flow in with their times; out flows a scan, the level of every beacon now, `None` where it is not heard. What no
+//! Reported RSSI values flow in with their times; out flows a scan, the RSSI of every beacon now, `None` where it is not heard. What no
 //! receiver can have measured is refused with its reason, and changes nothing.
 
 mod beacons;
@@ -13,12 +13,12 @@ pub use window::{INTEGRATED, Window};
 
 use crate::Real;
 
-/// What a controller reports where it does not know the level (Bluetooth Core, HCI LE Advertising Report).
+/// What a controller reports where it does not know the RSSI (Bluetooth Core, HCI LE Advertising Report).
 const UNAVAILABLE_DBM: f64 = 127.0;
-/// The least level that a controller can report, dBm (the same).
+/// The least RSSI that a controller can report, dBm (the same).
 const LEAST_DBM: f64 = -127.0;
 
-/// Why a level is no measurement.
+/// Why an RSSI is no measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum RssiError {
@@ -32,11 +32,11 @@ pub enum RssiError {
     NotFinite,
 }
 
-/// The level, where a receiver can have measured it, dBm.
+/// The RSSI, where a receiver can have measured it, dBm.
 ///
 /// # Errors
 /// See [`RssiError`].
-pub fn level<T: Real>(rssi_dbm: T) -> Result<T, RssiError> {
+pub fn rssi<T: Real>(rssi_dbm: T) -> Result<T, RssiError> {
     if !rssi_dbm.is_finite() {
         Err(RssiError::NotFinite)
     } else if rssi_dbm == T::of(UNAVAILABLE_DBM) {
@@ -50,31 +50,31 @@ pub fn level<T: Real>(rssi_dbm: T) -> Result<T, RssiError> {
     }
 }
 
-/// Puts the fall-back levels of the beacons that are not heard into a scan, dBm (table 5.3): the level at which a beacon is
-/// usually missed, so that its silence tells of its distance. Beacons beyond the list, and those whose fall-back is no level, stay
+/// Puts the fall-back RSSI values of the beacons that are not heard into a scan, dBm (table 5.3): the RSSI at which a beacon is
+/// usually missed, so that its silence tells of its distance. Beacons beyond the list, and those whose fall-back is no RSSI, stay
 /// unheard.
-pub fn fall_back<T: Real>(scan: &mut [Option<T>], levels: &[T]) {
-    for (heard, &fall_back) in scan.iter_mut().zip(levels) {
+pub fn fall_back<T: Real>(scan: &mut [Option<T>], rssis: &[T]) {
+    for (heard, &fall_back) in scan.iter_mut().zip(rssis) {
         if heard.is_none() {
-            *heard = level(fall_back).ok();
+            *heard = rssi(fall_back).ok();
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{RssiError, fall_back, level};
+    use super::{RssiError, fall_back, rssi};
 
     #[test]
     fn what_no_receiver_measures_is_refused_with_its_reason() {
-        assert_eq!(level(127.0_f32), Err(RssiError::Unavailable));
-        assert_eq!(level(0.0_f32), Err(RssiError::NotNegative));
-        assert_eq!(level(-0.0_f32), Err(RssiError::NotNegative));
-        assert_eq!(level(20.0_f32), Err(RssiError::NotNegative));
-        assert_eq!(level(-128.0_f32), Err(RssiError::TooWeak));
-        assert_eq!(level(f32::NAN), Err(RssiError::NotFinite));
-        assert_eq!(level(f32::NEG_INFINITY), Err(RssiError::NotFinite));
-        assert_eq!((level(-1.0_f32), level(-127.0_f32)), (Ok(-1.0), Ok(-127.0)));
+        assert_eq!(rssi(127.0_f32), Err(RssiError::Unavailable));
+        assert_eq!(rssi(0.0_f32), Err(RssiError::NotNegative));
+        assert_eq!(rssi(-0.0_f32), Err(RssiError::NotNegative));
+        assert_eq!(rssi(20.0_f32), Err(RssiError::NotNegative));
+        assert_eq!(rssi(-128.0_f32), Err(RssiError::TooWeak));
+        assert_eq!(rssi(f32::NAN), Err(RssiError::NotFinite));
+        assert_eq!(rssi(f32::NEG_INFINITY), Err(RssiError::NotFinite));
+        assert_eq!((rssi(-1.0_f32), rssi(-127.0_f32)), (Ok(-1.0), Ok(-127.0)));
     }
 
     #[test]

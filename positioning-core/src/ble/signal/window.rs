@@ -1,4 +1,4 @@
-//! The window of integration of one beacon: the mean of the levels of the last 200 or 500 ms (14).
+//! The window of integration of one beacon: the mean of the RSSI values of the last 200 or 500 ms (14).
 
 use crate::Real;
 
@@ -6,7 +6,7 @@ use crate::Real;
 /// by a receiver that listens on all channels. Of a beacon that screams, the latest count.
 pub const INTEGRATED: usize = 14;
 
-/// The latest levels of one beacon.
+/// The latest RSSI values of one beacon.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Window<T, const N: usize = INTEGRATED> {
     adverts: [(u64, T); N],
@@ -22,10 +22,10 @@ impl<T: Real, const N: usize> Default for Window<T, N> {
 }
 
 impl<T: Real, const N: usize> Window<T, N> {
-    /// Takes a level, dBm, heard at `now_us`; it displaces the oldest where the window is full.
-    pub fn hear(&mut self, now_us: u64, level: T) {
+    /// Takes an RSSI, dBm, heard at `now_us`; it displaces the oldest where the window is full.
+    pub fn hear(&mut self, now_us: u64, rssi: T) {
         if let Some(advert) = self.adverts.get_mut(self.next) {
-            *advert = (now_us, level);
+            *advert = (now_us, rssi);
             self.next = (self.next + 1) % N;
             self.count = (self.count + 1).min(N);
         }
@@ -36,13 +36,13 @@ impl<T: Real, const N: usize> Window<T, N> {
         (self.count, self.next) = (0, 0);
     }
 
-    /// The mean of the levels heard in the `span_us` before `now_us`, dBm, the ends with them (14); `None` where there are none.
+    /// The mean of the RSSI values heard in the `span_us` before `now_us`, dBm, the ends with them (14); `None` where there are none.
     pub fn mean(&self, now_us: u64, span_us: u64) -> Option<T> {
         let (count, sum, _) = self.sums(now_us, span_us);
         (count > 0).then(|| sum / T::count(count))
     }
 
-    /// The standard deviation of those levels about their mean, dB; `None` for fewer than two. Two beacons of one identity, or a
+    /// The standard deviation of those RSSI values about their mean, dB; `None` for fewer than two. Two beacons of one identity, or a
     /// beacon that moves, show here first.
     pub fn deviation(&self, now_us: u64, span_us: u64) -> Option<T> {
         let (count, sum, squares) = self.sums(now_us, span_us);
@@ -50,13 +50,13 @@ impl<T: Real, const N: usize> Window<T, N> {
         (count > 1).then(|| ((squares - sum * mean) / T::count(count - 1)).at_least(T::ZERO).sqrt())
     }
 
-    /// How many levels, their sum and the sum of their squares.
+    /// How many RSSI values, their sum and the sum of their squares.
     fn sums(&self, now_us: u64, span_us: u64) -> (usize, T, T) {
         let since_us = now_us.saturating_sub(span_us);
         let within = |(at_us, _): &&(u64, T)| (since_us..=now_us).contains(at_us);
-        let levels = self.adverts.iter().take(self.count).filter(within);
-        levels.fold((0, T::ZERO, T::ZERO), |(count, sum, squares), &(_, level)| {
-            (count + 1, sum + level, squares + level.squared())
+        let rssis = self.adverts.iter().take(self.count).filter(within);
+        rssis.fold((0, T::ZERO, T::ZERO), |(count, sum, squares), &(_, rssi)| {
+            (count + 1, sum + rssi, squares + rssi.squared())
         })
     }
 }
@@ -68,8 +68,8 @@ mod tests {
     #[test]
     fn the_mean_is_that_of_the_last_half_second() {
         let mut window = Window::<f64>::default();
-        for (at_ms, level) in [(0, -90.0), (500, -60.0), (800, -64.0), (1000, -62.0)] {
-            window.hear(at_ms * 1000, level);
+        for (at_ms, rssi) in [(0, -90.0), (500, -60.0), (800, -64.0), (1000, -62.0)] {
+            window.hear(at_ms * 1000, rssi);
         }
         // (−60 − 64 − 62) ⁄ 3 = −62; deviation √((4 + 4 + 0) ⁄ 2) = 2.
         assert_eq!(window.mean(1_000_000, 500_000), Some(-62.0));
@@ -82,8 +82,8 @@ mod tests {
     #[test]
     fn of_a_beacon_that_screams_the_latest_count() {
         let mut window = Window::<f64, 3>::default();
-        for (at_us, level) in [(1, -10.0), (2, -61.0), (3, -62.0), (4, -63.0)] {
-            window.hear(at_us, level);
+        for (at_us, rssi) in [(1, -10.0), (2, -61.0), (3, -62.0), (4, -63.0)] {
+            window.hear(at_us, rssi);
         }
         assert_eq!(window.mean(4, 100), Some(-62.0));
         Window::<f64, 0>::default().hear(1, -60.0);

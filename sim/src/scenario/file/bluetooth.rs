@@ -6,7 +6,7 @@ use serde::Deserialize;
 
 use super::values::{decibels, level, not_negative, optional_place, place, positive, probability};
 use crate::bluetooth::{BluetoothConfig, Medium};
-use crate::scenario::{Beacon, BluetoothSettings, Format, LevelFiles, beacon};
+use crate::scenario::{Beacon, BluetoothSettings, Format, SiteModelFiles, beacon};
 
 /// The UUID of a scenario's beacons; Eddystone has its first ten bytes as namespace.
 const UUID: [u8; 16] = *b"baliza scenario\0";
@@ -41,7 +41,8 @@ pub(super) struct BluetoothTable {
 
 impl Default for BluetoothTable {
     fn default() -> Self {
-        let BluetoothSettings { air, scan, files: LevelFiles { map, rooms }, levels: _ } = BluetoothSettings::default();
+        let BluetoothSettings { air, scan, files: SiteModelFiles { map, rooms }, site_models: _ } =
+            BluetoothSettings::default();
         Self {
             path_loss_exponent: air.medium.exponent,
             shadowing_db: air.medium.shadowing_db,
@@ -77,8 +78,8 @@ impl BluetoothTable {
                 unknown_rssi_dbm: self.unknown_rssi_dbm,
             },
             scan: Plan::from(node_record::Scan { interval_ms: self.scan_interval_ms, window_ms: self.scan_window_ms }),
-            files: LevelFiles { map: self.map.clone(), rooms: self.rooms.clone() },
-            levels: None,
+            files: SiteModelFiles { map: self.map.clone(), rooms: self.rooms.clone() },
+            site_models: None,
         }
     }
 }

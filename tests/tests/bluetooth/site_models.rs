@@ -27,14 +27,14 @@ fn region(map: &[u8]) -> Vec<u8> {
 }
 
 /// The example with this in the tags' flash, and with receivers that are so much too loud.
-fn run(levels: Option<&[u8]>, receiver_offset_db: f64) -> Run {
+fn run(rssis: Option<&[u8]>, receiver_offset_db: f64) -> Run {
     let mut scenario = Scenario::parse(TEXT).unwrap_or_else(|error| panic!("line {error}"));
-    scenario.bluetooth.levels = levels.map(Rc::from);
+    scenario.bluetooth.site_models = rssis.map(Rc::from);
     scenario.bluetooth.air.receiver_offset_db = receiver_offset_db;
     Run::of(scenario)
 }
 
-/// The root mean square of the errors of the map's own kernel, each half second of the run's levels by itself in `f64`, metres.
+/// The root mean square of the errors of the map's own kernel, each half second of the run's RSSI values by itself in `f64`, metres.
 fn kernel_alone(run: &Run) -> f64 {
     let (map, _) = Map::decode(MAP).expect("the example's map");
     let truth: Vec<(f64, [f64; 3])> = run.epochs(TAG).map(|(t_s, epoch)| (t_s, epoch.truth_m)).collect();
@@ -64,7 +64,7 @@ fn a_tag_with_a_map_beats_path_loss_and_is_as_good_as_the_map_lets_it_be() {
         (errors(&by_beacons(&with, 0.0, 120.0)), errors(&by_beacons(&without, 0.0, 120.0)));
     assert!(rmse_m < 0.9 * by_path_loss_m, "{rmse_m} m, by path loss {by_path_loss_m} m");
     let alone_m = kernel_alone(&with);
-    // The tag smooths its levels, which are late by 0.3 m at its speed; its track makes up for most of that.
+    // The tag smooths its RSSI values, which are late by 0.3 m at its speed; its track makes up for most of that.
     assert!(rmse_m < 1.1 * alone_m, "{rmse_m} m, the kernel alone {alone_m} m");
     assert!((0.2..2.0).contains(&normalised), "{normalised}");
     // A receiver that is 8 dB deaf is learnt: what it costs is a tenth at most.
@@ -81,7 +81,7 @@ fn rooms(run: &Run, tag: u16) -> Vec<(f64, RoomEstimate)> {
 #[test]
 fn tags_that_stay_in_their_rooms_are_told_there() {
     let mut scenario = Scenario::parse(TEXT).unwrap_or_else(|error| panic!("line {error}"));
-    scenario.bluetooth.levels = Some(region(MAP).into());
+    scenario.bluetooth.site_models = Some(region(MAP).into());
     scenario.seconds = 60.0;
     let first = scenario.tags.remove(0);
     let places = [[2.0, 4.0, 1.2], [10.0, 2.0, 1.2], [10.0, 6.5, 1.2]];

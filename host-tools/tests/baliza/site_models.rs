@@ -119,7 +119,7 @@ fn what_a_tag_cannot_use_is_refused_with_its_line() {
     refused(&site(&scanning("room_model = \"flat.map\"\n"), both), "site.toml:8: room_model: flat.map: not a model");
     let point = |index: usize| Point {
         position_m: [(index / 20) as f64, (index % 20) as f64],
-        levels: &[Some(-60.0), Some(-70.0)],
+        rssis: &[Some(-60.0), Some(-70.0)],
         deviations: &[3.0, 3.0],
     };
     let points: Vec<Point> = (0..201).map(point).collect();

@@ -1,4 +1,4 @@
-//! Levels on the spot in a simulation: what a scenario's tags know of them, from the files that it names; and the survey of its beacons, by
+//! RSSI values on the spot in a simulation: what a scenario's tags know of them, from the files that it names; and the survey of its beacons, by
 //! which such files are made.
 
 use std::path::Path;
@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use sim::scenario::{Scenario, survey};
 
 use crate::UserError;
-use crate::node::provision::levels::{Part, encode, read_map, read_rooms};
+use crate::node::provision::site_models::{Part, encode, read_map, read_rooms};
 use crate::survey::presence::{Room, room_of};
 
 /// Places of a survey at most: receivers that are simulated at once.
@@ -17,7 +17,7 @@ const MOST_PLACES: usize = 10_000;
 ///
 /// # Errors
 /// A file is none, or not for these tags.
-pub fn load_levels(scenario: &mut Scenario, file: &Path) -> Result<(), UserError> {
+pub fn load_site_models(scenario: &mut Scenario, file: &Path) -> Result<(), UserError> {
     let files = &scenario.bluetooth.files;
     if files.map.is_none() && files.rooms.is_none() {
         return Ok(());
@@ -29,14 +29,14 @@ pub fn load_levels(scenario: &mut Scenario, file: &Path) -> Result<(), UserError
         files.rooms.as_ref().map(|name| read_rooms(&folder.join(name)).map_err(|what| wrong("rooms", name, what)));
     let (map, rooms) = (map.transpose()?, rooms.transpose()?);
     let listed: Vec<_> = scenario.beacons.iter().filter_map(|beacon| beacon.listed).collect();
-    let levels = encode(map.as_deref(), rooms.as_ref(), &listed).map_err(|(part, what)| {
+    let site_models = encode(map.as_deref(), rooms.as_ref(), &listed).map_err(|(part, what)| {
         let key = match part {
             Part::Map => "map",
             Part::Rooms => "rooms",
         };
         UserError::file(file, format!("{key} {what}"))
     })?;
-    scenario.bluetooth.levels = Some(levels.into());
+    scenario.bluetooth.site_models = Some(site_models.into());
     Ok(())
 }
 
