@@ -79,13 +79,13 @@ impl Signals {
     }
 
     /// A beacon was heard with this RSSI, and says what it should be at 1 m, dBm. An RSSI that is none changes nothing.
-    pub(crate) fn hear(&mut self, t_us: u64, place: usize, rssi_dbm: i8, told_1m_dbm: i8) {
+    pub(crate) fn receive(&mut self, t_us: u64, place: usize, rssi_dbm: i8, told_1m_dbm: i8) {
         let (Ok(heard), Some(signal)) = (rssi(f32::from(rssi_dbm)), self.signals.get_mut(place)) else { return };
         if t_us.saturating_sub(signal.kalman.heard_us()) > FORGOTTEN_US {
             *signal = Signal::default();
         }
         let off = signal.kalman.rssi().map_or(0.0, |rssi| heard - rssi);
-        match signal.kalman.hear(t_us, heard, &self.smoothing) {
+        match signal.kalman.receive(t_us, heard, &self.smoothing) {
             Step::Started => signal.spread_db2 = NOISE_DB * NOISE_DB,
             Step::Smoothed => signal.spread_db2 += LEARNING * (off * off - signal.spread_db2),
         }
@@ -164,7 +164,7 @@ mod tests {
     fn a_level_becomes_a_distance_and_a_doubt() {
         let mut signals = Signals::new();
         for k in 0..100 {
-            signals.hear(k * 100_000, 0, -80, -50);
+            signals.receive(k * 100_000, 0, -80, -50);
         }
         let heard = signals.take(9_900_000, &[beacon(1)]);
         let [rssi] = heard[..] else { panic!("{heard:?}") };
@@ -180,7 +180,7 @@ mod tests {
     #[test]
     fn without_calibration_a_beacon_is_believed() {
         let mut signals = Signals::new();
-        signals.hear(1, 0, -70, -50);
+        signals.receive(1, 0, -70, -50);
         let heard = signals.take(1, &[Beacon { rssi_1m_dbm: None, ..beacon(1) }]);
         assert!((heard[0].distance_m - 10.0).abs() < 1e-3);
     }
@@ -189,12 +189,12 @@ mod tests {
     fn an_rssi_that_is_none_changes_nothing() {
         let mut signals = Signals::new();
         for rssi in [127, 0, 20, -128] {
-            signals.hear(1, 0, rssi, -59);
+            signals.receive(1, 0, rssi, -59);
         }
         assert!(signals.take(1, &[beacon(1)]).is_empty());
-        signals.hear(2, 0, -80, -59);
-        signals.hear(3, 0, 127, -59);
-        signals.hear(4, MAX_BEACONS, -40, -59);
+        signals.receive(2, 0, -80, -59);
+        signals.receive(3, 0, 127, -59);
+        signals.receive(4, MAX_BEACONS, -40, -59);
         assert_eq!(signals.take(4, &[beacon(1)])[0].rssi_dbm, -80.0);
     }
 
@@ -202,7 +202,7 @@ mod tests {
     fn two_beacons_of_one_identity_are_doubted_more() {
         let mut signals = Signals::new();
         for k in 0..200 {
-            signals.hear(k * 50_000, 0, if k % 2 == 0 { -50 } else { -80 }, -59);
+            signals.receive(k * 50_000, 0, if k % 2 == 0 { -50 } else { -80 }, -59);
         }
         let rssi = signals.take(9_950_000, &[beacon(1)])[0];
         // Half an interval apart the gain is 0.146 (k² = 0.025 (1 − k)). ± 15 dB, and the smoothed RSSI with them by
@@ -216,7 +216,7 @@ mod tests {
         let mut signals = Signals::new();
         for place in 0..12_u8 {
             // The loudest in the middle.
-            signals.hear(1, place.into(), -60 - 2 * i8::try_from(place.abs_diff(6)).unwrap(), -59);
+            signals.receive(1, place.into(), -60 - 2 * i8::try_from(place.abs_diff(6)).unwrap(), -59);
         }
         let order: std::vec::Vec<u16> = signals.take(1, &list).iter().map(|rssi| rssi.beacon).collect();
         assert_eq!(order, [6, 5, 7, 4, 8, 3, 9, 2]);
@@ -226,9 +226,9 @@ mod tests {
     fn a_beacon_that_was_silent_for_long_starts_anew() {
         let mut signals = Signals::new();
         for k in 0..50 {
-            signals.hear(k * 100_000, 0, -50, -59);
+            signals.receive(k * 100_000, 0, -50, -59);
         }
-        signals.hear(20_000_000, 0, -80, -59);
+        signals.receive(20_000_000, 0, -80, -59);
         assert_eq!(signals.take(20_000_000, &[beacon(1)])[0].rssi_dbm, -80.0);
     }
 }

@@ -228,7 +228,7 @@ async fn watched_engine<M: RawMutex>(
                 channels.end(sink.now_us());
             }
             Either4::Second(heard) => {
-                if HEARS_BEACONS && let Some(sighting) = tracker.hear(&heard) {
+                if HEARS_BEACONS && let Some(sighting) = tracker.receive(&heard) {
                     sink.sighting(sighting);
                 }
             }

@@ -134,7 +134,7 @@ impl Supervisor {
 }
 
 /// Takes the data of an advertisement that a scanner has heard just now.
-pub fn hear<M: RawMutex>(channels: &TaskChannels<M>, sink: &impl Sink, data: &[u8], rssi_dbm: i8) {
+pub fn receive<M: RawMutex>(channels: &TaskChannels<M>, sink: &impl Sink, data: &[u8], rssi_dbm: i8) {
     channels.heard.add();
     // Most advertisements are no beacons'.
     if let Ok(beacon) = Advertised::parse(data) {

@@ -32,13 +32,13 @@ pub(crate) struct Window {
 
 impl Tracker<'_> {
     /// A beacon's advertisement was heard; what there is to tell of it, if it is one of ours.
-    pub fn hear(&mut self, heard: &Heard) -> Option<Sighting> {
+    pub fn receive(&mut self, heard: &Heard) -> Option<Sighting> {
         let known = self.beacons.identify(&heard.beacon)?;
         let (rssi, measured_power) = (heard.rssi_dbm, heard.beacon.rssi_1m_dbm());
         if let (Some(place), Settings { mode: Mode::Track, dimensions: Dimensions::Plane { .. }, .. }) =
             (known.place, self.engine.settings())
         {
-            self.signals.hear(heard.t_us, place, rssi, measured_power);
+            self.signals.receive(heard.t_us, place, rssi, measured_power);
             self.window.heard_us = self.window.heard_us.max(heard.t_us);
             self.window.end_us.get_or_insert(heard.t_us.saturating_add(WINDOW_US));
         }
@@ -170,7 +170,7 @@ mod tests {
     ) -> Option<Result<[f32; 3], SolveError>> {
         for k in 0..10 {
             for (place, beacon) in list.iter().enumerate() {
-                assert!(tracker.hear(&heard(beacon, from_us + 50_000 * k, rssi_dbm(place))).is_some());
+                assert!(tracker.receive(&heard(beacon, from_us + 50_000 * k, rssi_dbm(place))).is_some());
             }
         }
         let end_us = tracker.window_end_us()?;

@@ -48,7 +48,7 @@ pub fn for_advert(measure: &mut impl Measure) -> Beacons<f32, KNOWN> {
     let mut beacons = Beacons::<f32, KNOWN>::new(Smoothing::default(), 500_000);
     for round in 0..WARM_UP {
         for (beacon, heard) in heard.iter().enumerate() {
-            beacons.hear(round * INTERVAL_US + beacon as u64, beacon, heard.rssi);
+            beacons.receive(round * INTERVAL_US + beacon as u64, beacon, heard.rssi);
         }
     }
     let (now_us, [first, ..]) = (WARM_UP * INTERVAL_US, &heard);
@@ -154,7 +154,7 @@ fn walk(walk: &mut Walk<f32>, map: &Map<'_>, scan: &[Option<f32>], now_us: u64) 
 /// What one advert takes: its RSSI is judged and smoothed, and becomes a distance, metres.
 #[inline(never)]
 fn advert(beacons: &mut Beacons<f32, KNOWN>, now_us: u64, rssi_dbm: f32, path_loss: &PathLoss<f32>) -> f32 {
-    beacons.hear(now_us, 0, rssi_dbm);
+    beacons.receive(now_us, 0, rssi_dbm);
     path_loss.distance(beacons.smoothed(0).unwrap_or(rssi_dbm))
 }
 

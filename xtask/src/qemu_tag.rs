@@ -36,7 +36,7 @@ pub fn run() -> Result<()> {
         for (solver, reference) in SOLVERS.into_iter().zip(&references) {
             qemu::run_in(chip, &elf, &directory, solver.name())?;
             println!("\n{}, {}: log and positions", chip.title(), solver.name());
-            let agreement = judge(&elf, &directory, solver, reference);
+            let agreement = examine(&elf, &directory, solver, reference);
             println!("{}, {}: {}", chip.title(), solver.name(), agreement.with_context(|| chip.title())?);
         }
     }
@@ -44,7 +44,7 @@ pub fn run() -> Result<()> {
 }
 
 /// Compares what an image has left in its directory with the desktop's; what to say where they agree.
-fn judge(elf: &Path, directory: &Path, solver: Solver, reference: &Life) -> Result<String> {
+fn examine(elf: &Path, directory: &Path, solver: Solver, reference: &Life) -> Result<String> {
     let (log, told) = (directory.join("tag-simulated.defmt"), directory.join("tag-simulated.telemetry"));
     let log = show(elf, &told, &log)?;
     let messages = messages(&told)?;

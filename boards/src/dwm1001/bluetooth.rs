@@ -159,7 +159,7 @@ impl Scanner {
         let mut buffer = [0; sdc::raw::HCI_MSG_BUFFER_MAX_SIZE as usize];
         loop {
             match self.controller.read(&mut buffer).await {
-                Ok(packet) => tell(packet, &mut heard),
+                Ok(packet) => report(packet, &mut heard),
                 // A packet that nobody can read: the next one may do.
                 Err(error) => defmt::warn!("Bluetooth: {}", error),
             }
@@ -167,7 +167,7 @@ impl Scanner {
     }
 }
 
-fn tell(packet: ControllerToHostPacket<'_>, heard: &mut impl FnMut(Advertisement<'_>)) {
+fn report(packet: ControllerToHostPacket<'_>, heard: &mut impl FnMut(Advertisement<'_>)) {
     let ControllerToHostPacket::Event(packet) = packet else { return };
     if packet.kind != EventKind::Le {
         return;

@@ -346,7 +346,7 @@ impl Chip {
 
 impl AirClient for Chip {
     fn on_air(&mut self, world: &World, now: TrueTime, heard: ReceptionEvent) {
-        self.hear(world, now, heard);
+        self.receive(world, now, heard);
         self.settle(world);
     }
 }

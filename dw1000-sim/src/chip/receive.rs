@@ -130,7 +130,7 @@ impl Chip {
         }
     }
 
-    pub(super) fn hear(&mut self, world: &World, now: TrueTime, heard: ReceptionEvent) {
+    pub(super) fn receive(&mut self, world: &World, now: TrueTime, heard: ReceptionEvent) {
         if self.trx != Trx::Rx {
             return;
         }

@@ -99,7 +99,7 @@ mod bluetooth {
             }
         };
         let (channels, sink) = (shared.channels, shared.sink());
-        let listening = scanner.listen(|heard| scan::hear(channels, &sink, heard.data, heard.rssi));
+        let listening = scanner.listen(|heard| scan::receive(channels, &sink, heard.data, heard.rssi));
         let scanning = scan::run(channels, wanted.into(), Commanded(&scanner), embassy_time::Delay, &sink);
         join(listening, scanning).await;
     }

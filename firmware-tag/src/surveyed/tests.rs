@@ -88,7 +88,7 @@ fn window(tracker: &mut Tracker<'_>, from_us: u64, rssi_dbm: &[(u16, i8)]) -> Op
         for (minor, rssi_dbm) in rssi_dbm {
             let ibeacon = IBeacon { uuid: [1; 16], major: 1, minor: *minor, measured_power_dbm: -60 };
             let heard = Heard { t_us: from_us + 50_000 * k, beacon: Advertised::IBeacon(ibeacon), rssi_dbm: *rssi_dbm };
-            assert!(tracker.hear(&heard).is_some());
+            assert!(tracker.receive(&heard).is_some());
         }
     }
     let end_us = tracker.window_end_us()?;

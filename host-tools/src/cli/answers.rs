@@ -102,7 +102,7 @@ impl Checked<'_> {
                 let _ = writeln!(said, "{what}: {}", file.display());
             }
         }
-        super::tell(&said);
+        super::note(&said);
         Ok(())
     }
 }

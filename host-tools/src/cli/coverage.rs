@@ -13,7 +13,7 @@ use host_tools::survey::coverage::{Fitted, Grid, Map, USUAL_WALL_DB, errors_m, f
 use host_tools::survey::fingerprint::{Average, Survey};
 
 use super::recorded::{CornersM, finite};
-use super::{PictureFile, print, print_json, tell, write};
+use super::{PictureFile, note, print, print_json, write};
 
 /// Map what is heard where: measured from fingerprints, simulated from beacons and walls, or both side by side
 ///
@@ -132,7 +132,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     if let Some(file) = &arguments.out {
         write(file, &cells(&sources)?)?;
-        tell(&format!("cells: {}\n", file.display()));
+        note(&format!("cells: {}\n", file.display()));
     }
     let summaries: Vec<_> = sources.iter().map(|source| summary(source, &fits)).collect();
     if arguments.json {
@@ -145,7 +145,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let stations: Vec<_> = placed.iter().flatten().map(|beacon| (beacon.name.clone(), beacon.position_m)).collect();
         let walls_m: Vec<_> = walls.iter().map(|wall| wall.ends_m).collect();
         let maps = sources.iter().filter_map(|source| draw(arguments, source, &walls_m, &stations, &points_m));
-        picture.write_and_tell(heat(&maps.collect::<Vec<_>>())?)?;
+        picture.write_and_note(heat(&maps.collect::<Vec<_>>())?)?;
     }
     Ok(())
 }

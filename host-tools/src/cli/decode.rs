@@ -103,6 +103,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
         return super::print_json(&summary);
     }
-    super::tell(&summary.told());
+    super::note(&summary.told());
     Ok(())
 }

@@ -22,6 +22,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for (name, bytes) in example::files()? {
         super::write(&folder.join(name), &bytes)?;
     }
-    super::tell(&format!("anchors.csv, ranges.csv and truth.csv are in {}\n", folder.display()));
+    super::note(&format!("anchors.csv, ranges.csv and truth.csv are in {}\n", folder.display()));
     Ok(())
 }

@@ -56,9 +56,9 @@ impl<'a> PictureFile<'a> {
     }
 
     /// Writes the picture, and tells where it is.
-    fn write_and_tell(self, svg: String) -> Result<()> {
+    fn write_and_note(self, svg: String) -> Result<()> {
         self.write(svg)?;
-        tell(&format!("picture: {}\n", self.file.display()));
+        note(&format!("picture: {}\n", self.file.display()));
         Ok(())
     }
 }
@@ -83,7 +83,7 @@ fn print_json(document: &impl serde::Serialize) -> Result<()> {
 }
 
 /// Tells the user something beside the data.
-fn tell(text: &str) {
+fn note(text: &str) {
     use std::io::Write;
     // Without standard error nobody listens.
     let _ = std::io::stderr().write_all(text.as_bytes());

@@ -91,7 +91,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     // A failure is one line, and follows.
     if heard.is_ok() {
-        super::tell(&format!("{}\n", summary(&session.counts(), begun.elapsed())));
+        super::note(&format!("{}\n", summary(&session.counts(), begun.elapsed())));
     }
     heard
 }
@@ -237,7 +237,7 @@ impl Listener for Screen {
     }
 
     fn note(&mut self, note: &str) {
-        self.bar.suspend(|| super::tell(&format!("{note}\n")));
+        self.bar.suspend(|| super::note(&format!("{note}\n")));
     }
 
     fn status(&mut self, session: &Session, elapsed: Duration) -> Result<bool> {

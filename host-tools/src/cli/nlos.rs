@@ -218,7 +218,7 @@ fn train(arguments: &Train) -> Result<()> {
         None => "scored on the very receptions that they were trained on: not how they will do elsewhere".to_owned(),
     };
     super::print(table(&rows).as_bytes())?;
-    super::tell(&format!("{scored}\nmodels: {}\n", arguments.out.display()));
+    super::note(&format!("{scored}\nmodels: {}\n", arguments.out.display()));
     Ok(())
 }
 

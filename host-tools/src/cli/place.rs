@@ -165,7 +165,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     if let Some(picture) = picture {
         let stations = fixed.iter().chain(chosen).map(|beacon| (beacon.name.clone(), beacon.position_m));
-        picture.write_and_tell(heat(&[Heat {
+        picture.write_and_note(heat(&[Heat {
             title: "least error of a position".to_owned(),
             least_m: grid.least_m,
             cell_m: grid.cell_m,

@@ -51,7 +51,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         truth_m: vec![truth.iter().map(|(_, place)| flat(place)).collect()],
         tracks: tracks(&rows, &truth.into_iter().collect()),
     };
-    file.write_and_tell(picture.to_svg()?)
+    file.write_and_note(picture.to_svg()?)
 }
 
 /// The rows by method, in the order in which the methods appear.

@@ -11,7 +11,7 @@ use host_tools::survey::presence::{Found, Room, follow, read_outlines, room_of};
 use host_tools::{Coordinates, read_truth};
 use positioning_core::ble::rooms::RoomEstimate;
 
-use super::{print, print_json, tell, write};
+use super::{note, print, print_json, write};
 
 /// Tell in which room each position is, by the rooms' outlines
 ///
@@ -90,7 +90,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
         return print_json(&summaries);
     }
-    tell(&table(&summaries));
+    note(&table(&summaries));
     Ok(())
 }
 

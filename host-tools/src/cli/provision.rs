@@ -130,7 +130,7 @@ fn make(arguments: &Arguments, file: &Path) -> Result<()> {
 }
 
 fn warn<'n>(nodes: impl IntoIterator<Item = &'n Node>) {
-    warnings(nodes).iter().for_each(|line| super::tell(&format!("warning: {line}\n")));
+    warnings(nodes).iter().for_each(|line| super::note(&format!("warning: {line}\n")));
 }
 
 fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
@@ -192,8 +192,8 @@ fn report(arguments: &Arguments, files: &[Made]) -> Result<()> {
             Format::Bin => &made.hint,
             Format::Hex => "",
         };
-        super::tell(&format!("{}: {} for {}", made.file, made.node, made.board));
-        super::tell(&if hint.is_empty() { "\n".to_owned() } else { format!("; to flash it: {hint}\n") });
+        super::note(&format!("{}: {} for {}", made.file, made.node, made.board));
+        super::note(&if hint.is_empty() { "\n".to_owned() } else { format!("; to flash it: {hint}\n") });
     }
     if arguments.json { super::print_json(&files) } else { Ok(()) }
 }
@@ -222,7 +222,7 @@ fn write(arguments: &Arguments, node: &Node, board: Board, contents: &Contents<'
     let mut session = arguments.probe.attach(Some(transfer::chip(board)))?;
     let (addresses, sequence) = transfer::write(&mut session, board, contents)?;
     let places = addresses.iter().map(|address| format!("0x{address:08X}")).collect::<Vec<_>>().join(" and ");
-    super::tell(&format!(
+    super::note(&format!(
         "{}: written at {places} with sequence {sequence}, compared, and the node started anew\n",
         node.name
     ));

@@ -73,7 +73,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
         super::print_json(&Document { summary: &summary, recorded: &recorded })?;
     } else {
-        super::tell(&told(arguments, &summary, &recorded));
+        super::note(&told(arguments, &summary, &recorded));
     }
     heard
 }
@@ -102,12 +102,12 @@ fn listen(source: &SourceArguments, recording: &mut Recording, until: &Deadline)
             Some(Event::Bytes(Channel::Telemetry, bytes)) => recording.take(&bytes)?,
             // Its log and its boot loader's text are for `monitor`; what is in flash does not matter here.
             Some(Event::Bytes(Channel::Log, _) | Event::Text(_) | Event::Flashed { .. } | Event::Restarted) => {}
-            Some(Event::Connected(to)) => super::tell(&format!("listening to {to}\n")),
+            Some(Event::Connected(to)) => super::note(&format!("listening to {to}\n")),
             Some(Event::Lost(why)) => {
                 recording.stream.interrupted();
-                super::tell(&format!("connection lost: {why}\n"));
+                super::note(&format!("connection lost: {why}\n"));
             }
-            Some(Event::Silent) => super::tell("the node runs, but has no RTT rings: is it one of our images?\n"),
+            Some(Event::Silent) => super::note("the node runs, but has no RTT rings: is it one of our images?\n"),
             Some(Event::End) => break,
         }
     }

@@ -72,7 +72,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         due.append(&mut bytes);
     }
     if feed_stdout(&due)? {
-        super::tell(&stream.summary().told());
+        super::note(&stream.summary().told());
     }
     Ok(())
 }

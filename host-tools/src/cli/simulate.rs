@@ -291,7 +291,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let rooms = arguments.survey_rooms.as_deref().map(read_outlines).transpose()?;
         let survey = survey_csv(&scenario, arguments.survey_step_m, arguments.survey_stay_s, rooms.as_deref())?;
         super::write(file, &survey)?;
-        super::tell(&format!("survey: {}\n", file.display()));
+        super::note(&format!("survey: {}\n", file.display()));
         return Ok(());
     }
     let drawing = PictureFile::plot(arguments.plot.as_deref())?;
@@ -350,7 +350,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             let _ = writeln!(said, "{what}: {}", file.display());
         }
     }
-    super::tell(&said);
+    super::note(&said);
     Ok(())
 }
 

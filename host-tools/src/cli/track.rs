@@ -79,7 +79,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
                 .all(|range| !could_tell(model, &range.diagnostics.features))
         {
             let asked = features_of(model);
-            super::tell(&format!("no range of the recording tells what the classifier asks for: {asked}\n"));
+            super::note(&format!("no range of the recording tells what the classifier asks for: {asked}\n"));
         }
         let mut tracker =
             Tracker::new(&recording.anchors, setup, settings(&setup, weighting, model.is_some()), model.as_ref());

@@ -60,7 +60,7 @@ impl ProbeArguments {
 }
 
 /// Whether probe-rs can attach to the chip of this name.
-pub fn knows(chip: &str) -> bool {
+pub fn supports(chip: &str) -> bool {
     registry().get_target_by_name(chip).is_ok()
 }
 
@@ -177,9 +177,9 @@ mod tests {
     #[test]
     fn probe_rs_knows_the_chips() {
         for chip in ["nRF52832_xxAA", "STM32F105RC", "esp32c3", "esp32c6", "esp32"] {
-            assert!(knows(chip), "{chip}");
+            assert!(supports(chip), "{chip}");
         }
-        assert!(!knows("nRF9999"));
+        assert!(!supports("nRF9999"));
     }
 
     #[test]

@@ -112,7 +112,7 @@ impl<T: Real> Engine<T> {
         if let Some((located, height)) = self.round.by_beacons.zip(height) {
             let fix = located.at(height);
             let fate = self.filter.by_beacons(fix.position, &fix.covariance, located.lasting, &self.settings);
-            self.judge(fate, None);
+            self.verdict(fate, None);
         }
     }
 

@@ -37,7 +37,7 @@ impl<T: Real> Engine<T> {
     pub(super) fn track_range(&mut self, range: &Range<T>, place: Option<usize>) -> Verdict {
         let shortened = Range { distance: length(range, &self.settings), ..*range };
         let fate = self.filter.range(&shortened, known(range.blocked), &self.settings);
-        self.judge(fate, place)
+        self.verdict(fate, place)
     }
 
     pub(super) fn tdoa(&mut self, tdoa: &Tdoa<T>) -> Verdict {
@@ -59,7 +59,7 @@ impl<T: Real> Engine<T> {
             return Verdict::Ignored;
         }
         let fate = self.filter.tdoa(tdoa, tdoa.blocked.map(known), &self.settings);
-        self.judge(fate, None)
+        self.verdict(fate, None)
     }
 
     /// Keeps a position by beacons for the round's end; of several the last. In space it tells no height, and too little.
@@ -84,7 +84,7 @@ impl<T: Real> Engine<T> {
         }
         self.height_source.set_external();
         let fate = self.filter.height(height, deviation, &self.settings);
-        self.judge(fate, None)
+        self.verdict(fate, None)
     }
 
     pub(super) fn position(&mut self, position: &[T; 3], covariance: &[[T; 3]; 3]) -> Verdict {
@@ -94,7 +94,7 @@ impl<T: Real> Engine<T> {
         if self.track.is_ok() {
             self.height_source.set_external();
             let fate = self.filter.position(*position, covariance, &self.settings);
-            return self.judge(fate, None);
+            return self.verdict(fate, None);
         }
         match self.settings.mode {
             Mode::Solve => Verdict::NoTrack,
@@ -109,7 +109,7 @@ impl<T: Real> Engine<T> {
         }
     }
 
-    pub(super) fn judge(&mut self, fate: UpdateResult, place: Option<usize>) -> Verdict {
+    pub(super) fn verdict(&mut self, fate: UpdateResult, place: Option<usize>) -> Verdict {
         self.supervisor.count(fate == UpdateResult::Rejected);
         match fate {
             UpdateResult::Rejected => Verdict::Refused,

@@ -172,7 +172,7 @@ impl<T: Real> Filter<T> {
         let innovation = Innovation::of(&self.state, &model);
         let s = innovation.predicted + white;
         let Some(link) = self.links.at(place) else { return UpdateResult::Rejected };
-        let passage = link.gate.judge(innovation.value, s, settings.gate, settings.patience);
+        let passage = link.gate.check(innovation.value, s, settings.gate, settings.patience);
         if passage == GateDecision::Accept {
             link.shown.learn(&settings.noise, innovation.value, innovation.predicted, s);
         }
@@ -200,7 +200,7 @@ impl<T: Real> Filter<T> {
             let innovation = Innovation::of(&self.state, &model);
             let Some(followed) = self.links.at(place) else { return UpdateResult::Rejected };
             let s = innovation.predicted + white;
-            let passage = followed.gate.judge(innovation.value, s, settings.gate, settings.patience);
+            let passage = followed.gate.check(innovation.value, s, settings.gate, settings.patience);
             let taken = self.take(&model, &innovation, white, passage, Some(link), settings);
             if taken != UpdateResult::Accepted {
                 fate = taken;
@@ -215,7 +215,7 @@ impl<T: Real> Filter<T> {
         let innovation = Innovation::of(&self.state, &model);
         let variance = deviation.at_least(T::of(LEAST_SIGMA_M)).squared();
         let s = innovation.predicted + variance;
-        let passage = self.height_gate.judge(innovation.value, s, settings.gate, settings.patience);
+        let passage = self.height_gate.check(innovation.value, s, settings.gate, settings.patience);
         self.take(&model, &innovation, variance, passage, None, settings)
     }
 
@@ -232,7 +232,7 @@ impl<T: Real> Filter<T> {
             let innovation = Innovation::of(&self.state, &model);
             let s = innovation.predicted + variance;
             let Some(gate) = self.position_gates.get_mut(place) else { continue };
-            let passage = gate.judge(innovation.value, s, settings.gate, settings.patience);
+            let passage = gate.check(innovation.value, s, settings.gate, settings.patience);
             let taken = self.take(&model, &innovation, variance, passage, None, settings);
             if taken != UpdateResult::Accepted {
                 fate = taken;

@@ -28,14 +28,14 @@ impl<T: Real> Gate<T> {
     /// than `limit` deviations, never reopens the gate. Walls and detours lengthen a range; what shortens it is a fault or a forgery.
     pub(crate) fn judge_range(&mut self, innovation: T, excess: T, s: T, limit: T, patience: u8) -> GateDecision {
         let is_short = excess < T::ZERO && excess.squared() > limit.squared() * s;
-        match self.judge(innovation, s, limit, patience) {
+        match self.check(innovation, s, limit, patience) {
             GateDecision::Reopen if is_short => GateDecision::Reject,
             passage @ (GateDecision::Accept | GateDecision::Reject | GateDecision::Reopen) => passage,
         }
     }
 
     /// Judges an innovation of variance `s`: refused beyond `limit` deviations, unless the `patience`-th of its kind.
-    pub(crate) fn judge(&mut self, innovation: T, s: T, limit: T, patience: u8) -> GateDecision {
+    pub(crate) fn check(&mut self, innovation: T, s: T, limit: T, patience: u8) -> GateDecision {
         let bound = limit.squared() * s;
         if innovation.squared() <= bound {
             self.alike = 0;
@@ -57,14 +57,14 @@ mod tests {
     use super::*;
 
     /// Variance 0.01 m², limit 3: 0.3 m.
-    fn judge(gate: &mut Gate<f64>, innovation: f64) -> GateDecision {
-        gate.judge(innovation, 0.01, 3.0, 3)
+    fn check(gate: &mut Gate<f64>, innovation: f64) -> GateDecision {
+        gate.check(innovation, 0.01, 3.0, 3)
     }
 
     #[test]
     fn a_source_that_insists_is_let_in_at_last() {
         let mut gate = Gate::default();
-        let heard = [0.29, 1.0, 1.1, 0.9, 1.0, 0.0].map(|innovation| judge(&mut gate, innovation));
+        let heard = [0.29, 1.0, 1.1, 0.9, 1.0, 0.0].map(|innovation| check(&mut gate, innovation));
         use GateDecision::{Accept, Reject, Reopen};
         assert_eq!(heard, [Accept, Reject, Reject, Reopen, Reject, Accept]);
     }
@@ -88,10 +88,10 @@ mod tests {
     fn wild_values_never_open_it_and_a_good_one_makes_it_forget() {
         let mut gate = Gate::default();
         for wild in [5.0, -3.0, 40.0, 7.0, 90.0, 2.0] {
-            assert_eq!(judge(&mut gate, wild), GateDecision::Reject);
+            assert_eq!(check(&mut gate, wild), GateDecision::Reject);
         }
         for innovation in [2.1, 0.0, 2.1, 2.1] {
-            assert_ne!(judge(&mut gate, innovation), GateDecision::Reopen);
+            assert_ne!(check(&mut gate, innovation), GateDecision::Reopen);
         }
     }
 }

@@ -130,9 +130,9 @@ impl Anchor {
         self.tags.last_mut()
     }
 
-    fn hear(&mut self, frame: &RxFrame<'_>) {
+    fn receive(&mut self, frame: &RxFrame<'_>) {
         if let Some(blink) = Blink::parse(frame.bytes) {
-            self.hear_blink(&blink, frame.rx_time);
+            self.on_blink(&blink, frame.rx_time);
             return;
         }
         let Some(heard @ Frame { header, message }) = Frame::parse(frame.bytes) else { return };
@@ -143,14 +143,14 @@ impl Anchor {
             return;
         }
         match message {
-            Message::Poll(variant, readings) => self.hear_poll(&heard, variant, readings.is_some(), frame.rx_time),
-            Message::Final(told) => self.hear_final(&heard, told, frame),
+            Message::Poll(variant, readings) => self.on_poll(&heard, variant, readings.is_some(), frame.rx_time),
+            Message::Final(told) => self.on_final(&heard, told, frame),
             // An anchor's own.
             Message::RangingInit { .. } | Message::Response(..) | Message::Report(..) => {}
         }
     }
 
-    fn hear_blink(&mut self, blink: &Blink, rx_time: RadioInstant) {
+    fn on_blink(&mut self, blink: &Blink, rx_time: RadioInstant) {
         // Its short address is the end of its long one, unless that means something else.
         let tag = match blink.tag as u16 {
             address if address == self.config.address || address >= 0xFFFE => self.config.address ^ 1,
@@ -164,7 +164,7 @@ impl Anchor {
         known.pending = Some(Pending { frame, start, purpose: Purpose::Init(Software::Units) });
     }
 
-    fn hear_poll(&mut self, heard: &Frame, variant: Variant, readings: bool, poll_rx: RadioInstant) {
+    fn on_poll(&mut self, heard: &Frame, variant: Variant, readings: bool, poll_rx: RadioInstant) {
         let poll = heard.header;
         let (sequence, reply) = (self.next_sequence(), self.reply);
         let tag = short(poll.source);
@@ -190,7 +190,7 @@ impl Anchor {
         }
     }
 
-    fn hear_final(&mut self, heard: &Frame, told: Final, frame: &RxFrame<'_>) {
+    fn on_final(&mut self, heard: &Frame, told: Final, frame: &RxFrame<'_>) {
         let source = heard.header.source;
         let peer = short(source);
         let (variant, round1, reply2) = match told {
@@ -285,7 +285,7 @@ impl Protocol for Anchor {
                     exchange.resp_tx = Some(departure);
                 }
             }
-            Event::Received(frame) => self.hear(&frame),
+            Event::Received(frame) => self.receive(&frame),
             Event::Late | Event::NotSent => {
                 if let Some(exchange) = self.responding() {
                     *exchange = None;

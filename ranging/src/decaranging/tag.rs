@@ -123,7 +123,7 @@ impl Tag {
         Frame { header, message }.emit(&mut self.out);
     }
 
-    fn hear(&mut self, frame: &RxFrame<'_>) {
+    fn receive(&mut self, frame: &RxFrame<'_>) {
         let Some(Frame { header, message }) = Frame::parse(frame.bytes) else { return };
         if let Message::RangingInit { tag, anchor_delay, tag_delay } = message {
             let addressed = header.destination == Address::Extended(self.config.eui);
@@ -309,7 +309,7 @@ impl Protocol for Tag {
                 | State::AwaitingResponse { .. }
                 | State::AwaitingReport { .. } => {}
             },
-            Event::Received(frame) => self.hear(&frame),
+            Event::Received(frame) => self.receive(&frame),
             Event::Timeout | Event::Late | Event::NotSent => self.give_up(now),
             Event::Corrupt | Event::Woken | Event::Reported => {}
         }

@@ -141,11 +141,11 @@ impl Anchor {
         }
     }
 
-    fn hear(&mut self, frame: &RxFrame<'_>) {
+    fn receive(&mut self, frame: &RxFrame<'_>) {
         let Some(told) = Frame::parse(frame.bytes).filter(|told| told.pan == self.config.network.pan) else { return };
         let everyone = told.destination == BROADCAST;
         match told.message {
-            Message::Poll(poll) if everyone => self.hear_poll(told.source, &poll, frame),
+            Message::Poll(poll) if everyone => self.on_poll(told.source, &poll, frame),
             Message::Request(request) if everyone => {
                 if let Some(network) = &mut self.network {
                     network.request(Member { tag: told.source, share: request.share });
@@ -158,7 +158,7 @@ impl Anchor {
                     self.rounds.answer(&network.course.timing, told.source, response, frame);
                 }
             }
-            Message::Final { round } if everyone => self.hear_final(told.source, round, frame.rx_time),
+            Message::Final { round } if everyone => self.on_final(told.source, round, frame.rx_time),
             // Other anchors', and what is not for us.
             Message::Poll(_)
             | Message::Request(_)
@@ -172,10 +172,10 @@ impl Anchor {
         if usize::from(sync_frame.slot) >= SYNC_SLOTS || source == self.config.address {
             return;
         }
-        self.rounds.hear(source);
+        self.rounds.receive(source);
         let phy = &self.config.network.phy;
         match &mut self.network {
-            Some(network) => match network.hear(phy, source, sync_frame, frame.rx_time) {
+            Some(network) => match network.receive(phy, source, sync_frame, frame.rx_time) {
                 FollowUpdate::Ignored | FollowUpdate::Followed => {}
                 FollowUpdate::Changed(link) => self.link = Some(link),
             },
@@ -186,7 +186,7 @@ impl Anchor {
         }
     }
 
-    fn hear_final(&mut self, tag: u16, round: u16, rx_time: RadioInstant) {
+    fn on_final(&mut self, tag: u16, round: u16, rx_time: RadioInstant) {
         let answered = self.answered.iter_mut().find(|answered| answered.tag == tag && answered.round == round);
         if let Some(answered) = answered {
             let after_response = rx_time.since(answered.departure);
@@ -207,10 +207,10 @@ impl Anchor {
         final_heard
     }
 
-    fn hear_poll(&mut self, tag: u16, poll: &Poll, frame: &RxFrame<'_>) {
+    fn on_poll(&mut self, tag: u16, poll: &Poll, frame: &RxFrame<'_>) {
         // Who has no network knows no layout, and so not when to answer.
         let Some(network) = &mut self.network else { return };
-        network.hear_tag(tag);
+        network.on_tag(tag);
         network.wish(tag, poll.wish);
         let timing = network.course.timing;
         let named = |place: &usize| poll.anchors.get(*place).is_some_and(|asked| asked.address == self.config.address);
@@ -303,7 +303,7 @@ impl Anchor {
         let start = phase.at(rmarker).plus(RadioDuration::from_ticks(-self.config.antenna_delay.ticks()));
         // Room for finals is for tags to ask.
         let wish = self.meter.wish(Scheme::SingleSided);
-        let (sync_frame, takes_over) = network.tell(slot, self.position, wish);
+        let (sync_frame, takes_over) = network.compose(slot, self.position, wish);
         if takes_over {
             self.link = Some(Link::Coordinating);
         }
@@ -340,7 +340,7 @@ impl Anchor {
         self.wake_at = self.wake_at.filter(|_| planned.is_some());
         let rmarker = pulse_at.plus(timing.to_rmarker);
         // Its own lease.
-        network.hear_tag(self.config.address);
+        network.on_tag(self.config.address);
         let poll = self.rounds.poll(&timing, pulse_at, self.meter.reading(), self.meter.wish(Scheme::SingleSided));
         self.doing = Doing::Polling;
         self.write(BROADCAST, Message::Poll(poll));
@@ -391,7 +391,7 @@ impl Protocol for Anchor {
                 }
             }
             Event::Received(frame) => {
-                self.hear(&frame);
+                self.receive(&frame);
                 let ended = end_of(&self.config.network.phy, &frame);
                 present = ended.plus(self.meter.reading());
                 if let Some(listening) = self.listening_at.take() {

@@ -37,7 +37,7 @@ impl AnchorPosition {
     }
 
     /// A sync frame of the anchor tells this position; whether that agrees with what is believed.
-    pub fn hear(&mut self, told: Option<Position>, is_own_slot: bool) -> bool {
+    pub fn receive(&mut self, told: Option<Position>, is_own_slot: bool) -> bool {
         // Who tells nothing contradicts nothing.
         let Some(told_m) = told.map(Position::metres) else { return true };
         let agrees = self.believed_m.is_none_or(|believed_m| is_same(believed_m, told_m));
@@ -92,21 +92,21 @@ mod tests {
     #[test]
     fn a_shared_slot_serves_until_the_own_one_is_heard_and_moves_nothing_then() {
         let mut position = AnchorPosition::default();
-        assert!(position.hear(at(9.0), false));
+        assert!(position.receive(at(9.0), false));
         assert_eq!(position.metres(), Some([9.0, 2.0, 3.0]));
-        assert!(position.hear(at(1.0), true));
+        assert!(position.receive(at(1.0), true));
         assert_eq!(position.metres(), Some([1.0, 2.0, 3.0]));
         for _ in 0..200 {
-            assert!(!position.hear(at(9.0), false));
+            assert!(!position.receive(at(9.0), false));
         }
-        assert!(position.hear(None, true));
+        assert!(position.receive(None, true));
         assert_eq!(position.metres(), Some([1.0, 2.0, 3.0]));
     }
 
     #[test]
     fn steps_below_a_centimetre_do_not_add_up() {
         let mut position = AnchorPosition::default();
-        let steps = [0.0, 0.008, 0.016, 0.024].map(|x| position.hear(at(x), true));
+        let steps = [0.0, 0.008, 0.016, 0.024].map(|x| position.receive(at(x), true));
         assert_eq!(steps, [true, true, false, false]);
         assert_eq!(position.metres(), Some([0.0, 2.0, 3.0]));
     }
@@ -114,27 +114,27 @@ mod tests {
     #[test]
     fn a_moved_anchor_is_believed_once_it_insists_and_the_old_position_is_told_no_more() {
         let mut position = AnchorPosition::default();
-        position.hear(at(1.0), true);
+        position.receive(at(1.0), true);
         // The old one is told in between: nothing moves, for ever.
         for _ in 0..10 * MOVED_AFTER {
-            assert!(!position.hear(at(6.0), true));
-            assert!(position.hear(at(1.0), true));
+            assert!(!position.receive(at(6.0), true));
+            assert!(position.receive(at(1.0), true));
         }
         // Another one each time: neither.
         for i in 0..10 * MOVED_AFTER {
-            assert!(!position.hear(at(5.0 + f32::from(i)), true));
+            assert!(!position.receive(at(5.0 + f32::from(i)), true));
         }
-        let believed = (0..MOVED_AFTER).filter(|_| position.hear(at(6.0), true)).count();
+        let believed = (0..MOVED_AFTER).filter(|_| position.receive(at(6.0), true)).count();
         assert_eq!((believed, position.metres()), (1, Some([6.0, 2.0, 3.0])));
     }
 
     #[test]
     fn a_new_session_believes_the_first_own_slot() {
         let mut position = AnchorPosition::default();
-        position.hear(at(1.0), true);
+        position.receive(at(1.0), true);
         position.end_session();
-        assert!(!position.hear(at(6.0), false));
-        assert!(position.hear(at(6.0), true));
+        assert!(!position.receive(at(6.0), false));
+        assert!(position.receive(at(6.0), true));
         assert_eq!(position.metres(), Some([6.0, 2.0, 3.0]));
     }
 }

@@ -79,7 +79,7 @@ impl AnchorRounds {
     }
 
     /// An anchor's sync frame came.
-    pub fn hear(&mut self, anchor: u16) {
+    pub fn receive(&mut self, anchor: u16) {
         match self.other(anchor) {
             Some(other) => other.unheard = 0,
             // One more than is kept in mind is left to those nearer to it.
@@ -106,7 +106,7 @@ impl AnchorRounds {
     /// An answer came.
     pub fn answer(&mut self, timing: &Timing, source: u16, response: Response, frame: &RxFrame<'_>) {
         let Self { round, anchors, bias, .. } = self;
-        let Some(distance_m) = round.hear(timing, bias, anchors, source, response, frame) else { return };
+        let Some(distance_m) = round.receive(timing, bias, anchors, source, response, frame) else { return };
         if let Some(other) = self.other(source) {
             other.ranges = other.ranges.saturating_add(1).min(MEAN_OF);
             other.apart_m += (distance_m - other.apart_m) / f32::from(other.ranges);

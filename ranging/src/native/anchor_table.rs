@@ -100,8 +100,8 @@ impl AnchorTable {
     /// An anchor told of its position in a sync frame of the network that is followed.
     pub fn on_sync_frame(&mut self, source: u16, sync_frame: &SyncFrame, power_dbm: f32) {
         let is_own_slot = is_own_slot(source, sync_frame);
-        let Some(anchor) = self.hear(source, power_dbm) else { return };
-        if !anchor.position.hear(sync_frame.position, is_own_slot) {
+        let Some(anchor) = self.receive(source, power_dbm) else { return };
+        if !anchor.position.receive(sync_frame.position, is_own_slot) {
             self.refused.positions = self.refused.positions.saturating_add(1);
         }
     }
@@ -116,7 +116,7 @@ impl AnchorTable {
     }
 
     /// An anchor was heard; a new one takes the place of the weakest where there is no other.
-    pub fn hear(&mut self, address: u16, power_dbm: f32) -> Option<&mut Neighbour> {
+    pub fn receive(&mut self, address: u16, power_dbm: f32) -> Option<&mut Neighbour> {
         let known = self.anchors.iter().position(|anchor| anchor.address == address);
         let place = match known {
             Some(place) => place,
@@ -203,7 +203,7 @@ impl AnchorTable {
     #[cfg(test)]
     fn place(&mut self, address: u16, power_dbm: f32, position_m: [f32; 3]) {
         use crate::frame::native::Position;
-        self.hear(address, power_dbm).unwrap().position.hear(Position::from_metres(position_m), true);
+        self.receive(address, power_dbm).unwrap().position.receive(Position::from_metres(position_m), true);
     }
 }
 
@@ -314,7 +314,7 @@ mod tests {
             }
             anchors.advance(1);
             for address in 1..=7 {
-                anchors.hear(address, -60.0 - f32::from(address));
+                anchors.receive(address, -60.0 - f32::from(address));
             }
         }
         assert_eq!(seen.len(), 7, "{seen:?}");
@@ -334,7 +334,7 @@ mod tests {
         // Not even heard any more: forgotten.
         anchors.advance(4);
         for address in 2..=4 {
-            anchors.hear(address, -75.0);
+            anchors.receive(address, -75.0);
         }
         anchors.advance(4);
         assert_eq!(anchors.len(), 3);
@@ -344,10 +344,10 @@ mod tests {
     fn a_stronger_anchor_takes_the_weakest_ones_place() {
         let mut anchors = AnchorTable::new();
         for address in 0..MAX_NEIGHBOURS as u16 {
-            assert!(anchors.hear(address, -70.0 - f32::from(address)).is_some());
+            assert!(anchors.receive(address, -70.0 - f32::from(address)).is_some());
         }
-        assert!(anchors.hear(100, -99.0).is_none());
-        assert!(anchors.hear(101, -60.0).is_some());
+        assert!(anchors.receive(100, -99.0).is_none());
+        assert!(anchors.receive(101, -60.0).is_some());
         assert!(anchors.get_mut(MAX_NEIGHBOURS as u16 - 1).is_none());
         assert_eq!(anchors.len(), MAX_NEIGHBOURS);
     }

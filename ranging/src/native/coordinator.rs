@@ -130,7 +130,7 @@ impl Coordinator {
     }
 
     /// A sync frame of our PAN came at `rx_time`.
-    pub fn hear(
+    pub fn receive(
         &mut self,
         phy: &PhyConfig,
         source: u16,
@@ -148,11 +148,11 @@ impl Coordinator {
         let is_alone = self.coordinates()
             && self.course.membership.members().is_empty()
             && self.heard_owners.iter().all(|(owner, _)| *owner == 0);
-        match (self.election.hear(sync_frame, is_alone), in_step) {
+        match (self.election.receive(sync_frame, is_alone), in_step) {
             (Choice::Same, Some(phase)) => {
                 if sync_frame.hops < self.election.hops {
                     self.course.phase = phase;
-                    self.course.membership.hear(sync_frame);
+                    self.course.membership.receive(sync_frame);
                 }
                 self.note_members(source, sync_frame);
                 self.note_owners(source, sync_frame);
@@ -166,7 +166,7 @@ impl Coordinator {
                 match phase {
                     Some(phase) => {
                         self.course.phase = phase;
-                        self.course.membership.hear(sync_frame);
+                        self.course.membership.receive(sync_frame);
                         self.follow(source, sync_frame);
                     }
                     None if self.begin_anew(phy, source, sync_frame, rx_time) => {}
@@ -225,7 +225,7 @@ impl Coordinator {
     }
 
     /// A tag's poll was heard.
-    pub fn hear_tag(&mut self, tag: u16) {
+    pub fn on_tag(&mut self, tag: u16) {
         if let Some(place) = self.course.membership.members().iter().position(|member| member.tag == tag) {
             self.heard_members |= 1 << place;
         }
@@ -312,7 +312,7 @@ impl Coordinator {
 
     /// The sync frame for a slot, to be sent now; and whether we have just become coordinator. `wish` is what this anchor itself asks of the
     /// layout.
-    pub fn tell(&mut self, slot: u8, position: Option<Position>, wish: Layout) -> (SyncFrame, bool) {
+    pub fn compose(&mut self, slot: u8, position: Option<Position>, wish: Layout) -> (SyncFrame, bool) {
         self.skip();
         self.wishes.note(wish);
         let gone = COORDINATOR_GONE.saturating_add(self.election.hops.saturating_mul(2));

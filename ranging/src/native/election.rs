@@ -93,7 +93,7 @@ impl Election {
     }
 
     /// A sync frame came. `is_alone`: nobody would be left behind.
-    pub fn hear(&mut self, sync_frame: &SyncFrame, is_alone: bool) -> Choice {
+    pub fn receive(&mut self, sync_frame: &SyncFrame, is_alone: bool) -> Choice {
         let (told, followed) = ((sync_frame.term, sync_frame.coordinator), (self.term, self.coordinator));
         if told == followed {
             let hops = sync_frame.hops.saturating_add(1);
@@ -163,14 +163,14 @@ mod tests {
     /// A superframe with a sync frame of the one followed.
     fn superframe(election: &mut Election) {
         election.advance(1);
-        assert_eq!(election.hear(&sync_frame(election.term, election.coordinator), false), Choice::Same);
+        assert_eq!(election.receive(&sync_frame(election.term, election.coordinator), false), Choice::Same);
     }
 
     /// Superframes until a sync frame in each of them is followed, of 1000.
     fn patience(mut election: Election, told: &SyncFrame) -> Option<usize> {
         (0..1000).position(|_| {
             superframe(&mut election);
-            election.hear(told, false) == Choice::Change
+            election.receive(told, false) == Choice::Change
         })
     }
 
@@ -179,12 +179,12 @@ mod tests {
         let mut election = settled();
         // Its word of the superframe before last, over one hop more, is none too old.
         for age in 0..4 {
-            assert_eq!(election.hear(&sync_frame(4, 9), false), Choice::Refused, "age {age}");
+            assert_eq!(election.receive(&sync_frame(4, 9), false), Choice::Refused, "age {age}");
             election.advance(1);
         }
-        assert_eq!(election.hear(&sync_frame(4, 9), false), Choice::Change);
-        assert_eq!(election.hear(&sync_frame(103, 9), false), Choice::Change);
-        assert_eq!(election.hear(&sync_frame(2, 1), false), Choice::Older);
+        assert_eq!(election.receive(&sync_frame(4, 9), false), Choice::Change);
+        assert_eq!(election.receive(&sync_frame(103, 9), false), Choice::Change);
+        assert_eq!(election.receive(&sync_frame(2, 1), false), Choice::Older);
     }
 
     #[test]
@@ -198,34 +198,34 @@ mod tests {
         for i in 0..1000 {
             superframe(&mut seldom);
             superframe(&mut changing);
-            assert!(i % 3 > 0 || seldom.hear(&sync_frame(4, 9), false) == Choice::Refused);
-            assert_eq!(changing.hear(&sync_frame(4, 100 + i), false), Choice::Refused);
+            assert!(i % 3 > 0 || seldom.receive(&sync_frame(4, 9), false) == Choice::Refused);
+            assert_eq!(changing.receive(&sync_frame(4, 100 + i), false), Choice::Refused);
         }
     }
 
     #[test]
     fn a_restart_of_the_coordinator_is_followed_at_once_but_not_each_superframe() {
         let mut election = settled();
-        assert_eq!(election.hear(&sync_frame(4, 5), false), Choice::Change);
+        assert_eq!(election.receive(&sync_frame(4, 5), false), Choice::Change);
         election.follow(&sync_frame(4, 5));
         election.advance(1);
-        assert_eq!(election.hear(&sync_frame(5, 5), false), Choice::Refused);
+        assert_eq!(election.receive(&sync_frame(5, 5), false), Choice::Refused);
         election.advance(1);
-        assert_eq!(election.hear(&sync_frame(6, 5), false), Choice::Refused);
-        assert_eq!(election.hear(&sync_frame(5, 5), false), Choice::Change);
+        assert_eq!(election.receive(&sync_frame(6, 5), false), Choice::Refused);
+        assert_eq!(election.receive(&sync_frame(5, 5), false), Choice::Change);
     }
 
     #[test]
     fn young_networks_merge_at_once_and_so_does_an_anchor_that_is_alone() {
         let mut young = Election::joined(&sync_frame(0, 5));
         young.advance(YOUNG - 1);
-        assert_eq!(young.hear(&sync_frame(0, 5), false), Choice::Same);
-        assert_eq!(young.hear(&sync_frame(0, 4), false), Choice::Change);
+        assert_eq!(young.receive(&sync_frame(0, 5), false), Choice::Same);
+        assert_eq!(young.receive(&sync_frame(0, 4), false), Choice::Change);
         let mut alone = Election::founded(5);
         for _ in 0..600 {
             alone.advance(1);
             alone.age = 0;
         }
-        assert_eq!(alone.hear(&sync_frame(7, 9), true), Choice::Change);
+        assert_eq!(alone.receive(&sync_frame(7, 9), true), Choice::Change);
     }
 }

@@ -107,7 +107,7 @@ impl Membership {
     }
 
     /// What a sync frame says, if it is newer.
-    pub fn hear(&mut self, sync_frame: &SyncFrame) {
+    pub fn receive(&mut self, sync_frame: &SyncFrame) {
         self.replace(
             sync_frame.version,
             sync_frame.countdown.min(NOTICE_SUPERFRAMES),
@@ -182,9 +182,9 @@ pub fn next_round(
     timing: &Timing,
     earliest: RadioDuration,
     anchors: usize,
-    doubt: RadioDuration,
+    uncertainty: RadioDuration,
 ) -> Option<RadioDuration> {
-    let half_guard = timing.guard.ticks() / 2 + doubt.ticks();
+    let half_guard = timing.guard.ticks() / 2 + uncertainty.ticks();
     let length = timing.round(anchors).ticks() + half_guard;
     runs(owned).find_map(|(begin, end)| {
         let pulse = earliest.ticks().max(timing.round_slot_begin(begin).ticks() + half_guard);
@@ -339,7 +339,7 @@ mod tests {
         (0..3).for_each(|_| newcomer.advance());
         assert_eq!(newcomer.in_force(), Some(&new));
         // An older list, still relayed by somebody, changes nothing.
-        newcomer.hear(&sync_frame(1, 0, &old));
+        newcomer.receive(&sync_frame(1, 0, &old));
         assert_eq!(newcomer.members(), &new);
     }
 }

@@ -164,7 +164,7 @@ impl RoundState {
     }
 
     /// A response came for us: where it is of this round, of an anchor asked and in its slot, it makes a range: its distance, metres.
-    pub fn hear(
+    pub fn receive(
         &mut self,
         timing: &Timing,
         bias: &RangeBias,
@@ -184,7 +184,7 @@ impl RoundState {
             return None;
         }
         let diagnostics = frame.diagnostics;
-        let anchor = anchors.hear(source, diagnostics.rx_power_dbm)?;
+        let anchor = anchors.receive(source, diagnostics.rx_power_dbm)?;
         if !anchor.compare_clocks(self.poll_tx, response.poll_rx, diagnostics.clock_offset_ppm) {
             anchors.refused.carriers = anchors.refused.carriers.saturating_add(1);
             return None;

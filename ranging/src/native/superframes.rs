@@ -50,7 +50,7 @@ impl Superframes {
         }
         let mut course = self.clone();
         course.phase = Phase::from_sync_frame(&self.timing, sync_frame.superframe, sync_frame.slot, rx_time);
-        course.membership.hear(sync_frame);
+        course.membership.receive(sync_frame);
         Some(course)
     }
 
@@ -82,10 +82,15 @@ impl Superframes {
     }
 
     /// The same of a node that may be off by `doubt` itself.
-    pub fn in_step_within(&self, doubt: RadioDuration, sync_frame: &SyncFrame, rx_time: RadioInstant) -> Option<Phase> {
+    pub fn in_step_within(
+        &self,
+        uncertainty: RadioDuration,
+        sync_frame: &SyncFrame,
+        rx_time: RadioInstant,
+    ) -> Option<Phase> {
         let phase = Phase::from_sync_frame(&self.timing, sync_frame.superframe, sync_frame.slot, rx_time);
         let off = phase.start.since(self.phase.start).ticks().unsigned_abs();
-        let tolerance = self.timing.guard.ticks().saturating_add(doubt.ticks());
+        let tolerance = self.timing.guard.ticks().saturating_add(uncertainty.ticks());
         (phase.number == self.phase.number && off <= tolerance.unsigned_abs()).then_some(phase)
     }
 }

@@ -17,7 +17,7 @@ pub struct Sync {
     /// Since when the phase is not known any more, after a doze: the next sync frame tells it.
     pub adrift: Option<RadioInstant>,
     /// How far off the phase may be, after naps: until the next sync frame.
-    pub doubt: RadioDuration,
+    pub uncertainty: RadioDuration,
     /// The superframe of the last sync frame heard.
     heard: u16,
 }
@@ -45,30 +45,30 @@ impl Sync {
 
     fn in_course(course: Superframes, sync_frame: &SyncFrame) -> Self {
         let (heard, election) = (course.phase.number, Election::joined(sync_frame));
-        Self { course, election, adrift: None, doubt: RadioDuration::ZERO, heard }
+        Self { course, election, adrift: None, uncertainty: RadioDuration::ZERO, heard }
     }
 
     /// A sync frame came.
-    pub fn hear(&mut self, phy: &PhyConfig, sync_frame: &SyncFrame, rx_time: RadioInstant) -> SyncUpdate {
+    pub fn receive(&mut self, phy: &PhyConfig, sync_frame: &SyncFrame, rx_time: RadioInstant) -> SyncUpdate {
         let is_the_same = (sync_frame.term, sync_frame.coordinator) == (self.election.term, self.election.coordinator);
         if self.adrift.is_none() {
             self.advance(rx_time);
-            let in_step = self.course.in_step_within(self.doubt, sync_frame, rx_time);
+            let in_step = self.course.in_step_within(self.uncertainty, sync_frame, rx_time);
             let is_lost = self.silent() > HOLDOVER_SUPERFRAMES;
             // A sync frame of the network that was repeated later says nothing of its coordinator.
             let choice = match in_step {
                 None if is_the_same => Choice::Older,
-                None | Some(_) => self.election.hear(sync_frame, false),
+                None | Some(_) => self.election.receive(sync_frame, false),
             };
             match (choice, in_step) {
                 (Choice::Same | Choice::Change, Some(phase)) => {
                     let followed = self.election.coordinator;
                     self.course.phase = phase;
-                    (self.heard, self.doubt) = (phase.number, RadioDuration::ZERO);
+                    (self.heard, self.uncertainty) = (phase.number, RadioDuration::ZERO);
                     if choice == Choice::Change {
                         self.election.follow(sync_frame);
                     }
-                    self.course.membership.hear(sync_frame);
+                    self.course.membership.receive(sync_frame);
                     return if sync_frame.coordinator == followed { SyncUpdate::Followed } else { SyncUpdate::Changed };
                 }
                 (Choice::Same | Choice::Older, _) if !is_lost => return SyncUpdate::Ignored,
@@ -168,7 +168,7 @@ mod tests {
     fn who_wakes_in_the_middle_of_a_change_of_layout_keeps_step_by_the_former_one() {
         let (mut sync, start) = dozing();
         let rx_time = heard_late(start);
-        assert_eq!(sync.hear(&PHY, &sync_frame(20, 8, layout(300), NOTICE), rx_time), SyncUpdate::Followed);
+        assert_eq!(sync.receive(&PHY, &sync_frame(20, 8, layout(300), NOTICE), rx_time), SyncUpdate::Followed);
         assert_eq!((sync.adrift, sync.course.phase.number), (None, 20));
         let (former, new) = (Timing::of(&PHY, layout(600)), Timing::of(&PHY, layout(300)));
         assert_eq!(sync.course.timing, former);
@@ -184,12 +184,12 @@ mod tests {
     fn who_may_have_missed_a_change_waits_for_the_end_of_this_one() {
         let (mut sync, start) = dozing();
         let rx_time = heard_late(start);
-        assert_eq!(sync.hear(&PHY, &sync_frame(20, 9, layout(300), NOTICE), rx_time), SyncUpdate::Ignored);
+        assert_eq!(sync.receive(&PHY, &sync_frame(20, 9, layout(300), NOTICE), rx_time), SyncUpdate::Ignored);
         // Another coordinator's is no notice to go by.
         let other = SyncFrame { coordinator: 2, ..sync_frame(20, 8, layout(300), NOTICE) };
-        assert_eq!(sync.hear(&PHY, &other, rx_time), SyncUpdate::Ignored);
+        assert_eq!(sync.receive(&PHY, &other, rx_time), SyncUpdate::Ignored);
         assert!(sync.adrift.is_some());
-        assert_eq!(sync.hear(&PHY, &sync_frame(20, 9, layout(300), 0), rx_time), SyncUpdate::Followed);
+        assert_eq!(sync.receive(&PHY, &sync_frame(20, 9, layout(300), 0), rx_time), SyncUpdate::Followed);
         assert_eq!(sync.course.timing, Timing::of(&PHY, layout(300)));
     }
 }

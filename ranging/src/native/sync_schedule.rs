@@ -52,7 +52,7 @@ pub struct SyncSchedule {
 
 impl SyncSchedule {
     /// A sync frame came.
-    pub fn hear(&mut self, address: u16, slot: u8) {
+    pub fn receive(&mut self, address: u16, slot: u8) {
         if usize::from(slot) >= OWNED_SYNC_SLOTS {
             // Shared by all who have none: it comes now and then.
             self.answered(address);
@@ -135,7 +135,7 @@ mod tests {
 
     fn watch(anchors: u16) -> SyncSchedule {
         let mut watch = SyncSchedule::default();
-        (0..anchors).for_each(|i| watch.hear(10 + i, i as u8));
+        (0..anchors).for_each(|i| watch.receive(10 + i, i as u8));
         watch
     }
 

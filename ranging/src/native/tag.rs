@@ -213,7 +213,7 @@ impl Tag {
         self.anchors.len()
     }
 
-    fn hear(&mut self, frame: &RxFrame<'_>) {
+    fn receive(&mut self, frame: &RxFrame<'_>) {
         let Some(told) = Frame::parse(frame.bytes).filter(|told| told.pan == self.config.network.pan) else { return };
         match told.message {
             Message::SyncFrame(sync_frame) if told.destination == BROADCAST => {
@@ -224,7 +224,7 @@ impl Tag {
             {
                 let Some(network) = &self.network else { return };
                 let timing = &network.sync.course.timing;
-                self.round.hear(timing, &self.bias, &mut self.anchors, told.source, response, frame);
+                self.round.receive(timing, &self.bias, &mut self.anchors, told.source, response, frame);
             }
             // Other tags', and what is not for us.
             Message::SyncFrame(_)
@@ -254,7 +254,7 @@ impl Tag {
                 }
                 None => SyncUpdate::Ignored,
             },
-            Some(network) => match network.sync.hear(phy, sync_frame, frame.rx_time) {
+            Some(network) => match network.sync.receive(phy, sync_frame, frame.rx_time) {
                 SyncUpdate::Anew => {
                     *network = Followed::begin(network.sync.clone());
                     SyncUpdate::Anew
@@ -282,7 +282,7 @@ impl Tag {
         {
             self.wakes.learn(slept, assumed.start.since(phase.start));
         }
-        self.watch.hear(source, sync_frame.slot);
+        self.watch.receive(source, sync_frame.slot);
         self.anchors.on_sync_frame(source, sync_frame, frame.diagnostics.rx_power_dbm);
     }
 
@@ -432,7 +432,7 @@ impl Tag {
         let is_greedy = self.rate == Some(Rate::Greedy);
         let Some(network) = &mut self.network else { return Self::listen(SUPERFRAME) };
         let course = &network.sync.course;
-        let (timing, phase, doubt) = (course.timing, course.phase, network.sync.doubt);
+        let (timing, phase, uncertainty) = (course.timing, course.phase, network.sync.uncertainty);
         if is_greedy && self.compensation.take(phase.number, self.config.address) {
             return Action::Compensate;
         }
@@ -440,7 +440,7 @@ impl Tag {
         let has_enough = !is_greedy && network.rounds >= network.owned.count_ones();
         let anchors = if has_enough { 0 } else { self.round.asked() };
         let after = |earliest: RadioDuration| {
-            next_round(network.owned, &timing, earliest, anchors, doubt).filter(|_| anchors > 0)
+            next_round(network.owned, &timing, earliest, anchors, uncertainty).filter(|_| anchors > 0)
         };
         let immediate = RadioDuration::from_ticks(passed.ticks() + self.meter.immediate().ticks());
         // Who has to wait with its next frame sends it at an instant.
@@ -600,7 +600,7 @@ impl Protocol for Tag {
                 }
             }
             Event::Received(frame) => {
-                self.hear(&frame);
+                self.receive(&frame);
                 ended = end_of(&self.config.network.phy, &frame);
                 present = ended.plus(self.meter.reading());
                 self.ended_at = Some(ended);

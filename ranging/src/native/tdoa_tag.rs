@@ -97,14 +97,14 @@ impl TdoaTag {
         self.anchors.refused
     }
 
-    fn hear(&mut self, frame: &RxFrame<'_>) {
+    fn receive(&mut self, frame: &RxFrame<'_>) {
         let Some(told) = Frame::parse(frame.bytes).filter(|told| told.pan == self.config.network.pan) else { return };
         match told.message {
             Message::SyncFrame(sync_frame) if told.destination == BROADCAST => {
                 self.on_sync_frame(told.source, &sync_frame, frame)
             }
-            Message::Poll(poll) if told.destination == BROADCAST => self.hear_poll(told.source, &poll, frame),
-            Message::Response(response) => self.hear_response(told.source, told.destination, response, frame),
+            Message::Poll(poll) if told.destination == BROADCAST => self.on_poll(told.source, &poll, frame),
+            Message::Response(response) => self.on_response(told.source, told.destination, response, frame),
             Message::SyncFrame(_) | Message::Poll(_) | Message::Request(_) | Message::Final { .. } => {}
         }
     }
@@ -120,7 +120,7 @@ impl TdoaTag {
                 self.network = Sync::new(phy, sync_frame, frame.rx_time);
                 if self.network.is_some() { SyncUpdate::Anew } else { SyncUpdate::Ignored }
             }
-            Some(network) => network.hear(phy, sync_frame, frame.rx_time),
+            Some(network) => network.receive(phy, sync_frame, frame.rx_time),
         };
         match heard {
             SyncUpdate::Ignored => return,
@@ -132,7 +132,7 @@ impl TdoaTag {
     }
 
     /// A round begins that serves us, where an anchor asks in a slot of its own and its place is known.
-    fn hear_poll(&mut self, source: u16, poll: &Poll, frame: &RxFrame<'_>) {
+    fn on_poll(&mut self, source: u16, poll: &Poll, frame: &RxFrame<'_>) {
         let Some(reference_m) = self.anchors.get_mut(source).and_then(|anchor| anchor.position.metres()) else {
             return;
         };
@@ -152,7 +152,7 @@ impl TdoaTag {
     }
 
     /// An answer within the round makes a difference; any answer tells of its sender's clock.
-    fn hear_response(&mut self, source: u16, destination: u16, response: Response, frame: &RxFrame<'_>) {
+    fn on_response(&mut self, source: u16, destination: u16, response: Response, frame: &RxFrame<'_>) {
         let (Some(round), Some(network)) = (&mut self.round, &self.network) else { return };
         let timing = &network.course.timing;
         let Some(slot) = round.asked.iter().position(|asked| asked.address == source) else { return };
@@ -170,7 +170,7 @@ impl TdoaTag {
         // Responses come in the order of their slots: those before have been lost.
         round.pending &= !(u8::MAX >> (MAX_ROUND - 1 - slot));
         let diagnostics = frame.diagnostics;
-        let Some(anchor) = self.anchors.hear(source, diagnostics.rx_power_dbm) else { return };
+        let Some(anchor) = self.anchors.receive(source, diagnostics.rx_power_dbm) else { return };
         // The model's sender is the anchor, its receiver this tag: the rate is the tag's against the anchor's.
         if !anchor.clock.expects(-diagnostics.clock_offset_ppm) {
             self.anchors.refused.carriers = self.anchors.refused.carriers.saturating_add(1);
@@ -247,7 +247,7 @@ impl Protocol for TdoaTag {
                 self.anchors.forget_clocks();
             }
             Event::Received(frame) => {
-                self.hear(&frame);
+                self.receive(&frame);
                 ended = end_of(&self.config.network.phy, &frame);
                 present = ended.plus(self.meter.reading());
             }

@@ -69,7 +69,7 @@ impl WakeUps {
     }
 
     /// How far off the node may be after these sleeps and what was expected of them.
-    pub fn doubt(&self, slept: Slept) -> RadioDuration {
+    pub fn uncertainty(&self, slept: Slept) -> RadioDuration {
         if slept.is_none() {
             return RadioDuration::ZERO;
         }
@@ -110,7 +110,7 @@ mod tests {
     fn what_is_the_same_each_time_is_learned_and_the_doubt_shrinks() {
         let mut wakes = WakeUps::new();
         let slept = Slept::once(us(1_000_000));
-        assert_eq!(wakes.doubt(slept), MOST);
+        assert_eq!(wakes.uncertainty(slept), MOST);
         for _ in 0..40 {
             // 300 µs late each time, and 20 µs more or less.
             for jitter in [-20, 20] {
@@ -123,7 +123,7 @@ mod tests {
         // Nearly all of it is of waking, and so it is of a short sleep.
         assert!((270..=320).contains(&wakes.late(Slept::once(us(10_000))).as_micros()), "{wakes:?}");
         // Errors of 20 to 40 µs: four of them, and 50.
-        assert!((120..=230).contains(&wakes.doubt(slept).as_micros()), "{:?}", wakes.doubt(slept));
+        assert!((120..=230).contains(&wakes.uncertainty(slept).as_micros()), "{:?}", wakes.uncertainty(slept));
     }
 
     #[test]
@@ -131,14 +131,14 @@ mod tests {
         let mut wakes = WakeUps::new();
         let slept = Slept::once(us(100_000));
         (0..60).for_each(|_| wakes.learn(slept, RadioDuration::ZERO));
-        assert!(wakes.doubt(slept).as_micros() < 55);
+        assert!(wakes.uncertainty(slept).as_micros() < 55);
         wakes.learn(slept, us(400));
         // Half of 400 µs, four times, and 50.
-        assert!((830..=870).contains(&wakes.doubt(slept).as_micros()), "{:?}", wakes.doubt(slept));
+        assert!((830..=870).contains(&wakes.uncertainty(slept).as_micros()), "{:?}", wakes.uncertainty(slept));
         for _ in 0..10 {
             wakes.missed();
         }
-        assert_eq!(wakes.doubt(slept), MOST);
-        assert_eq!(wakes.doubt(Slept::default()), RadioDuration::ZERO);
+        assert_eq!(wakes.uncertainty(slept), MOST);
+        assert_eq!(wakes.uncertainty(Slept::default()), RadioDuration::ZERO);
     }
 }

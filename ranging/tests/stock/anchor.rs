@@ -78,7 +78,7 @@ impl StockAnchor {
                 let window = RadioDuration::from_micros(1_000_000);
                 Owned::Receive { start, window, keep_listening: false }
             }
-            Event::Received(frame) => self.hear(frame.bytes, frame.rx_time),
+            Event::Received(frame) => self.receive(frame.bytes, frame.rx_time),
             _ => Self::listen(),
         }
     }
@@ -87,7 +87,7 @@ impl StockAnchor {
         Owned::Transmit { frame, start, listen: !self.responding }
     }
 
-    fn hear(&mut self, bytes: &[u8], rx_time: RadioInstant) -> Owned {
+    fn receive(&mut self, bytes: &[u8], rx_time: RadioInstant) -> Owned {
         self.sequence = self.sequence.wrapping_add(1);
         if bytes[0] == 0xC5 && matches!(bytes.len(), 10 | 16) {
             return self.take(little(&bytes[2..10]), rx_time);

@@ -60,7 +60,7 @@ impl StockTag {
         match event {
             Event::Started | Event::Woken => self.begin(now),
             Event::Sent(departure) => self.sent(departure),
-            Event::Received(frame) => self.hear(frame.bytes, frame.rx_time, now),
+            Event::Received(frame) => self.receive(frame.bytes, frame.rx_time, now),
             Event::Timeout | Event::Corrupt | Event::Late | Event::NotSent | Event::Reported => self.pause(),
         }
     }
@@ -128,9 +128,9 @@ impl StockTag {
         }
     }
 
-    fn hear(&mut self, bytes: &[u8], rx_time: RadioInstant, now: RadioInstant) -> Owned {
+    fn receive(&mut self, bytes: &[u8], rx_time: RadioInstant, now: RadioInstant) -> Owned {
         let Some((anchor, own)) = self.peers else {
-            self.hear_init(bytes);
+            self.on_init(bytes);
             return if self.peers.is_some() { self.begin(now) } else { self.pause() };
         };
         let Some((source, payload)) = self.kit.payload(bytes, own) else { return self.pause() };
@@ -172,7 +172,7 @@ impl StockTag {
     }
 
     /// The length is not looked at: what is missing is read from the check bytes and what was in the buffer.
-    fn hear_init(&mut self, bytes: &[u8]) {
+    fn on_init(&mut self, bytes: &[u8]) {
         let (kind, head) = (bytes.get(..2), if bytes[1] == 0xCC { 21 } else { 15 });
         let ours = matches!(kind, Some([0x41, 0x8C | 0xCC])) && bytes.len() > head + 4;
         if !ours || bytes[5..13] != self.eui.to_le_bytes() || bytes[head] != 0x20 {

@@ -207,7 +207,7 @@ impl Device {
         }
         let status = &mut self.registers[usize::from(STATUS_REG)];
         *status = NEW | if *status & NEW != 0 { OVERWRITTEN } else { *status & OVERWRITTEN };
-        self.judge(judged_mg);
+        self.evaluate(judged_mg);
     }
 
     /// What is left without the constant part.
@@ -228,7 +228,7 @@ impl Device {
     }
 
     /// The interrupt generator.
-    fn judge(&mut self, acceleration_mg: [f64; 3]) {
+    fn evaluate(&mut self, acceleration_mg: [f64; 3]) {
         let threshold_mg = f64::from(self.register(INT1_THS) & 0x7F) * self.threshold_step_mg();
         let axes = self.register(CTRL_REG1);
         let mut events = 0;

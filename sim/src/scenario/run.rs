@@ -423,7 +423,7 @@ async fn tag_tasks<R: Restart + 'static>(
     let world = sink.notebook.world.clone();
     let scanner = {
         let (channels, sink) = (channels.clone(), sink.clone());
-        air.scanner(address, path, move |data, rssi_dbm| scan::hear(&channels, &*sink, data, rssi_dbm))
+        air.scanner(address, path, move |data, rssi_dbm| scan::receive(&channels, &*sink, data, rssi_dbm))
     };
     let scanner = Interfering { scanner, world, processor, address };
     let models = site_models.as_deref().map_or(Err(node_record::LoadError::Missing), node_record::decode_models);

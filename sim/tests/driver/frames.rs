@@ -22,7 +22,7 @@ fn burst(count: u8, bytes: usize, gap: RadioDuration) -> (Vec<RadioInstant>, Vec
         async move {
             receiver.init().await.unwrap();
             let mut heard = Vec::new();
-            while let Ok(frame) = hear(&mut receiver, Start::Now, us(50_000), true).await {
+            while let Ok(frame) = receive(&mut receiver, Start::Now, us(50_000), true).await {
                 heard.push(frame);
             }
             heard
@@ -108,8 +108,8 @@ fn a_late_transmission_is_told_and_the_next_one_goes_out() {
         },
         async move {
             receiver.init().await.unwrap();
-            let first = hear(&mut receiver, Start::Now, us(60_000), true).await;
-            (first, hear(&mut receiver, Start::Now, us(10_000), false).await)
+            let first = receive(&mut receiver, Start::Now, us(60_000), true).await;
+            (first, receive(&mut receiver, Start::Now, us(10_000), false).await)
         },
     );
     assert_eq!(heard.0.map(|h| h.bytes), Ok(b"in time".to_vec()));
@@ -153,22 +153,22 @@ fn windows_are_kept() {
             // By the chip's timer, by the delay alone, delayed, and with a receiver that is on already.
             for window in [us(300), us(5_000), us(66_000), us(200_000)] {
                 let begin = radio.now().await.unwrap();
-                assert_eq!(hear(&mut radio, Start::Now, window, true).await, Err(ReceiveError::Timeout));
+                assert_eq!(receive(&mut radio, Start::Now, window, true).await, Err(ReceiveError::Timeout));
                 let took = radio.now().await.unwrap().since(begin).as_micros() - window.as_micros();
                 assert!((0..300).contains(&took), "{window:?}: {took} µs more");
             }
             let begin = soon(&mut radio, us(3_000)).await;
-            assert_eq!(hear(&mut radio, Start::At(begin), us(2_000), false).await, Err(ReceiveError::Timeout));
+            assert_eq!(receive(&mut radio, Start::At(begin), us(2_000), false).await, Err(ReceiveError::Timeout));
             let took = radio.now().await.unwrap().since(begin).as_micros();
             assert!((2_000..2_300).contains(&took), "{took}");
             radio.transmit(b"?", Start::Now, true).await.unwrap();
             let begin = radio.now().await.unwrap();
-            assert_eq!(hear(&mut radio, Start::Now, us(2_000), false).await, Err(ReceiveError::Timeout));
+            assert_eq!(receive(&mut radio, Start::Now, us(2_000), false).await, Err(ReceiveError::Timeout));
             let took = radio.now().await.unwrap().since(begin).as_micros();
             assert!((2_000..2_300).contains(&took), "{took}");
             // Late.
             let past = soon(&mut radio, us(0)).await;
-            assert_eq!(hear(&mut radio, Start::At(past), us(2_000), false).await, Err(ReceiveError::Late));
+            assert_eq!(receive(&mut radio, Start::At(past), us(2_000), false).await, Err(ReceiveError::Late));
         },
         async {},
     );
@@ -193,7 +193,7 @@ fn a_delayed_receiver_is_deaf_before_its_time() {
         async move {
             receiver.init().await.unwrap();
             let start = Start::At(soon(&mut receiver, us(40_000)).await);
-            hear(&mut receiver, start, us(30_000), false).await
+            receive(&mut receiver, start, us(30_000), false).await
         },
     );
     assert_eq!(heard.map(|h| h.bytes), Ok(vec![20]));
@@ -235,7 +235,7 @@ fn the_filter_lets_its_own_through_and_the_window_stays_open() {
             receiver.init().await.unwrap();
             let mut marks = Vec::new();
             for expected in 0..4 {
-                marks.push(hear(&mut receiver, Start::Now, us(60_000), true).await.map(|h| h.bytes[2]));
+                marks.push(receive(&mut receiver, Start::Now, us(60_000), true).await.map(|h| h.bytes[2]));
                 if expected == 2 {
                     // It has joined and has another address; frame 7 passes by.
                     clock.pause_ms(3).await;
@@ -281,7 +281,7 @@ fn collisions_are_told_and_the_next_stamp_is_right() {
             receiver.init().await.unwrap();
             let mut heard = Vec::new();
             loop {
-                match hear(&mut receiver, Start::Now, us(50_000), true).await {
+                match receive(&mut receiver, Start::Now, us(50_000), true).await {
                     Err(ReceiveError::Timeout) => return heard,
                     other => heard.push(other),
                 }
@@ -338,7 +338,7 @@ fn abandoned_operations_leave_a_radio_that_works() {
                     heard += 1;
                 }
             }
-            let last = hear(&mut receiver, Start::Now, us(5_000), false).await;
+            let last = receive(&mut receiver, Start::Now, us(5_000), false).await;
             (heard, last.map(|h| h.bytes.len()))
         },
     );

@@ -110,7 +110,7 @@ struct Received {
 }
 
 /// Receives into something that can be kept.
-async fn hear(
+async fn receive(
     radio: &mut Driver,
     start: Start,
     window: RadioDuration,

@@ -12,11 +12,11 @@ fn ranged(config: Config, ppm: f64, reply: RadioDuration) -> (f64, Received, Nod
             tag.init().await.unwrap();
             let at = soon(&mut tag, us(20_000)).await;
             let poll_tx = tag.transmit(b"poll", Start::At(at), true).await.unwrap();
-            (poll_tx, hear(&mut tag, Start::Now, us(30_000), false).await.unwrap())
+            (poll_tx, receive(&mut tag, Start::Now, us(30_000), false).await.unwrap())
         },
         async move {
             anchor.init().await.unwrap();
-            let poll = hear(&mut anchor, Start::Now, us(60_000), false).await.unwrap();
+            let poll = receive(&mut anchor, Start::Now, us(60_000), false).await.unwrap();
             assert_eq!(poll.bytes, b"poll");
             let at = poll.rx_time.plus(reply);
             let promised = anchor.departure(at);

@@ -30,8 +30,8 @@ fn sleep_keeps_the_configuration_and_waking_restores_the_rest() {
             },
             async move {
                 receiver.init().await.unwrap();
-                let first = hear(&mut receiver, Start::Now, us(2_000_000), true).await.map(|h| h.bytes);
-                (first, hear(&mut receiver, Start::Now, us(10_000), false).await.map(|h| h.bytes))
+                let first = receive(&mut receiver, Start::Now, us(2_000_000), true).await.map(|h| h.bytes);
+                (first, receive(&mut receiver, Start::Now, us(10_000), false).await.map(|h| h.bytes))
             },
         );
         assert_eq!(heard, (Ok(b"awake".to_vec()), Ok(b"awake".to_vec())));
@@ -64,7 +64,7 @@ fn sleep_and_send<F: Future<Output = ()> + 'static>(
         },
         async move {
             receiver.init().await.unwrap();
-            hear(&mut receiver, Start::Now, us(500_000), false).await.map(|heard| heard.bytes)
+            receive(&mut receiver, Start::Now, us(500_000), false).await.map(|heard| heard.bytes)
         },
     );
     assert_eq!(heard, Ok(b"awake".to_vec()));
@@ -104,7 +104,7 @@ fn the_chip_may_go_and_come_back() {
             // Its supply fails while it listens, and comes back: nothing hangs.
             let failing = node.clone();
             world_again.at(world_again.now() + Duration::from_millis(5), move |_| failing.power_off());
-            assert!(hear(&mut radio, Start::Now, us(20_000), false).await.is_err());
+            assert!(receive(&mut radio, Start::Now, us(20_000), false).await.is_err());
             assert!(matches!(radio.init().await, Err(Error::WrongChip(_))));
             assert_eq!(radio.now().await, Err(Error::NotReady));
             node.power_on();
@@ -149,7 +149,7 @@ fn impulse_response_has_its_peak_at_the_first_path() {
         },
         async move {
             receiver.init().await.unwrap();
-            let heard = hear(&mut receiver, Start::Now, us(60_000), false).await.unwrap();
+            let heard = receive(&mut receiver, Start::Now, us(60_000), false).await.unwrap();
             let mut samples = Vec::new();
             let window = ResponseWindow { first_path_index: heard.first_path_index, before: 16, count: 64 };
             let start = receiver.impulse_response(window, |sample| samples.push(sample)).await.unwrap();

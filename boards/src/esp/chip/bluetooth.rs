@@ -102,7 +102,7 @@ impl Controller {
                 self.answer.signal((complete.cmd_opcode, complete.status));
             }
         } else if event.kind == EventKind::Le {
-            tell(event.data, heard);
+            report(event.data, heard);
         }
     }
 
@@ -182,7 +182,7 @@ impl HostToControllerPacket for Bytes {
 }
 
 /// Hands the advertisements of a "meta event" over, if it has any.
-fn tell(event: &[u8], heard: &mut impl FnMut(Advertisement<'_>)) {
+fn report(event: &[u8], heard: &mut impl FnMut(Advertisement<'_>)) {
     let Some((&LeAdvertisingReport::SUBEVENT_CODE, data)) = event.split_first() else { return };
     let Ok(event) = LeAdvertisingReport::from_hci_bytes_complete(data) else { return };
     for report in event.reports.iter().flatten() {

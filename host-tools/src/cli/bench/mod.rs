@@ -74,7 +74,7 @@ impl Checked<'_> {
     ) -> Result<()> {
         self.print(document, table)?;
         if let Some(file) = self.picture {
-            file.write_and_tell(picture()?)?;
+            file.write_and_note(picture()?)?;
         }
         Ok(())
     }

@@ -13,7 +13,7 @@ use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map, MapError};
 use super::fingerprint::Averages;
 use super::{PlanArguments, survey_of};
 use crate::cli::progress::Progress;
-use crate::cli::{print_json, tell, write};
+use crate::cli::{note, print_json, write};
 
 /// Points of larger surveys are found block by block.
 const MOST_FOLDS: usize = 64;
@@ -119,7 +119,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
         return print_json(&summary);
     }
-    tell(&summary.text(arguments));
+    note(&summary.text(arguments));
     Ok(())
 }
 

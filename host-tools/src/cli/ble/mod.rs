@@ -76,7 +76,7 @@ fn tell_strange(known: &[impl AsRef<str>], captures: &[Capture], place: &str) {
     let known: BTreeSet<&str> = known.iter().map(AsRef::as_ref).collect();
     let strange: BTreeSet<&str> = heard(captures).difference(&known).copied().collect();
     if !strange.is_empty() {
-        super::tell(&format!("heard, but not on {place}: {}\n", listed(strange)));
+        super::note(&format!("heard, but not on {place}: {}\n", listed(strange)));
     }
 }
 
@@ -87,12 +87,12 @@ fn tell_unknown(beacons: &[Beacon], captures: &[Capture]) {
     let (known, heard) = (BTreeSet::from_iter(names), heard(captures));
     let mute: BTreeSet<&str> = known.difference(&heard).copied().collect();
     if !mute.is_empty() {
-        super::tell(&format!("on the map, but never heard: {}\n", listed(mute)));
+        super::note(&format!("on the map, but never heard: {}\n", listed(mute)));
     }
     let usual = beacons.iter().filter(|beacon| beacon.rssi_1m_dbm.is_none() || beacon.path_loss_exponent.is_none());
     let usual: BTreeSet<&str> = usual.map(|beacon| beacon.name.as_str()).collect();
     if !usual.is_empty() {
-        super::tell(&format!("path loss not known, taken to be usual: {}\n", listed(usual)));
+        super::note(&format!("path loss not known, taken to be usual: {}\n", listed(usual)));
     }
 }
 

@@ -150,7 +150,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         cli::print(table(&scores, &names).as_bytes())?;
     }
     if let Some(picture) = picture {
-        picture.write_and_tell(plot::confusion(chosen.method.as_str(), &names, &chosen.confusion)?)?;
+        picture.write_and_note(plot::confusion(chosen.method.as_str(), &names, &chosen.confusion)?)?;
     }
     Ok(())
 }
@@ -164,7 +164,7 @@ fn by_model(file: &Path, targets: &Path, window_s: f64) -> Result<(Vec<Score>, V
     let targets = Survey::of_names(&names).targets(targets, &read_stays(targets)?, window_s)?;
     let trained = Trained { bytes, rooms: (0..names.rooms.len()).collect() };
     let progress = Progress::new(targets.points.len());
-    let score = rooms::judge(method, &trained, &targets, window_s, || progress.step())?;
+    let score = rooms::evaluate(method, &trained, &targets, window_s, || progress.step())?;
     Ok((vec![score], targets.rooms))
 }
 
@@ -198,7 +198,7 @@ impl Arguments {
         let Some(trained) = rooms::train(method, survey, &chosen)? else { return Ok(()) };
         let rooms = trained.rooms.iter().map(|room| survey.rooms[*room].clone()).collect();
         let names = Names { beacons: survey.beacons.clone(), rooms };
-        cli::tell(&format!(
+        cli::note(&format!(
             "model: {}, {} bytes on a node; beacons {}; rooms {}\n",
             file.display(),
             trained.bytes.len(),

@@ -9,8 +9,8 @@ use host_tools::locate::ble::{RssiMethod, Setup, Solver};
 use positioning_core::ble::beacon_monitor::{BeaconHealth, HealthChange};
 
 use crate::cli::answers::{Answers, ByMethod, Told};
+use crate::cli::note;
 use crate::cli::recorded::{CornersM, finite};
-use crate::cli::tell;
 
 /// Positions by path loss: least squares, the posterior mean, a particle filter, the tag's engine
 ///
@@ -121,7 +121,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             }
             BeaconHealth::TwoPlaces => "is left out: two senders have its identity",
         };
-        tell(&format!("engine: after {seconds} s beacon {name} {found}\n"));
+        note(&format!("engine: after {seconds} s beacon {name} {found}\n"));
     }
     Ok(())
 }

@@ -14,7 +14,7 @@ use host_tools::{UserError, plot};
 
 use crate::cli::progress::Progress;
 use crate::cli::recorded::finite;
-use crate::cli::{PictureFile, print, print_json, tell, write};
+use crate::cli::{PictureFile, note, print, print_json, write};
 
 /// RSSI at one metre and path loss exponent of every beacon, from fingerprints or a walk: by regression, and as a node learns it
 ///
@@ -127,13 +127,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         print(table(&rows, arguments.rssi.is_some()).as_bytes())?;
     }
     if let Some(wall_db) = wall_db {
-        tell(&format!("a wall takes {wall_db} dB (ble solve --wall-db {wall_db})\n"));
+        note(&format!("a wall takes {wall_db} dB (ble solve --wall-db {wall_db})\n"));
     }
     if let Some(picture) = picture {
-        picture.write_and_tell(plot::path_loss(&calibrated)?)?;
+        picture.write_and_note(plot::path_loss(&calibrated)?)?;
     }
     if let Some(file) = &arguments.out {
-        tell(&format!("beacons: {}\n", file.display()));
+        note(&format!("beacons: {}\n", file.display()));
     }
     Ok(())
 }

@@ -13,7 +13,7 @@ use host_tools::survey::campaign::{
 use indicatif::ProgressBar;
 
 use crate::cli::stream::{Input, STOP, SourceArguments, catch_ctrl_c};
-use crate::cli::{print_json, tell};
+use crate::cli::{note, print_json};
 
 /// Survey fingerprints: go from point to point with a tag, and have written what it hears
 ///
@@ -72,7 +72,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         (None, places) => live(arguments, places, &mut book)?,
     };
     let taken = visits.iter().filter(|visit| visit.taken).count();
-    tell(&format!("{taken} points taken, {} refused: {}\n", visits.len() - taken, arguments.out.display()));
+    note(&format!("{taken} points taken, {} refused: {}\n", visits.len() - taken, arguments.out.display()));
     if arguments.json {
         let rows = visits.into_iter().map(|visit| Row {
             reasons: visit.biases.iter().map(ToString::to_string).collect(),
@@ -91,7 +91,7 @@ fn missing<'p>(places: &'p [SurveyPoint], book: &FingerprintFile) -> Vec<&'p Sur
     let (there, missing): (Vec<_>, Vec<_>) = places.iter().partition(|place| book.has(&place.name));
     if !there.is_empty() {
         let names: Vec<_> = there.iter().map(|place| place.name.as_str()).collect();
-        tell(&format!("in the file already, not visited again: {}\n", names.join(", ")));
+        note(&format!("in the file already, not visited again: {}\n", names.join(", ")));
     }
     missing
 }
@@ -118,7 +118,7 @@ fn recorded(
             for (_, stay, over) in &mut stays {
                 *over |= stay.at(t_s);
                 if let Some((beacon, rssi_dbm)) = &sighting {
-                    stay.hear(t_s, beacon, *rssi_dbm);
+                    stay.receive(t_s, beacon, *rssi_dbm);
                 }
             }
         });
@@ -130,11 +130,11 @@ fn recorded(
     let mut visits = Vec::new();
     for (place, stay, over) in stays {
         if !over {
-            tell(&format!("{}: the recording ends before its stay does\n", place.name));
+            note(&format!("{}: the recording ends before its stay does\n", place.name));
             continue;
         }
         let visit = Visit::conclude(place, &stay, book)?;
-        tell(&format!("{}\n", visit.said()));
+        note(&format!("{}\n", visit.said()));
         visits.push(visit);
     }
     Ok(visits)
@@ -162,9 +162,9 @@ impl Terminal {
 }
 
 impl Person for Terminal {
-    fn tell(&mut self, text: &str) {
+    fn note(&mut self, text: &str) {
         self.bar.set_message("");
-        self.bar.suspend(|| tell(&format!("{text}\n")));
+        self.bar.suspend(|| note(&format!("{text}\n")));
     }
 
     fn show(&mut self, status: &str) {
@@ -197,17 +197,17 @@ fn live(arguments: &Arguments, places: Option<Vec<SurveyPoint>>, book: &mut Fing
         return Ok(visits);
     }
     loop {
-        guide.person.tell("which point? name x y, in metres, and its room; an empty line ends");
+        guide.person.note("which point? name x y, in metres, and its room; an empty line ends");
         match guide.line()?.as_deref() {
             None | Some("") => return Ok(visits),
             Some(line) => match parse_point(line) {
-                Ok(place) if book.has(&place.name) => guide.person.tell("that point is in the file already"),
+                Ok(place) if book.has(&place.name) => guide.person.note("that point is in the file already"),
                 Ok(place) => {
                     if guide.visit(&place, book, &mut visits)?.is_none() {
                         return Ok(visits);
                     }
                 }
-                Err(expected) => guide.person.tell(&expected),
+                Err(expected) => guide.person.note(&expected),
             },
         }
     }

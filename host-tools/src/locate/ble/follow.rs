@@ -106,7 +106,7 @@ impl<'a> Follower<'a> {
             for sample in samples {
                 if let Some(beacon) = self.solver.beacons.iter().position(|beacon| beacon.name == sample.beacon) {
                     let now_us = self.microseconds(sample.t_s);
-                    self.beacons.hear(now_us, beacon, sample.rssi_dbm as f32);
+                    self.beacons.receive(now_us, beacon, sample.rssi_dbm as f32);
                 }
             }
             let end_s = samples.last().map_or(last_s, |sample| first_s + (window(sample) + 1.0) * window_s);

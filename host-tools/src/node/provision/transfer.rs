@@ -165,7 +165,7 @@ fn read_pages(flash: &mut impl Flash, board: Board) -> Result<[Vec<u8>; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::node::probe::knows;
+    use crate::node::probe::supports;
     use crate::node::provision::{EXAMPLE, Site};
     use node_record::{BeaconModel, Record, SiteModels, decode_models, encode_models};
     use std::collections::BTreeMap;
@@ -324,7 +324,7 @@ mod tests {
     #[test]
     fn probe_rs_knows_the_boards_chips() {
         for board in Board::ALL {
-            assert!(knows(chip(board)), "{board:?}");
+            assert!(supports(chip(board)), "{board:?}");
         }
     }
 }

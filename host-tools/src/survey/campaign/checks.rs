@@ -80,7 +80,7 @@ impl fmt::Display for Bias {
 }
 
 /// Why a stay does not stand for its point; nothing where it does.
-pub fn judge(stay: &Dwell) -> Vec<Bias> {
+pub fn biases(stay: &Dwell) -> Vec<Bias> {
     let beacons = stay.by_beacon();
     let most = beacons.values().map(Vec::len).max().unwrap_or(0);
     let rate_hz = most as f64 / stay.length_s;
@@ -145,7 +145,7 @@ fn drift(adverts: &[(f64, f64)]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{Bias, judge};
+    use super::{Bias, biases};
     use crate::survey::campaign::Dwell;
 
     /// Ten seconds of three beacons at ten adverts a second; `rssi` says what the beacon has at a time, if it is heard.
@@ -157,7 +157,7 @@ mod tests {
             for beacon in 0..3 {
                 // One decibel up and down: no receiver is steadier.
                 if let Some(rssi) = rssi(beacon, t_s) {
-                    stay.hear(t_s, &beacon.to_string(), rssi + f64::from(advert % 3 - 1));
+                    stay.receive(t_s, &beacon.to_string(), rssi + f64::from(advert % 3 - 1));
                 }
             }
         }
@@ -166,15 +166,15 @@ mod tests {
 
     #[test]
     fn a_steady_stay_is_taken() {
-        assert_eq!(judge(&stay(|beacon, _| Some(-60.0 - 5.0 * beacon as f64))), []);
+        assert_eq!(biases(&stay(|beacon, _| Some(-60.0 - 5.0 * beacon as f64))), []);
         // A weak beacon comes and goes.
-        assert_eq!(judge(&stay(|beacon, t_s| (beacon < 2 || t_s < 5.0).then_some([-60.0, -70.0, -90.0][beacon]))), []);
+        assert_eq!(biases(&stay(|beacon, t_s| (beacon < 2 || t_s < 5.0).then_some([-60.0, -70.0, -90.0][beacon]))), []);
     }
 
     #[test]
     fn silence_is_no_fingerprint() {
-        assert_eq!(judge(&stay(|_, t_s| (t_s < 0.95).then_some(-60.0))), [Bias::TooFew { rate_hz: 1.0 }]);
-        let biases = judge(&stay(|beacon, t_s| (beacon != 1 || t_s < 6.0).then_some(-60.0)));
+        assert_eq!(biases(&stay(|_, t_s| (t_s < 0.95).then_some(-60.0))), [Bias::TooFew { rate_hz: 1.0 }]);
+        let biases = biases(&stay(|beacon, t_s| (beacon != 1 || t_s < 6.0).then_some(-60.0)));
         let [Bias::Silent { beacon, from_s, for_s }] = biases.as_slice() else { panic!("{biases:?}") };
         assert_eq!(beacon, "1");
         assert!((from_s - 5.9).abs() < 1e-9 && (for_s - 4.1).abs() < 1e-9);
@@ -183,12 +183,12 @@ mod tests {
     #[test]
     fn a_level_that_drifts_or_jumps_is_no_fingerprint() {
         // 1.5 dB a second over ten seconds.
-        let biases = judge(&stay(|beacon, t_s| Some(-60.0 - if beacon == 2 { 1.5 * t_s } else { 0.0 })));
-        let [Bias::Drift { beacon, by_db }] = biases.as_slice() else { panic!("{biases:?}") };
+        let found = biases(&stay(|beacon, t_s| Some(-60.0 - if beacon == 2 { 1.5 * t_s } else { 0.0 })));
+        let [Bias::Drift { beacon, by_db }] = found.as_slice() else { panic!("{found:?}") };
         assert!(beacon == "2" && (by_db + 15.0).abs() < 0.1, "{by_db}");
         // 9 dB from seven seconds on: the second half has a mean of 9 · 3/5 = 5.4 more, which is still taken; from five seconds on 9.
         let jump = |from_s: f64| {
-            judge(&stay(move |beacon, t_s| Some(-60.0 + if beacon == 0 && t_s >= from_s { 9.0 } else { 0.0 })))
+            biases(&stay(move |beacon, t_s| Some(-60.0 + if beacon == 0 && t_s >= from_s { 9.0 } else { 0.0 })))
         };
         assert_eq!(jump(7.0), []);
         // A straight line through a step of 9 rises by 1.5 · 9 = 13.5 over the stay.
@@ -201,7 +201,7 @@ mod tests {
     fn whoever_walks_is_told_to_stand_still() {
         // All RSSI values change by 5 dB half way, one up and two down: too little for any beacon alone.
         let biases =
-            judge(&stay(|beacon, t_s| Some(-60.0 + if t_s >= 4.95 { [5.0, -5.0, -5.0][beacon] } else { 0.0 })));
+            biases(&stay(|beacon, t_s| Some(-60.0 + if t_s >= 4.95 { [5.0, -5.0, -5.0][beacon] } else { 0.0 })));
         let [Bias::Moved { by_db }] = biases.as_slice() else { panic!("{biases:?}") };
         assert!((by_db - 5.0).abs() < 0.1, "{by_db}");
         assert_eq!(biases[0].to_string(), "most levels change, by 5.0 dB and more: stand still");

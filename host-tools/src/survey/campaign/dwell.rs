@@ -42,7 +42,7 @@ impl Dwell {
     }
 
     /// An advert that came before the stay was over, and not before it began.
-    pub fn hear(&mut self, t_s: f64, beacon: &str, rssi_dbm: f64) {
+    pub fn receive(&mut self, t_s: f64, beacon: &str, rssi_dbm: f64) {
         let since_s = t_s - self.from_s.unwrap_or(t_s);
         if !(0.0..self.length_s).contains(&since_s) {
             return;
@@ -82,12 +82,12 @@ mod tests {
     fn a_stay_begins_with_the_first_message_and_ends_by_the_nodes_time() {
         let mut stay = Dwell::new(None, 10.0);
         assert!(!stay.at(100.0));
-        stay.hear(100.5, "1", -60.0);
-        stay.hear(101.0, "1", 127.0);
+        stay.receive(100.5, "1", -60.0);
+        stay.receive(101.0, "1", 127.0);
         assert!(!stay.at(109.9));
-        stay.hear(109.9, "2", -70.0);
+        stay.receive(109.9, "2", -70.0);
         assert!(stay.at(110.0));
-        stay.hear(110.0, "2", -70.0);
+        stay.receive(110.0, "2", -70.0);
         assert_eq!((stay.adverts.len(), stay.refused), (2, 1));
         assert_eq!(stay.status(), "10 of 10 s, 1: 1 at -60 dBm, 2: 1 at -70 dBm");
     }
@@ -96,8 +96,8 @@ mod tests {
     fn what_came_before_a_stay_of_a_recording_is_not_its() {
         let mut stay = Dwell::new(Some(50.0), 10.0);
         assert!(!stay.at(49.0));
-        stay.hear(49.0, "1", -60.0);
-        stay.hear(50.0, "1", -60.0);
+        stay.receive(49.0, "1", -60.0);
+        stay.receive(50.0, "1", -60.0);
         assert_eq!(stay.adverts.len(), 1);
     }
 }

@@ -100,7 +100,7 @@ mod tests {
     fn stay() -> Dwell {
         let mut stay = Dwell::new(None, 10.0);
         stay.at(3.0);
-        stay.hear(3.25, "7", -61.0);
+        stay.receive(3.25, "7", -61.0);
         stay
     }
 

@@ -9,7 +9,7 @@ mod fingerprint_file;
 mod points;
 mod wizard;
 
-pub use checks::{Bias, judge};
+pub use checks::{Bias, biases};
 pub use dwell::{Advert, Dwell};
 pub use fingerprint_file::FingerprintFile;
 pub use points::{SurveyPoint, parse_point, read_points};

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use telemetry::Message;
 
-use super::checks::{Bias, judge};
+use super::checks::{Bias, biases};
 use super::dwell::Dwell;
 use super::fingerprint_file::FingerprintFile;
 use super::points::SurveyPoint;
@@ -21,7 +21,7 @@ const SILENT: u32 = 200;
 /// Who carries the node.
 pub trait Person {
     /// Is told something.
-    fn tell(&mut self, text: &str);
+    fn note(&mut self, text: &str);
     /// Is shown how it stands, several times a second.
     fn show(&mut self, status: &str);
     /// The line that was typed since; [`Typed::Nothing`] at once, if there is none.
@@ -63,7 +63,7 @@ impl Visit {
     /// # Errors
     /// The file system's.
     pub fn conclude(place: &SurveyPoint, stay: &Dwell, book: &mut FingerprintFile) -> Result<Self> {
-        let biases = judge(stay);
+        let biases = biases(stay);
         if biases.is_empty() {
             book.add(place, stay)?;
         }
@@ -128,7 +128,7 @@ impl<'a> Wizard<'a> {
     ) -> Result<Option<()>> {
         let [x_m, y_m] = place.position_m;
         let room = place.room.as_ref().map_or_else(String::new, |room| format!("{room}, "));
-        self.person.tell(&format!(
+        self.person.note(&format!(
             "go to {} ({room}x {x_m}, y {y_m}) and stand still; Enter begins, s skips, q ends",
             place.name
         ));
@@ -140,13 +140,13 @@ impl<'a> Wizard<'a> {
             }
             let Some(stay) = self.stay()? else { return Ok(None) };
             let visit = Visit::conclude(place, &stay, book)?;
-            self.person.tell(&visit.said());
+            self.person.note(&visit.said());
             let taken = visit.taken;
             visits.push(visit);
             if taken {
                 return Ok(Some(()));
             }
-            self.person.tell("Enter tries again, s skips, q ends");
+            self.person.note("Enter tries again, s skips, q ends");
         }
     }
 
@@ -183,7 +183,7 @@ impl<'a> Wizard<'a> {
             let heard = self.next(&mut |t_s, sighting| {
                 over |= stay.at(t_s);
                 if let Some((beacon, rssi_dbm)) = sighting {
-                    stay.hear(t_s, &beacon, rssi_dbm);
+                    stay.receive(t_s, &beacon, rssi_dbm);
                 }
             })?;
             if heard.is_none() && !over {
@@ -202,16 +202,16 @@ impl<'a> Wizard<'a> {
         let event = self.source.next(PATIENCE)?;
         self.silent = if event.is_none() { self.silent.saturating_add(1) } else { 0 };
         if self.silent == SILENT {
-            self.person.tell("nothing comes from the node: is it connected, and does its record have it scan?");
+            self.person.note("nothing comes from the node: is it connected, and does its record have it scan?");
         }
         match event {
             Some(Event::Bytes(Channel::Telemetry, bytes)) => each_advert(&mut self.stream, &bytes, take),
             Some(Event::Lost(why)) => {
                 self.stream.interrupted();
-                self.person.tell(&format!("connection lost ({why}); it is sought again"));
+                self.person.note(&format!("connection lost ({why}); it is sought again"));
             }
-            Some(Event::Connected(to)) => self.person.tell(&format!("connected to {to}")),
-            Some(Event::Silent) => self.person.tell("the node runs, but says nothing: is a baliza image flashed?"),
+            Some(Event::Connected(to)) => self.person.note(&format!("connected to {to}")),
+            Some(Event::Silent) => self.person.note("the node runs, but says nothing: is a baliza image flashed?"),
             Some(Event::End) => return Ok(None),
             Some(Event::Bytes(Channel::Log, _) | Event::Text(_) | Event::Restarted | Event::Flashed { .. }) | None => {}
         }
@@ -279,7 +279,7 @@ mod tests {
     }
 
     impl Person for Script {
-        fn tell(&mut self, text: &str) {
+        fn note(&mut self, text: &str) {
             self.told.push(text.to_owned());
         }
         fn show(&mut self, _status: &str) {}

@@ -163,7 +163,7 @@ impl<'a> Way<'a> {
         let fading_us = (Motion::<f64>::default().fading_s * 1.0e6) as u64;
         if !goes_on || now_us.saturating_sub(self.learnt_us) >= fading_us {
             self.learnt_us = now_us;
-            self.receiver.believe(found.offset_db, found.offset_deviation_db);
+            self.receiver.set_offset(found.offset_db, found.offset_deviation_db);
         }
     }
 }

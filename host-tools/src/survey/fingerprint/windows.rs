@@ -66,7 +66,7 @@ fn smoothed(name: &str, samples: &[Sample], average: Average) -> Vec<(f64, f64)>
             Average::Power => milliwatts(*rssi),
             Average::Trimmed => *rssi,
         };
-        kalman.hear(((*t_s - begun_s) * 1.0e6) as u64, value, &Smoothing::default());
+        kalman.receive(((*t_s - begun_s) * 1.0e6) as u64, value, &Smoothing::default());
         *rssi = kalman.rssi().unwrap_or(value);
     }
     rssis

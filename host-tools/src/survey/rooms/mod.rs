@@ -10,6 +10,6 @@ mod svm;
 mod train;
 
 pub use file::{ModelFile, Names};
-pub use score::{Score, Settled, judge, leave_one_out, score};
+pub use score::{Score, Settled, evaluate, leave_one_out, score};
 pub use survey::{MeanRssi, Point, Survey};
 pub use train::{Method, Trained, train};

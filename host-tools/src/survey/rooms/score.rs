@@ -103,14 +103,14 @@ impl Score {
 pub fn score(method: Method, survey: &Survey, targets: &Survey, window_s: f64, step: impl Fn()) -> Result<Score> {
     let chosen: Vec<&Point> = survey.points.iter().collect();
     let trained = train(method, survey, &chosen)?.context("the fingerprints are of one room")?;
-    judge(method, &trained, targets, window_s, step)
+    evaluate(method, &trained, targets, window_s, step)
 }
 
 /// Answers for the targets by a model; `step` is called for each.
 ///
 /// # Errors
 /// The model cannot be read.
-pub fn judge(method: Method, trained: &Trained, targets: &Survey, window_s: f64, step: impl Fn()) -> Result<Score> {
+pub fn evaluate(method: Method, trained: &Trained, targets: &Survey, window_s: f64, step: impl Fn()) -> Result<Score> {
     let mut score = Score::new(method, targets.rooms.len());
     for point in &targets.points {
         score.add(trained, point, microseconds(window_s))?;

@@ -38,12 +38,12 @@ impl<T: Real> Default for Receiver<T> {
 impl<T: Real> Receiver<T> {
     /// Takes what a scan has said of the offset, for the next one.
     pub fn learn(&mut self, posterior: &Posterior<T>) {
-        self.believe(posterior.offset_db, posterior.offset_deviation_db);
+        self.set_offset(posterior.offset_db, posterior.offset_deviation_db);
     }
 
     /// Takes an offset that was found otherwise, with its deviation, dB; one that is known stays as it is. Scans at one place are shadowed
     /// alike, so that the deviation is kept from vanishing: some five scans count.
-    pub fn believe(&mut self, offset_db: T, offset_deviation_db: T) {
+    pub fn set_offset(&mut self, offset_db: T, offset_deviation_db: T) {
         if self.offset_deviation_db > T::ZERO && offset_db.is_finite() {
             self.offset_db = offset_db;
             self.offset_deviation_db = offset_deviation_db.at_least(T::of(LEAST_OFFSET_DB));

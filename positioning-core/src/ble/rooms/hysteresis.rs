@@ -77,7 +77,7 @@ impl RoomHysteresis {
             self.smoothed = told.clone();
         }
         self.at_us = now_us;
-        self.answer = self.judge();
+        self.answer = self.decide();
         self.answer
     }
 
@@ -91,7 +91,7 @@ impl RoomHysteresis {
         self.smoothed.get(usize::from(room)).copied().unwrap_or(0.0)
     }
 
-    fn judge(&self) -> RoomEstimate {
+    fn decide(&self) -> RoomEstimate {
         let (mut first, mut second) = (0, 0);
         let (mut most, mut next) = (-1.0, -1.0);
         for (room, &p) in (0..MAX_ROOMS as u8).zip(&self.smoothed) {

@@ -36,7 +36,7 @@ impl<T: Real, const N: usize> Beacons<T, N> {
     }
 
     /// Takes the RSSI of an advert of beacon number `beacon`, dBm as reported.
-    pub fn hear(&mut self, now_us: u64, beacon: usize, rssi_dbm: T) -> Verdict {
+    pub fn receive(&mut self, now_us: u64, beacon: usize, rssi_dbm: T) -> Verdict {
         let rssi_dbm = match rssi(rssi_dbm) {
             Ok(rssi_dbm) => rssi_dbm,
             Err(reason) => return Verdict::Refused(reason),
@@ -45,11 +45,11 @@ impl<T: Real, const N: usize> Beacons<T, N> {
         if now_us.saturating_sub(kalman.heard_us()) > self.window_us.saturating_mul(FORGOTTEN) {
             *kalman = Kalman::default();
         }
-        let step = kalman.hear(now_us, rssi_dbm, &self.smoothing);
+        let step = kalman.receive(now_us, rssi_dbm, &self.smoothing);
         if step == Step::Started {
             window.clear();
         }
-        window.hear(now_us, kalman.rssi().unwrap_or(rssi_dbm));
+        window.receive(now_us, kalman.rssi().unwrap_or(rssi_dbm));
         match step {
             Step::Started => Verdict::Started,
             Step::Smoothed => Verdict::Taken,
@@ -81,7 +81,7 @@ mod tests {
     #[test]
     fn a_beacon_that_vanishes_is_unheard_and_one_that_never_spoke_too() {
         let mut beacons = beacons();
-        assert_eq!(beacons.hear(1_000_000, 0, -60.0), Verdict::Started);
+        assert_eq!(beacons.receive(1_000_000, 0, -60.0), Verdict::Started);
         assert_eq!(beacons.scan(1_400_000), [Some(-60.0), None]);
         assert_eq!(beacons.scan(1_600_000), [None, None]);
     }
@@ -89,11 +89,11 @@ mod tests {
     #[test]
     fn what_is_no_measurement_changes_nothing() {
         let mut beacons = beacons();
-        beacons.hear(1_000_000, 0, -60.0);
-        assert_eq!(beacons.hear(1_000_000, 0, 127.0), Verdict::Refused(RssiError::Unavailable));
-        assert_eq!(beacons.hear(1_000_000, 0, 0.0), Verdict::Refused(RssiError::NotNegative));
-        assert_eq!(beacons.hear(1_000_000, 0, f32::NAN), Verdict::Refused(RssiError::NotFinite));
-        assert_eq!(beacons.hear(1_000_000, 2, -50.0), Verdict::Unknown);
+        beacons.receive(1_000_000, 0, -60.0);
+        assert_eq!(beacons.receive(1_000_000, 0, 127.0), Verdict::Refused(RssiError::Unavailable));
+        assert_eq!(beacons.receive(1_000_000, 0, 0.0), Verdict::Refused(RssiError::NotNegative));
+        assert_eq!(beacons.receive(1_000_000, 0, f32::NAN), Verdict::Refused(RssiError::NotFinite));
+        assert_eq!(beacons.receive(1_000_000, 2, -50.0), Verdict::Unknown);
         assert_eq!(beacons.scan(1_000_000), [Some(-60.0), None]);
     }
 
@@ -101,9 +101,9 @@ mod tests {
     fn a_beacon_that_comes_back_elsewhere_is_believed_at_once() {
         let mut beacons = beacons();
         for advert in 0..50 {
-            beacons.hear(advert * 100_000, 0, -50.0);
+            beacons.receive(advert * 100_000, 0, -50.0);
         }
-        assert_eq!(beacons.hear(60_000_000, 0, -80.0), Verdict::Started);
+        assert_eq!(beacons.receive(60_000_000, 0, -80.0), Verdict::Started);
         assert_eq!(beacons.scan(60_000_000), [Some(-80.0), None]);
     }
 
@@ -112,7 +112,7 @@ mod tests {
         // 10,000 adverts a second, RSSI values alternating by 2 dB about −60.
         let mut beacons = beacons();
         for advert in 0..20_000_u64 {
-            beacons.hear(advert * 100, 1, if advert % 2 == 0 { -58.0 } else { -62.0 });
+            beacons.receive(advert * 100, 1, if advert % 2 == 0 { -58.0 } else { -62.0 });
         }
         let rssi = beacons.scan(2_000_000)[1].expect("heard");
         assert!((rssi + 60.0).abs() < 0.1, "{rssi}");
@@ -121,8 +121,8 @@ mod tests {
     #[test]
     fn after_the_clock_was_set_back_adverts_count_again() {
         let mut beacons = beacons();
-        beacons.hear(90_000_000, 0, -50.0);
-        assert_eq!(beacons.hear(1_000, 0, -70.0), Verdict::Started);
+        beacons.receive(90_000_000, 0, -50.0);
+        assert_eq!(beacons.receive(1_000, 0, -70.0), Verdict::Started);
         assert_eq!(beacons.scan(1_000), [Some(-70.0), None]);
     }
 }

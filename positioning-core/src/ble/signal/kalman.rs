@@ -56,7 +56,7 @@ impl<T: Real> Default for Kalman<T> {
 impl<T: Real> Kalman<T> {
     /// Takes an RSSI that [`rssi`](super::RSSI) has judged, dBm, heard at `now_us`.
     #[inline]
-    pub fn hear(&mut self, now_us: u64, rssi: T, smoothing: &Smoothing<T>) -> Step {
+    pub fn receive(&mut self, now_us: u64, rssi: T, smoothing: &Smoothing<T>) -> Step {
         if self.variance < T::ZERO || now_us.saturating_add(OVERTAKING_US) < self.at_us {
             *self = Self { rssi, variance: smoothing.measurement, at_us: now_us };
             return Step::Started;
@@ -98,10 +98,10 @@ mod tests {
         // P 0.502488; P⁻ 0.512488, K 0.3388375, x −57.990050 − 0.3388375 · 4.009950 = −59.348771.
         let (mut kalman, smoothing) = (Kalman::<f64>::default(), Smoothing::default());
         assert_eq!(kalman.rssi(), None);
-        assert_eq!(kalman.hear(5_000_000, -60.0, &smoothing), Step::Started);
-        assert_eq!(kalman.hear(5_100_000, -56.0, &smoothing), Step::Smoothed);
+        assert_eq!(kalman.receive(5_000_000, -60.0, &smoothing), Step::Started);
+        assert_eq!(kalman.receive(5_100_000, -56.0, &smoothing), Step::Smoothed);
         assert!((kalman.rssi().expect("heard") + 57.990_050).abs() < 1e-6, "{kalman:?}");
-        kalman.hear(5_200_000, -62.0, &smoothing);
+        kalman.receive(5_200_000, -62.0, &smoothing);
         assert!((kalman.rssi().expect("heard") + 59.348_771).abs() < 2e-6, "{kalman:?}");
     }
 
@@ -109,26 +109,26 @@ mod tests {
     fn after_silence_the_next_advert_counts_for_more() {
         // P 1 after the first; 20 s are 200 intervals: P⁻ 1 + 2 = 3, K 3/4.
         let (mut kalman, smoothing) = (Kalman::<f64>::default(), Smoothing::default());
-        kalman.hear(0, -60.0, &smoothing);
-        kalman.hear(20_000_000, -80.0, &smoothing);
+        kalman.receive(0, -60.0, &smoothing);
+        kalman.receive(20_000_000, -80.0, &smoothing);
         assert!((kalman.rssi().expect("heard") + 75.0).abs() < 1e-12, "{kalman:?}");
     }
 
     #[test]
     fn an_overtaken_advert_counts_and_a_clock_set_back_starts_anew() {
         let (mut kalman, smoothing) = (Kalman::<f64>::default(), Smoothing::default());
-        kalman.hear(10_000_000, -60.0, &smoothing);
-        assert_eq!(kalman.hear(9_500_000, -60.0, &smoothing), Step::Smoothed);
+        kalman.receive(10_000_000, -60.0, &smoothing);
+        assert_eq!(kalman.receive(9_500_000, -60.0, &smoothing), Step::Smoothed);
         assert_eq!(kalman.heard_us(), 10_000_000);
-        assert_eq!(kalman.hear(1_000_000, -80.0, &smoothing), Step::Started);
+        assert_eq!(kalman.receive(1_000_000, -80.0, &smoothing), Step::Started);
         assert_eq!((kalman.rssi(), kalman.heard_us()), (Some(-80.0), 1_000_000));
     }
 
     #[test]
     fn no_interval_and_the_end_of_time_leave_numbers() {
         let (mut kalman, smoothing) = (Kalman::<f32>::default(), Smoothing { interval_us: 0, ..Smoothing::default() });
-        kalman.hear(0, -60.0, &smoothing);
-        kalman.hear(u64::MAX, -70.0, &smoothing);
+        kalman.receive(0, -60.0, &smoothing);
+        kalman.receive(u64::MAX, -70.0, &smoothing);
         assert!(kalman.rssi().expect("heard").is_finite() && kalman.variance_at(u64::MAX, &smoothing).is_finite());
     }
 }

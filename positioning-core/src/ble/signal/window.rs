@@ -23,7 +23,7 @@ impl<T: Real, const N: usize> Default for Window<T, N> {
 
 impl<T: Real, const N: usize> Window<T, N> {
     /// Takes an RSSI, dBm, heard at `now_us`; it displaces the oldest where the window is full.
-    pub fn hear(&mut self, now_us: u64, rssi: T) {
+    pub fn receive(&mut self, now_us: u64, rssi: T) {
         if let Some(advert) = self.adverts.get_mut(self.next) {
             *advert = (now_us, rssi);
             self.next = (self.next + 1) % N;
@@ -69,7 +69,7 @@ mod tests {
     fn the_mean_is_that_of_the_last_half_second() {
         let mut window = Window::<f64>::default();
         for (at_ms, rssi) in [(0, -90.0), (500, -60.0), (800, -64.0), (1000, -62.0)] {
-            window.hear(at_ms * 1000, rssi);
+            window.receive(at_ms * 1000, rssi);
         }
         // (−60 − 64 − 62) ⁄ 3 = −62; deviation √((4 + 4 + 0) ⁄ 2) = 2.
         assert_eq!(window.mean(1_000_000, 500_000), Some(-62.0));
@@ -83,9 +83,9 @@ mod tests {
     fn of_a_beacon_that_screams_the_latest_count() {
         let mut window = Window::<f64, 3>::default();
         for (at_us, rssi) in [(1, -10.0), (2, -61.0), (3, -62.0), (4, -63.0)] {
-            window.hear(at_us, rssi);
+            window.receive(at_us, rssi);
         }
         assert_eq!(window.mean(4, 100), Some(-62.0));
-        Window::<f64, 0>::default().hear(1, -60.0);
+        Window::<f64, 0>::default().receive(1, -60.0);
     }
 }

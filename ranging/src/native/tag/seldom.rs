@@ -62,10 +62,10 @@ const fn difference(a: RadioDuration, b: RadioDuration) -> RadioDuration {
 
 impl Tag {
     /// When, from its beginning, the receiver is on in a superframe for the sync frame of a slot, by a node that may be off by `doubt`.
-    fn sync_window(&self, timing: &Timing, slot: u8, doubt: RadioDuration) -> [RadioDuration; 2] {
+    fn sync_window(&self, timing: &Timing, slot: u8, uncertainty: RadioDuration) -> [RadioDuration; 2] {
         let rmarker = timing.sync_frame(slot.into());
-        let early = sum(timing.to_rmarker, sum(doubt, RECEIVER_START));
-        let late = sum(self.config.network.phy.time_after_rmarker(SYNC_FRAME_BYTES), sum(doubt, timing.guard));
+        let early = sum(timing.to_rmarker, sum(uncertainty, RECEIVER_START));
+        let late = sum(self.config.network.phy.time_after_rmarker(SYNC_FRAME_BYTES), sum(uncertainty, timing.guard));
         [difference(rmarker, early), sum(rmarker, late)]
     }
 
@@ -107,7 +107,7 @@ impl Tag {
         self.pulse_at = self.pulse_at.map(|pulse| now.plus(pulse.since(before)));
         if let Some(network) = &mut self.network {
             network.sync.rebase(before, now);
-            network.sync.doubt = self.wakes.doubt(self.slept);
+            network.sync.uncertainty = self.wakes.uncertainty(self.slept);
         }
         self.resume(now);
     }
@@ -143,7 +143,7 @@ impl Tag {
     }
 
     /// Listens from `open` to `close`.
-    fn receive(present: RadioInstant, open: RadioInstant, close: RadioInstant) -> Action<'static> {
+    fn listen_between(present: RadioInstant, open: RadioInstant, close: RadioInstant) -> Action<'static> {
         let is_far = sum(open.since(present), open.since(present)) > ARMING;
         let (start, begin) = if is_far { (Start::At(open), open) } else { (Start::Now, present) };
         Action::Receive { start, window: close.since(begin), keep_listening: false }
@@ -187,13 +187,13 @@ impl Tag {
         present: RadioInstant,
     ) -> Option<Action<'static>> {
         let timing = self.network.as_ref()?.sync.course.timing;
-        let doubt = self.wakes.doubt(Slept::once(begin));
+        let uncertainty = self.wakes.uncertainty(Slept::once(begin));
         let (open, one) = match listening {
             Listening::One(anchor) => {
-                let [open, close] = self.sync_window(&timing, anchor.slot, doubt);
+                let [open, close] = self.sync_window(&timing, anchor.slot, uncertainty);
                 (sum(begin, open), Some((anchor, sum(begin, close))))
             }
-            Listening::All | Listening::Nothing => (difference(begin, doubt), None),
+            Listening::All | Listening::Nothing => (difference(begin, uncertainty), None),
         };
         let wait = difference(open, ARMING);
         if wait > SHORTEST_WAIT {
@@ -202,7 +202,7 @@ impl Tag {
         self.aim = None;
         let (WatchedAnchor { address, .. }, close) = one.filter(|(_, close)| *close > RadioDuration::ZERO)?;
         self.awaited = Some(Awaited { address, until: present.plus(close) });
-        Some(Self::receive(present, present.plus(open), present.plus(close)))
+        Some(Self::listen_between(present, present.plus(open), present.plus(close)))
     }
 
     /// In the sync slots, before `end`: listens to what is planned. `None`: to nothing more.
@@ -213,13 +213,13 @@ impl Tag {
     ) -> Option<Action<'static>> {
         let sync = &self.network.as_ref()?.sync;
         let (timing, phase, silent) = (sync.course.timing, sync.course.phase, sync.silent());
-        let doubt = sync.doubt;
+        let uncertainty = sync.uncertainty;
         let anchor = match self.watch.plan(phase.number, silent) {
             Listening::All => return Some(Self::listen(difference(end, passed))),
             Listening::One(anchor) if silent > 0 => anchor,
             Listening::One(_) | Listening::Nothing => return None,
         };
-        let [open, close] = self.sync_window(&timing, anchor.slot, doubt);
+        let [open, close] = self.sync_window(&timing, anchor.slot, uncertainty);
         let present = phase.at(passed);
         let wait = difference(difference(open, ARMING), passed);
         if wait > SHORTEST_WAIT {
@@ -231,7 +231,7 @@ impl Tag {
             return None;
         }
         self.awaited = Some(awaited);
-        Some(Self::receive(present, phase.at(open), phase.at(close)))
+        Some(Self::listen_between(present, phase.at(open), phase.at(close)))
     }
 
     /// Where a round `pulse` from the superframe's beginning is to wait for: the end of a nap from which it can still be made.
@@ -242,10 +242,10 @@ impl Tag {
         }
         let network = self.network.as_ref()?;
         let (timing, phase) = (network.sync.course.timing, network.sync.course.phase);
-        let doubt = self.wakes.doubt(Slept::once(wait));
-        let later = next_round(network.owned, &timing, pulse, self.round.asked(), doubt)?;
+        let uncertainty = self.wakes.uncertainty(Slept::once(wait));
+        let later = next_round(network.owned, &timing, pulse, self.round.asked(), uncertainty)?;
         (self.wake_at, self.pulse_at) = (None, Some(phase.at(later)));
-        let until = difference(later, sum(self.meter.lead(), doubt));
+        let until = difference(later, sum(self.meter.lead(), uncertainty));
         Some(self.pause(phase.at(passed), difference(until, passed)))
     }
 
@@ -279,19 +279,20 @@ impl Tag {
             return self.doze_until(difference(until, passed), listening, present).unwrap_or(Action::WaitUntil(begin));
         }
         // After a nap the clock is in doubt: a round needs room for that, or a sync frame before it.
-        let doubt = if self.dozes { self.wakes.doubt(Slept::once(timing.superframe)) } else { network.sync.doubt };
+        let uncertainty =
+            if self.dozes { self.wakes.uncertainty(Slept::once(timing.superframe)) } else { network.sync.uncertainty };
         let number = phase.number.wrapping_add(1);
-        let pulse = network.round_in(1, self.config.address, self.round.asked(), doubt);
+        let pulse = network.round_in(1, self.config.address, self.round.asked(), uncertainty);
         let silent = network.sync.silent() + 1;
         let silent = if pulse.is_none() { silent.max(HOLDOVER_SUPERFRAMES) } else { silent };
         self.pulse_at = None;
         let wake = match (self.watch.plan(number, silent), pulse) {
-            (Listening::One(anchor), _) => difference(self.sync_window(&timing, anchor.slot, doubt)[0], ARMING),
+            (Listening::One(anchor), _) => difference(self.sync_window(&timing, anchor.slot, uncertainty)[0], ARMING),
             (Listening::Nothing, Some(pulse)) => {
                 self.pulse_at = Some(next.plus(pulse));
-                difference(pulse, sum(lead, doubt))
+                difference(pulse, sum(lead, uncertainty))
             }
-            (Listening::Nothing, None) | (Listening::All, _) => difference(RadioDuration::ZERO, sum(lead, doubt)),
+            (Listening::Nothing, None) | (Listening::All, _) => difference(RadioDuration::ZERO, sum(lead, uncertainty)),
         };
         self.pause(present, next.plus(wake).since(present))
     }
@@ -299,17 +300,17 @@ impl Tag {
     /// Nothing more is to be done before the turn in `turns` superframes: sleeps until its round, which it makes without a sync frame before it.
     /// `None` where this turn had none either, where the list changes, or where the round has no room for the doubt.
     fn hold_over(&mut self, present: RadioInstant, turns: u16) -> Option<Action<'static>> {
-        let (lead, doubt) = (self.meter.lead(), self.wakes.doubt(Slept::once(LONGEST_HOLDOVER)));
+        let (lead, uncertainty) = (self.meter.lead(), self.wakes.uncertainty(Slept::once(LONGEST_HOLDOVER)));
         let network = self.network.as_mut().filter(|network| network.sync.silent() == 0)?;
         let (timing, phase) = (network.sync.course.timing, network.sync.course.phase);
-        let pulse = network.round_in(turns, self.config.address, self.round.asked(), doubt)?;
+        let pulse = network.round_in(turns, self.config.address, self.round.asked(), uncertainty)?;
         let begin = RadioDuration::from_ticks(i64::from(turns) * timing.superframe.ticks());
         if begin > LONGEST_HOLDOVER {
             return None;
         }
         self.pulse_at = Some(phase.at(sum(begin, pulse)));
         network.sync.hold_over(turns);
-        let wait = difference(sum(begin, difference(pulse, sum(lead, doubt))), present.since(phase.start));
+        let wait = difference(sum(begin, difference(pulse, sum(lead, uncertainty))), present.since(phase.start));
         // What is slept through counts as one.
         self.age_anchors(1, true);
         Some(self.pause(present, wait))
@@ -358,11 +359,17 @@ impl Tag {
 impl super::Followed {
     /// From the beginning of the superframe in so many to the first pulse of a tag's round of so many anchors in it, as far as that is settled,
     /// by a tag that may be off by `doubt`.
-    fn round_in(&self, superframes: u16, address: u16, anchors: usize, doubt: RadioDuration) -> Option<RadioDuration> {
+    fn round_in(
+        &self,
+        superframes: u16,
+        address: u16,
+        anchors: usize,
+        uncertainty: RadioDuration,
+    ) -> Option<RadioDuration> {
         let (course, timing) = (&self.sync.course, &self.sync.course.timing);
         let number = course.phase.number.wrapping_add(superframes);
         let owned = owned_slots(course.membership.settled()?, address, number, timing.round_slots);
-        next_round(owned, timing, timing.rounds(), anchors, doubt)
+        next_round(owned, timing, timing.rounds(), anchors, uncertainty)
     }
 
     /// In how many superframes a tag's next turn is, as far as that is settled.
