@@ -12,7 +12,7 @@ use embedded_hal_async::delay::DelayNs;
 use firmware_common::Reporter;
 use ranging::RadioInstant;
 use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
-use ranging::node::{self, Restart};
+use ranging::{Restart, node};
 
 pub use ranging::node::Listener;
 

@@ -37,7 +37,8 @@ use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
 use embedded_hal_async::delay::DelayNs;
 use firmware_common::{Reporter, Settings, TagProtocol, build};
 use ranging::exchange::{Action, Event, Guidance, Link, Protocol, Report};
-use ranging::node::{self, Listener, Restart};
+use ranging::node::{self, Listener};
+use ranging::Restart;
 use ranging::{Radio, RadioDuration, RadioInstant};
 use telemetry::{Board, Condition, Hello, MotionSensor, Role, Sighting};
 

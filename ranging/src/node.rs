@@ -4,43 +4,19 @@
 //! the radio is brought up again, after a pause that grows from failure to failure, and the machine begins anew.
 
 use core::convert::Infallible;
-use core::future::{Future, pending};
+use core::future::pending;
 
 use embassy_futures::select::{Either, select};
 use embedded_hal_async::delay::DelayNs;
 
 use crate::exchange::{Action, Event, Guidance, Protocol, Report};
 use crate::radio::MAX_FRAME;
-use crate::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, Start, TransmitError};
+use crate::{Pace, Radio, Restart, RadioDuration, RadioInstant, ReceiveError, Start, TransmitError};
 
 /// The first pause after a failure, and what it grows to, milliseconds: a chip that is back is used again within a
 /// second.
 const SHORTEST_PAUSE_MS: u32 = 1;
 const LONGEST_PAUSE_MS: u32 = 250;
-
-/// A radio that can be brought up, again and again, whatever state it is in.
-#[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
-pub trait Restart: Radio {
-    /// Resets the chip and configures it; its clock starts anew.
-    async fn restart(&mut self) -> Result<(), Self::Error>;
-
-    /// Sleeps for so many microseconds, or until `roused` is done, where the radio can, may, and gains by it; its clock has begun anew
-    /// then. False: nothing was done, and no time has passed.
-    async fn sleep(&mut self, micros: u32, roused: impl Future<Output = ()>) -> Result<bool, Self::Error> {
-        let _ = (micros, roused);
-        Ok(false)
-    }
-}
-
-impl<R: Restart> Restart for &mut R {
-    async fn restart(&mut self) -> Result<(), Self::Error> {
-        (**self).restart().await
-    }
-
-    async fn sleep(&mut self, micros: u32, roused: impl Future<Output = ()>) -> Result<bool, Self::Error> {
-        (**self).sleep(micros, roused).await
-    }
-}
 
 /// Who takes what a node finds out. The exchange waits meanwhile: a listener that takes long makes it miss its slots.
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]

@@ -11,7 +11,7 @@ use std::sync::LazyLock;
 use dw1000_sim::{Core, Processor};
 use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
 use ranging::frame::native::{Frame, Message};
-use ranging::node::Restart;
+use ranging::Restart;
 use ranging::radio::{MAX_FRAME, Sample, Sensors};
 use ranging::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, RxFrame, Start, TransmitError};
 

@@ -17,7 +17,7 @@ use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 use ranging::dw1000::{Config, FrameFilter};
 use ranging::frame::{Address, BROADCAST, Header};
-use ranging::node::Restart;
+use ranging::Restart;
 use ranging::phy::{DataRate, Prf as PhyPrf, Sfd as PhySfd};
 use ranging::radio::MAX_FRAME;
 use ranging::{

@@ -6,7 +6,7 @@ use core::task::Poll;
 
 use embassy_futures::select::select;
 use embedded_hal_async::delay::DelayNs;
-use ranging::node::Restart;
+use ranging::Restart;
 use ranging::radio::MAX_FRAME;
 use ranging::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
 

@@ -20,7 +20,7 @@ use positioning_core::nlos::Model;
 use rand::Rng;
 use ranging::exchange::Protocol;
 use ranging::native::{self, ReplyDelay};
-use ranging::node::Restart;
+use ranging::Restart;
 use ranging::{RadioDuration, decaranging, dw1000};
 
 use super::beacon::{BeaconNode, listed};

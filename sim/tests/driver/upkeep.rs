@@ -3,7 +3,7 @@
 use std::future::pending;
 
 use crate::*;
-use ranging::node::Restart;
+use ranging::Restart;
 
 #[test]
 fn sleep_keeps_the_configuration_and_waking_restores_the_rest() {

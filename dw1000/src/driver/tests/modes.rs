@@ -6,9 +6,9 @@ use std::vec::Vec;
 use dw1000::configs::{BitRate, PreambleLength as TheirPreamble, PulseRepetitionFrequency, SfdSequence, UwbChannel};
 use embedded_hal_02::{blocking::spi, digital::v2::OutputPin};
 
-use crate::dw1000::configuration::Config;
-use crate::dw1000::register::{self as reg, Register};
-use crate::dw1000::startup::Factory;
+use crate::driver::configuration::Config;
+use crate::driver::register::{self as reg, Register};
+use crate::driver::startup::Factory;
 use crate::phy::{Channel, DataRate, PhyConfig, PreambleLength, Prf, Sfd};
 
 /// Types that the crate's look-ups name in their errors.

@@ -3,7 +3,7 @@
 use embassy_futures::block_on;
 
 use super::double::*;
-use crate::dw1000::{Config, Dw1000, Error, FrameFilter, SpiClock, TxPower};
+use crate::driver::{Config, Dw1000, Error, FrameFilter, SpiClock, TxPower};
 use crate::{PhyConfig, Radio, RadioInstant};
 
 fn uninitialised() -> (Driver, Bus) {

@@ -14,7 +14,7 @@ use embedded_hal_async::digital::Wait;
 use embedded_hal_async::spi::SpiDevice;
 
 use crate::PhyConfig;
-use crate::dw1000::{ClockedSpi, Config, Dw1000, SpiClock};
+use crate::driver::{ClockedSpi, Config, Dw1000, SpiClock};
 
 pub const SYS_STATUS: &[u8] = &[0x0F];
 

@@ -7,7 +7,7 @@ use core::task::{Context, Waker};
 use embassy_futures::block_on;
 
 use super::double::*;
-use crate::dw1000::{Error, Transceiver, Wake, WakeBy};
+use crate::driver::{Error, Transceiver, Wake, WakeBy};
 use crate::radio::MAX_FRAME;
 use crate::{Radio, RadioDuration, ReceiveError, ResponseWindow, Sample, Start, TransmitError};
 use embedded_hal::spi::ErrorKind;
@@ -77,7 +77,7 @@ fn a_transmission_without_an_end_is_given_up() {
 fn nothing_works_before_init_or_asleep() {
     let not_ready = Error::NotReady;
     let mut radio =
-        crate::dw1000::Dw1000::new(Bus::default(), Line(true), (), Delay::default(), *fast(true).0.config());
+        crate::driver::Dw1000::new(Bus::default(), Line(true), (), Delay::default(), *fast(true).0.config());
     assert_eq!(block_on(radio.now()), Err(not_ready));
     assert_eq!(block_on(radio.idle()), Err(not_ready));
     assert_eq!(block_on(radio.transmit(&[1], Start::Now, false)), Err(TransmitError::Radio(not_ready)));

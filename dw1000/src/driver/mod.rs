@@ -134,9 +134,8 @@ pub use bus::{ClockedSpi, ResetLine, SpiClock, Traffic};
 pub use configuration::{Config, DEFAULT_ANTENNA_DELAY, FrameFilter, TxPower, default_antenna_delay};
 pub use sleep::{Wake, WakeBy};
 
-use crate::node::Restart;
 use crate::radio::{MAX_FRAME, Pace, ResponseWindow, Sample, Sensors};
-use crate::{Radio, RadioDuration, RadioInstant, ReceiveError, RxFrame, Start, TransmitError};
+use crate::{Radio, RadioDuration, RadioInstant, ReceiveError, Restart, RxFrame, Start, TransmitError};
 use bus::Bus;
 use register::{self as reg, status};
 

@@ -246,3 +246,28 @@ pub enum ReceiveError<E> {
     /// Bus or chip.
     Radio(E),
 }
+
+/// A radio that can be brought up, again and again, whatever state it is in.
+#[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
+pub trait Restart: Radio {
+    /// Resets the chip and configures it; its clock starts anew.
+    async fn restart(&mut self) -> Result<(), Self::Error>;
+
+    /// Sleeps for so many microseconds, or until `roused` is done, where the radio can, may, and gains by it; its clock has begun anew
+    /// then. False: nothing was done, and no time has passed.
+    async fn sleep(&mut self, micros: u32, roused: impl Future<Output = ()>) -> Result<bool, Self::Error> {
+        let _ = (micros, roused);
+        Ok(false)
+    }
+}
+
+impl<R: Restart> Restart for &mut R {
+    async fn restart(&mut self) -> Result<(), Self::Error> {
+        (**self).restart().await
+    }
+
+    async fn sleep(&mut self, micros: u32, roused: impl Future<Output = ()>) -> Result<bool, Self::Error> {
+        (**self).sleep(micros, roused).await
+    }
+}
+

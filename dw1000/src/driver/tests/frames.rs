@@ -4,7 +4,7 @@ use embassy_futures::block_on;
 use std::vec::Vec;
 
 use super::double::*;
-use crate::dw1000::{Traffic, Transceiver};
+use crate::driver::{Traffic, Transceiver};
 use crate::radio::{MAX_FRAME, Pace};
 use crate::{Radio, RadioDuration, RadioInstant, ReceiveError, Start, TransmitError};
 
