@@ -6,16 +6,15 @@ use std::process::Command;
 use std::{env, fs};
 
 /// All that an image is made of, from the repository's root.
-const SOURCES: [&str; 14] = [
+const SOURCES: [&str; 13] = [
     ".cargo/config.toml",
     "Cargo.toml",
     "Cargo.lock",
     "memory.x",
     "positioning-core",
     "ranging",
-    "telemetry",
-    "node-record",
-    "advertising",
+    "dw1000",
+    "wire",
     "firmware-common",
     "firmware-tag",
     "firmware-anchor",

@@ -35,7 +35,7 @@ pub use uwb::{Bus, Interrupt, Reset, Uwb};
 pub use watchdog::Watchdog;
 
 /// As telemetry calls it.
-pub const KIND: telemetry::Board = telemetry::Board::Dwm1001;
+pub const KIND: wire::telemetry::Board = wire::telemetry::Board::Dwm1001;
 
 bind_interrupts!(struct Interrupts {
     SPI2 => spim::InterruptHandler<peripherals::SPI2>;
@@ -103,7 +103,7 @@ impl Board {
             delay: driver_delay,
         };
         let mut flash = Nvmc::new(p.NVMC);
-        let record = node_record::load(&mut flash, node_record::Pages::DWM1001.offsets);
+        let record = wire::config::load(&mut flash, wire::config::Pages::DWM1001.offsets);
         let eui = identity::of_random(device_id());
         Self {
             uwb,
@@ -152,9 +152,9 @@ impl Board {
 /// The flash with models of beacons' levels, where the processor sees it: they are read where they lie.
 #[cfg(feature = "ble")]
 pub fn models() -> &'static [u8] {
-    let at = const { node_record::Pages::DWM1001.models_address().unwrap() };
+    let at = const { wire::config::Pages::DWM1001.models_address().unwrap() };
     // SAFETY: flash of the chip that the linker gives to nothing else (`memory.x`), and that no program writes while it runs.
-    unsafe { core::slice::from_raw_parts(at as *const u8, node_record::MODELS_BYTES) }
+    unsafe { core::slice::from_raw_parts(at as *const u8, wire::config::MODELS_BYTES) }
 }
 
 /// Whether the 32 kHz crystal is there and starts. The clock is off again then.

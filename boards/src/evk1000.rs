@@ -33,7 +33,7 @@ pub use embassy_time::Delay;
 pub use uwb::{Bus, Interrupt, Reset, Uwb};
 
 /// As telemetry calls it.
-pub const KIND: telemetry::Board = telemetry::Board::Evk1000;
+pub const KIND: wire::telemetry::Board = wire::telemetry::Board::Evk1000;
 
 /// Until the watchdog bites, microseconds by its own oscillator, which is between half and 1.5 times as fast as it should be.
 const WATCHDOG_US: u32 = 6_000_000;
@@ -123,9 +123,9 @@ impl Board {
         let [anchor, s1_5, s1_6, s1_7, native] = switches.map(|line| line.is_low());
 
         let mut flash = Flash::new_blocking(p.FLASH);
-        let record = node_record::load(&mut flash, node_record::Pages::EVK1000.offsets);
+        let record = wire::config::load(&mut flash, wire::config::Pages::EVK1000.offsets);
         if let Err(fault) = &record
-            && *fault != node_record::LoadError::Missing
+            && *fault != wire::config::LoadError::Missing
         {
             defmt::warn!("only the switches count, for the record in flash cannot be read: {}", fault);
         }

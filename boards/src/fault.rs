@@ -3,7 +3,7 @@
 
 use core::ops::Range;
 
-use telemetry::CrashReason;
+use wire::telemetry::CrashReason;
 
 /// The registers that tell what happened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

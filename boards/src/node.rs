@@ -6,8 +6,8 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::Timer;
 use firmware_common::supervision::Lit;
 use firmware_common::{Settings, build, settings};
-use node_record::{LoadError, Record};
-use telemetry::{Condition, Crash, CrashReason, Hello, Reset, ResetCause, Role};
+use wire::config::{LoadError, Record};
+use wire::telemetry::{Condition, Crash, CrashReason, Hello, Reset, ResetCause, Role};
 
 /// Guards what tasks of two priorities share.
 pub type Guard = CriticalSectionRawMutex;
@@ -38,7 +38,7 @@ pub struct Start {
 /// Tells why the node started, who it is and, if so, why its record cannot be followed. The node greets in any case.
 pub fn introduce(
     reporter: &Reporter,
-    board: telemetry::Board,
+    board: wire::telemetry::Board,
     role: Role,
     start: Start,
 ) -> (Hello, Option<(Record, Settings)>) {

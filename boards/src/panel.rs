@@ -3,8 +3,8 @@
 //! Switches and a record, if there is one → the record that the node follows. Distances → two lines of text.
 
 use heapless::HistoryBuf;
-use node_record::{Calibration, Identity, Mode, Network, Phy, Record, ReplyDelay, Role, Solver, Tag};
 use ranging::PhyConfig;
+use wire::config::{Calibration, Identity, Mode, Network, Phy, Record, ReplyDelay, Role, Solver, Tag};
 
 use crate::lcd::{Text, WIDTH};
 

@@ -3,7 +3,7 @@
 //! Neither chip tells a brown-out from power that came: both show the same flag, or none. What tells them apart is the RAM, which
 //! fades within seconds without power: `ram_survived` says that a pattern left there was still there.
 
-use telemetry::ResetCause;
+use wire::telemetry::ResetCause;
 
 /// Flags in the order in which they are believed, where more than one is set.
 fn first(register: u32, flags: &[(u32, ResetCause)]) -> Option<ResetCause> {

@@ -4,7 +4,7 @@
 use rtt_target::{ChannelMode, UpChannel, rtt_init, set_defmt_channel};
 
 /// Bytes of the channels: some twenty log lines, and as many frames of telemetry.
-const _: () = assert!(telemetry::MAX_FRAME < 1024);
+const _: () = assert!(wire::telemetry::MAX_FRAME < 1024);
 
 /// The channel of telemetry: whole frames, one after the other.
 pub struct TelemetryChannel(UpChannel);

@@ -7,8 +7,8 @@ mod probe;
 
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use firmware_common::EventLog;
-use node_record::{LoadError, Record};
 use small_air::uptime_us;
+use wire::config::{LoadError, Record};
 
 use crate::rtt::{self, TelemetryChannel};
 use flash::Flash;
@@ -34,8 +34,8 @@ impl Board {
         let telemetry = rtt::start();
         let mut flash = Flash::erased();
         // What cannot be stored is missed when it is loaded.
-        let _ = node_record::store(&mut flash, PAGES, provisioned);
-        let record = node_record::load(&mut flash, PAGES);
+        let _ = wire::config::store(&mut flash, PAGES, provisioned);
+        let record = wire::config::load(&mut flash, PAGES);
         Probe::attach().map(|probe| Self { record, probe, telemetry })
     }
 

@@ -15,9 +15,9 @@ mod pipe;
 mod timers;
 
 use embassy_executor::Spawner;
-use node_record::Record;
 use qemu_link::{Request, Start};
-use telemetry::ResetCause;
+use wire::config::Record;
+use wire::telemetry::ResetCause;
 
 use crate::node::{self, Reporter};
 use crate::rtt::{self, TelemetryChannel};
@@ -29,7 +29,7 @@ pub use lines::{Bus, Interrupt, Reset};
 pub use timers::Delay;
 
 /// As telemetry calls it.
-pub const KIND: telemetry::Board = telemetry::Board::Simulated;
+pub const KIND: wire::telemetry::Board = wire::telemetry::Board::Simulated;
 
 defmt::timestamp!("{=u64:us}", uptime_us());
 
@@ -72,7 +72,7 @@ impl Board {
             pipe.ask(Request::Start, |answer| {
                 let Start { instruction_ps, record } = Start::decode(answer.body).expect("the world says how to start");
                 clock::set_instruction_ps(instruction_ps);
-                node_record::decode(record).map(|(record, _): (Record, u32)| record)
+                wire::config::decode(record).map(|(record, _): (Record, u32)| record)
             })
         });
         let [delay, driver_delay] = Delay::take();

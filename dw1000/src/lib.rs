@@ -18,7 +18,9 @@ pub mod time;
 pub use bias::RangeBias;
 pub use driver::Dw1000;
 pub use phy::PhyConfig;
-pub use radio::{Diagnostics, Pace, Radio, ReceiveError, ResponseWindow, Restart, RxFrame, Sample, Start, TransmitError};
+pub use radio::{
+    Diagnostics, Pace, Radio, ReceiveError, ResponseWindow, Restart, RxFrame, Sample, Start, TransmitError,
+};
 pub use time::{RadioDuration, RadioInstant};
 
 /// 10 ⁄ ln 10: decibels a natural logarithm. A logarithm to the base of ten would be 256 bytes more in an image.

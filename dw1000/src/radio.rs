@@ -270,4 +270,3 @@ impl<R: Restart> Restart for &mut R {
         (**self).sleep(micros, roused).await
     }
 }
-

@@ -2,8 +2,8 @@
 
 use core::fmt;
 
-use advertising::{Fresh, IBeacon, LENGTH, RotatingId};
-use node_record::{Record, Role};
+use wire::ble::{Fresh, IBeacon, LENGTH, RotatingId};
+use wire::config::{Record, Role};
 
 /// Random bytes that an advertisement takes.
 pub const RANDOM_BYTES: usize = 14;

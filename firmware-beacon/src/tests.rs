@@ -7,8 +7,8 @@ use std::rc::Rc;
 use std::vec;
 use std::vec::Vec;
 
-use advertising::{IBeacon, Revealed, RotatingId};
-use node_record::{Advertiser, Calibration, Identity, Mode, Network, Phy, Record, Role};
+use wire::ble::{IBeacon, Revealed, RotatingId};
+use wire::config::{Advertiser, Calibration, Identity, Mode, Network, Phy, Record, Role};
 
 use super::*;
 

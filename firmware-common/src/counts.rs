@@ -3,7 +3,7 @@
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use ranging::exchange::Event;
-use telemetry::Counters;
+use wire::telemetry::Counters;
 
 /// A count that one task writes and any may read; it wraps.
 #[derive(Debug, Default)]
@@ -29,7 +29,7 @@ impl Tally {
 
 /// All counts of a node, for a `static`; each has one task that writes it.
 #[derive(Debug, Default)]
-#[allow(missing_docs, reason = "they are the fields of `telemetry::Counters`")]
+#[allow(missing_docs, reason = "they are the fields of `wire::telemetry::Counters`")]
 pub struct Counts {
     pub sent: Tally,
     pub received: Tally,

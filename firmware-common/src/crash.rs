@@ -1,6 +1,6 @@
 //! What a crash leaves in memory that a reset does not clear, and what the next start makes of it.
 //!
-//! The panic handler, the fault handler or the supervisor leaves a [`telemetry::Crash`]; after the reset it is taken once, if
+//! The panic handler, the fault handler or the supervisor leaves a [`wire::telemetry::Crash`]; after the reset it is taken once, if
 //! magic and checksum say that it is one and not what the memory happened to hold when power came.
 #![allow(unsafe_code, reason = "reads memory that nobody has initialised")]
 
@@ -8,7 +8,7 @@ use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 use core::ptr;
 
-use telemetry::{Crash, CrashReason};
+use wire::telemetry::{Crash, CrashReason};
 
 const MAGIC: u32 = 0xBA71_2ADE;
 

@@ -9,7 +9,7 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use ranging::exchange::Link;
-use telemetry::{
+use wire::telemetry::{
     Condition, Counters, Difference, Fix, Hello, Message, Queue, Range, Reset, Room, Severity, Sighting, State,
 };
 
@@ -211,7 +211,7 @@ mod tests {
     use core::task::Poll;
     use embassy_sync::blocking_mutex::raw::NoopRawMutex;
     use std::vec::Vec;
-    use telemetry::{Board, Decoder, ResetCause, Role};
+    use wire::telemetry::{Board, Decoder, ResetCause, Role};
 
     const HELLO: Hello = Hello { t_us: 0, eui: 1, address: 2, role: Role::Tag, board: Board::Simulated, build: [0; 8] };
 

@@ -13,6 +13,7 @@ pub mod counts;
 pub mod crash;
 pub mod event_log;
 pub mod lines;
+pub mod messages;
 pub mod protocol;
 pub mod reporter;
 pub mod settings;

@@ -5,7 +5,7 @@
 
 use core::fmt;
 
-use telemetry::{
+use wire::telemetry::{
     Condition, Counters, Crash, CrashReason, Fix, Hello, MotionSensor, Outcome, Reason, RecordError, Reset, ResetCause,
     RoomEstimate, RoomProbability, RssiModelError, Solver,
 };
@@ -253,7 +253,7 @@ text!(ResetLine, |this| (this.0.cause, this.0.crash);
 mod tests {
     use super::*;
     use std::string::{String, ToString};
-    use telemetry::{Board, Levels, Role};
+    use wire::telemetry::{Board, Levels, Role};
 
     fn fix(deviation: [u32; 3]) -> String {
         let outcome = Outcome::Position {

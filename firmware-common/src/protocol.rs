@@ -44,7 +44,7 @@ pub(crate) fn period(chz: u32) -> RadioDuration {
 
 impl TagProtocol {
     /// That of a tag with these settings.
-    pub fn new(settings: &Settings, tag: &node_record::Tag) -> Self {
+    pub fn new(settings: &Settings, tag: &wire::config::Tag) -> Self {
         let network = settings.network;
         match settings.protocol {
             ProtocolConfig::Native => {

@@ -5,7 +5,9 @@ use core::convert::Infallible;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use ranging::exchange::{Event, Report};
-use telemetry::{Hello, Range};
+use wire::telemetry::Hello;
+
+use crate::messages::range_message;
 
 use crate::supervision::{Heartbeat, all_alive};
 use crate::{Counts, EventLog};
@@ -55,7 +57,7 @@ impl<M: RawMutex, const BYTES: usize> Reporter<M, BYTES> {
         self.ranging.beat(self.now_us());
         // What it failed with is for a debugger.
         let _ = error;
-        self.event_log.state(self.now_us(), telemetry::Condition::RadioFailed(failures));
+        self.event_log.state(self.now_us(), wire::telemetry::Condition::RadioFailed(failures));
     }
 
     /// What a machine reports, where no positions are made of it: ranges and links as they are.
@@ -64,7 +66,7 @@ impl<M: RawMutex, const BYTES: usize> Reporter<M, BYTES> {
         match report {
             Report::Round(round) => {
                 for range in round.ranges {
-                    self.event_log.range(Range::new(now, round.number, range));
+                    self.event_log.range(range_message(now, round.number, range));
                 }
             }
             // Nobody but a tag listens to rounds of others, and it makes positions of them.

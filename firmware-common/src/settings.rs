@@ -1,12 +1,12 @@
 //! From the record in flash to what the node's parts are configured with, once, at the start.
 
-use node_record::{Invalid, LoadError, Mode, Record, Region, Role, Tag, Value};
 use ranging::RadioDuration;
 use ranging::dw1000::{self, FrameFilter, TxPower};
-use ranging::frame::decaranging::Variant;
 use ranging::native::Network;
 use ranging::phy::DataRate;
-use telemetry::RecordError;
+use wire::config::{Invalid, LoadError, Mode, Record, Region, Role, Tag, Value};
+use wire::telemetry::RecordError;
+use wire::uwb::decaranging::Variant;
 
 use crate::protocol;
 
@@ -61,7 +61,7 @@ impl Settings {
             let (field, value) = ("identity.address", Value::Absent);
             return Err(Invalid { within: None, field, value, must: "given: the chip's own is everyone's" });
         }
-        let network = record.network()?;
+        let network = ranging::native::Network::try_from(record)?;
         let protocol = match record.network.mode {
             Mode::Native => ProtocolConfig::Native,
             Mode::DecaRanging { fast: false } => ProtocolConfig::DecaRanging(Variant::Standard),
@@ -138,17 +138,17 @@ mod tests {
     use ranging::native::ReplyDelay;
 
     use super::*;
-    use node_record::{Calibration, Identity, Solver};
     use ranging::PhyConfig;
+    use wire::config::{Calibration, Identity, Solver};
 
     fn record() -> Record {
         Record {
             identity: Identity::default(),
             role: Role::Anchor { position_m: None },
-            network: node_record::Network {
+            network: wire::config::Network {
                 pan: 0xBA12,
                 mode: Mode::Native,
-                phy: node_record::Phy { channel: 5, prf_mhz: 64, rate_kbps: 6810, preamble: 128, code: None },
+                phy: wire::config::Phy { channel: 5, prf_mhz: 64, rate_kbps: 6810, preamble: 128, code: None },
                 turnaround: None,
                 region: None,
             },
@@ -172,6 +172,27 @@ mod tests {
     }
 
     #[test]
+    fn a_pinned_reply_delay_is_the_networks() {
+        let mut record = record();
+        let delay = wire::config::ReplyDelay { answer_us: 250, listen_again_us: 40, transmit_us: 150 };
+        record.network.turnaround = Some(delay);
+        let [answer, listen_again, transmit] = [250, 40, 150].map(RadioDuration::from_micros);
+        let network = ranging::native::Network::try_from(&record).unwrap();
+        assert_eq!((network.pan, network.pinned), (0xBA12, Some(ReplyDelay { answer, listen_again, transmit })));
+    }
+
+    #[test]
+    fn a_reply_delay_longer_than_sync_frames_can_say_is_said_as_the_longest() {
+        let mut record = record();
+        let delay = wire::config::ReplyDelay { answer_us: 20_000, listen_again_us: 13_000, transmit_us: 150 };
+        record.network.turnaround = Some(delay);
+        let layout = ranging::native::Network::try_from(&record).unwrap().first_layout();
+        // (16 + 15) · 2⁷ = 3968 µs.
+        let longest = RadioDuration::from_micros(3968);
+        assert_eq!([layout.answer.duration(), layout.listen_again.duration()], [longest; 2]);
+    }
+
+    #[test]
     fn what_the_record_says_counts_more_than_defaults() {
         let mut record = record();
         record.identity = Identity { eui: Some(9), address: Some(0x42) };
@@ -192,7 +213,7 @@ mod tests {
     #[test]
     fn a_pinned_turnaround_is_the_networks() {
         let mut record = record();
-        let pinned = node_record::ReplyDelay { answer_us: 600, listen_again_us: 120, transmit_us: 300 };
+        let pinned = wire::config::ReplyDelay { answer_us: 600, listen_again_us: 120, transmit_us: 300 };
         record.network.turnaround = Some(pinned);
         let settings = Settings::of(&record, 1).unwrap();
         let [answer, listen_again, transmit] = [600, 120, 300].map(RadioDuration::from_micros);
@@ -205,7 +226,7 @@ mod tests {
         let spacing = |region, rate_kbps| {
             let mut record = record();
             record.network.region = region;
-            record.network.phy = node_record::Phy { rate_kbps, preamble: 1024, ..record.network.phy };
+            record.network.phy = wire::config::Phy { rate_kbps, preamble: 1024, ..record.network.phy };
             Settings::of(&record, 1).unwrap().frame_spacing
         };
         let millisecond = Some(RadioDuration::from_micros(1000));

@@ -2,7 +2,7 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use telemetry::Condition;
+use wire::telemetry::Condition;
 
 /// A sign of life of one task, for a `static`: the task beats, the supervisor looks.
 #[derive(Debug)]
@@ -129,7 +129,7 @@ impl Lights {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use telemetry::RecordError;
+    use wire::telemetry::RecordError;
 
     #[test]
     fn who_said_that_it_rests_is_silent_until_then() {

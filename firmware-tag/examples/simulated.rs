@@ -9,9 +9,9 @@ use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_common::{Reporter, Settings};
 use firmware_tag::{Digest, Locator, TaskChannels, places, run_as_told};
-use node_record::{Record, Role, Solver};
 use small_air::{AirRadio, World, room, uptime_us};
-use telemetry::{Board, Reset, ResetCause};
+use wire::config::{Record, Role, Solver};
+use wire::telemetry::{Board, Reset, ResetCause};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

@@ -4,7 +4,6 @@
 
 use core::cell::{Cell, RefCell};
 
-use advertising::Advertised;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::channel::Channel;
@@ -15,6 +14,7 @@ use positioning_core::ble::path_loss::PathLoss;
 use ranging::RadioDuration;
 use ranging::exchange::{self, Difference, Differences, Guidance, Range};
 use ranging::native::{MAX_ROUND, Rate};
+use wire::ble::Advertised;
 
 use crate::Sounding;
 use crate::workload::Workload;

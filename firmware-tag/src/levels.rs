@@ -6,11 +6,11 @@
 //! place. A beacon whose RSSI values jump more than noise does, because it moves, or because two have one identity, is doubted by as much.
 
 use heapless::Vec;
-use node_record::{Beacon, MAX_BEACONS};
 use positioning_core::Real;
 use positioning_core::ble::beacon_monitor::ON_NODE;
 use positioning_core::ble::path_loss::PathLoss;
 use positioning_core::ble::signal::{Kalman, Smoothing, Step, rssi};
+use wire::config::{Beacon, MAX_BEACONS};
 
 use crate::HEARS_BEACONS;
 use crate::channels::Level;

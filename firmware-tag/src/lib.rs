@@ -36,11 +36,11 @@ use embassy_futures::select::{Either4, select4};
 use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
 use embedded_hal_async::delay::DelayNs;
 use firmware_common::{Reporter, Settings, TagProtocol, build};
+use ranging::Restart;
 use ranging::exchange::{Action, Event, Guidance, Link, Protocol, Report};
 use ranging::node::{self, Listener};
-use ranging::Restart;
 use ranging::{Radio, RadioDuration, RadioInstant};
-use telemetry::{Board, Condition, Hello, MotionSensor, Role, Sighting};
+use wire::telemetry::{Board, Condition, Hello, MotionSensor, Role, Sighting};
 
 use channels::Quiet;
 use sounding::Sounder;
@@ -153,7 +153,7 @@ pub async fn run<R: Restart, D: DelayNs + Clone>(
 pub async fn run_as_told<R: Restart, D: DelayNs + Clone, M: RawMutex, const BYTES: usize>(
     radio: R,
     delay: D,
-    (settings, tag): (&Settings, &node_record::Tag),
+    (settings, tag): (&Settings, &wire::config::Tag),
     locator: Locator<'_>,
     (channels, reporter): (&TaskChannels<M>, &Reporter<M, BYTES>),
     board: Board,

@@ -1,11 +1,11 @@
 //! What a tag makes of its rounds, and by what: the engine's settings, the places of the anchors; positions with their covariance.
 
 use heapless::Vec;
-use node_record::Solver;
 use positioning_core::ble::beacon_monitor::Known;
 use positioning_core::engine::{Dimensions, NodeMethod, Settings, Solvers};
 use positioning_core::nlos::Classifier;
 use positioning_core::{Noise, Real, Side, SolveError};
+use wire::config::Solver;
 
 use crate::{HEARS_BEACONS, KnownBeacons, LoadedModels, Measured, Sounding};
 
@@ -83,7 +83,7 @@ pub const fn method(solver: Solver) -> Option<NodeMethod> {
 }
 
 /// Where the anchors of a record stand, for a locator.
-pub fn places(record: &node_record::Record) -> Vec<AnchorPlace, { node_record::MAX_ANCHORS }> {
+pub fn places(record: &wire::config::Record) -> Vec<AnchorPlace, { wire::config::MAX_ANCHORS }> {
     record.anchors.iter().map(|anchor| AnchorPlace { address: anchor.address, position_m: anchor.position_m }).collect()
 }
 
@@ -124,7 +124,7 @@ impl<'a> Locator<'a> {
     }
 
     /// That of a tag with this record.
-    pub fn of(tag: &node_record::Tag, record: &'a node_record::Record, anchors: &'a [AnchorPlace]) -> Self {
+    pub fn of(tag: &wire::config::Tag, record: &'a wire::config::Record, anchors: &'a [AnchorPlace]) -> Self {
         let locator = Self::new(tag.height_m, anchors).by(tag.solver);
         if HEARS_BEACONS { locator.with_beacons(KnownBeacons::of(record)) } else { locator }
     }

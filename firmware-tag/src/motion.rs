@@ -6,7 +6,7 @@
 use embassy_futures::select::{Either, select};
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
-use telemetry::MotionSensor as State;
+use wire::telemetry::MotionSensor as State;
 
 use crate::{Sink, TaskChannels};
 

@@ -1,9 +1,9 @@
 //! Where a board's program keeps the trained classifier that lies in flash beside its record.
 
 use embedded_storage::nor_flash::ReadNorFlash;
-use node_record::MODEL_BYTES;
 use positioning_core::nlos::NodeModel;
 use static_cell::StaticCell;
+use wire::config::MODEL_BYTES;
 
 /// Room for one, for a `static`.
 pub struct NlosModelStore {
@@ -22,7 +22,7 @@ impl NlosModelStore {
     pub fn fill(&'static self, flash: &mut impl ReadNorFlash, pages: [u32; 2]) -> Option<&'static NodeModel> {
         let bytes = self.bytes.init_with(|| [0; MODEL_BYTES]);
         // A node without record has no classifier either.
-        let found = node_record::load_model(flash, pages, bytes).ok().flatten()?;
+        let found = wire::config::load_model(flash, pages, bytes).ok().flatten()?;
         match NodeModel::decode(found) {
             Ok((model, _)) => {
                 let model: &_ = self.model.init(model);

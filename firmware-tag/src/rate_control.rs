@@ -78,7 +78,7 @@ struct Waking {
 
 impl RateControl {
     /// That of a tag with this record.
-    pub fn of(tag: &node_record::Tag) -> Self {
+    pub fn of(tag: &wire::config::Tag) -> Self {
         let still = tag.still_rate_chz.map(|chz| protocol::rate(Some(chz)));
         Self::new(protocol::rate(tag.rate_chz), still)
     }

@@ -8,10 +8,10 @@
 
 use core::convert::Infallible;
 
-use advertising::Advertised;
 use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
+use wire::ble::Advertised;
 
 use crate::channels::{Heard, TaskChannels};
 use crate::{Quiet, Sink};
@@ -40,8 +40,8 @@ pub struct Plan {
     pub window_us: u64,
 }
 
-impl From<node_record::Scan> for Plan {
-    fn from(scan: node_record::Scan) -> Self {
+impl From<wire::config::Scan> for Plan {
+    fn from(scan: wire::config::Scan) -> Self {
         let micros = |ms: u16| 1000 * u64::from(ms.max(1));
         Self { interval_us: micros(scan.interval_ms), window_us: micros(scan.window_ms.min(scan.interval_ms)) }
     }

@@ -1,8 +1,8 @@
 //! The beacons that a tag knows: by their numbers, or by their rotating identifiers.
 
-use advertising::{Advertised, RotatingId};
-use node_record::{Beacon, Record};
-use telemetry::BeaconId;
+use wire::ble::{Advertised, RotatingId};
+use wire::config::{Beacon, Record};
+use wire::telemetry::BeaconId;
 
 /// The beacons that a tag knows.
 #[derive(Clone)]
@@ -55,7 +55,7 @@ impl<'r> KnownBeacons<'r> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use advertising::{EddystoneUid, Fresh, IBeacon};
+    use wire::ble::{EddystoneUid, Fresh, IBeacon};
 
     const KEY: [u8; 16] = [7; 16];
 

@@ -3,16 +3,16 @@
 //! list of beacons. In flow the smoothed RSSI values of a window, out flow a position with its covariance, and rooms.
 
 use heapless::Vec;
-use node_record::{Beacon, BeaconModel, LoadError, SiteModels};
 use positioning_core::ble::fingerprint::{self, MAX_NODE_POINTS, Map, Receiver, locate_on_node};
 use positioning_core::ble::rooms::{self, Classifier, RoomEstimate, RoomHysteresis};
 use positioning_core::engine::BeaconPosition;
-use telemetry::{Condition, Room, RoomProbability, RssiModelError};
+use wire::config::{Beacon, BeaconModel, LoadError, SiteModels};
+use wire::telemetry::{Condition, Room, RoomProbability, RssiModelError};
 
 use crate::levels::{Scan, WINDOW_US};
 
 /// Most beacons of a model: as many as a tag is told of.
-const MOST: usize = node_record::MAX_BEACONS;
+const MOST: usize = wire::config::MAX_BEACONS;
 /// What a map's RSSI values are off by where nothing was measured twice, dB²: recorded surveys have deviations of 3 to 5 dB. It stays with
 /// the place; the noise of a window comes beside.
 const LASTING_DB2: f32 = 16.0;
@@ -78,7 +78,7 @@ impl<'a> LoadedModels<'a> {
                     LoadError::Corrupt => Some(RssiModelError::Corrupt),
                     LoadError::Invalid(_) => Some(RssiModelError::Invalid),
                 };
-                told.into_iter().for_each(|fault| complain(Condition::Unused(telemetry::Levels::All, fault)));
+                told.into_iter().for_each(|fault| complain(Condition::Unused(wire::telemetry::Levels::All, fault)));
                 return Self::default();
             }
         };
@@ -86,14 +86,14 @@ impl<'a> LoadedModels<'a> {
         let map = models.map.and_then(|of| match Fingerprints::of(&of, list) {
             Ok(map) => Some(map),
             Err(fault) => {
-                used(telemetry::Levels::Map, fault);
+                used(wire::telemetry::Levels::Map, fault);
                 None
             }
         });
         let rooms = models.rooms.and_then(|of| match Rooms::of(&of, list) {
             Ok(rooms) => Some(rooms),
             Err(fault) => {
-                used(telemetry::Levels::Rooms, fault);
+                used(wire::telemetry::Levels::Rooms, fault);
                 None
             }
         });
@@ -144,9 +144,9 @@ impl<'a> SiteTracker<'a> {
         self.told = Some((is, now_us));
         let likely = |room| RoomProbability::new(room, self.presence.probability(room));
         let is = match is {
-            RoomEstimate::Unknown => telemetry::RoomEstimate::Unknown,
-            RoomEstimate::Room(room) => telemetry::RoomEstimate::Room(likely(room)),
-            RoomEstimate::Between(one, other) => telemetry::RoomEstimate::Between([likely(one), likely(other)]),
+            RoomEstimate::Unknown => wire::telemetry::RoomEstimate::Unknown,
+            RoomEstimate::Room(room) => wire::telemetry::RoomEstimate::Room(likely(room)),
+            RoomEstimate::Between(one, other) => wire::telemetry::RoomEstimate::Between([likely(one), likely(other)]),
         };
         self.news = Some(RoomReport { room: Room { t_us: now_us, is }, is_news });
     }

@@ -2,9 +2,10 @@
 
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use firmware_common::Reporter;
-use node_record::Solver;
+use firmware_common::messages::{difference_messages, range_message};
 use ranging::exchange::{Event, Link};
-use telemetry::{Condition, Difference, Fix, MotionSensor, Outcome, Range, Sighting};
+use wire::config::Solver;
+use wire::telemetry::{Condition, Fix, MotionSensor, Outcome, Sighting};
 
 use crate::{Epoch, Measured, Position, RoomReport, Sink, Task};
 
@@ -40,10 +41,10 @@ impl<M: RawMutex, const BYTES: usize> Sink for TelemetrySink<'_, M, BYTES> {
         if self.report_ranges {
             match &measured {
                 Measured::Ranges(round) => {
-                    round.ranges.iter().for_each(|range| event_log.range(Range::new(t_us, round.number, range)));
+                    round.ranges.iter().for_each(|range| event_log.range(range_message(t_us, round.number, range)));
                 }
                 Measured::Differences(round) => {
-                    Difference::of(t_us, round).for_each(|difference| event_log.difference(difference));
+                    difference_messages(t_us, round).for_each(|difference| event_log.difference(difference));
                 }
                 // Sightings are told as they come.
                 Measured::Levels(_) => {}
@@ -114,12 +115,12 @@ impl<M: RawMutex, const BYTES: usize> Sink for TelemetrySink<'_, M, BYTES> {
 }
 
 /// The record's solver in the words of telemetry.
-fn in_telemetry(solver: Solver) -> telemetry::Solver {
+fn in_telemetry(solver: Solver) -> wire::telemetry::Solver {
     match solver {
-        Solver::Track => telemetry::Solver::Track,
-        Solver::Robust => telemetry::Solver::Robust,
-        Solver::BWls => telemetry::Solver::BWls,
-        Solver::BWlsR => telemetry::Solver::BWlsR,
-        Solver::BoundingBox => telemetry::Solver::BoundingBox,
+        Solver::Track => wire::telemetry::Solver::Track,
+        Solver::Robust => wire::telemetry::Solver::Robust,
+        Solver::BWls => wire::telemetry::Solver::BWls,
+        Solver::BWlsR => wire::telemetry::Solver::BWlsR,
+        Solver::BoundingBox => wire::telemetry::Solver::BoundingBox,
     }
 }

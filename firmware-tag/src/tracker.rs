@@ -5,7 +5,6 @@
 //! which may ask for the impulse response, or by the received powers.
 
 use heapless::Vec;
-use node_record::Solver;
 use positioning_core::ble::beacon_monitor::{BeaconMonitor, ON_NODE};
 use positioning_core::engine::{Engine, Measurement, Missing, Output, Tdoa, Verdict};
 use positioning_core::nlos::{Feature, Features, NlosDetector, Reception, first_path_to_noise_db};
@@ -13,6 +12,7 @@ use positioning_core::{Real, SolveError, engine};
 use ranging::Diagnostics;
 use ranging::exchange::{Difference, Differences, Range, Round};
 use ranging::native::MAX_ROUND;
+use wire::config::Solver;
 
 use crate::channels::Level;
 use crate::levels::{MOST, Signals};

@@ -4,7 +4,7 @@ use heapless::Vec;
 use positioning_core::ble::beacon_monitor::{self, BeaconHealth, Known, Site};
 use positioning_core::ble::multilateration;
 use positioning_core::engine::{Dimensions, Measurement, Mode, Settings};
-use telemetry::{BeaconEvidence, Condition, Sighting};
+use wire::telemetry::{BeaconEvidence, Condition, Sighting};
 
 use crate::channels::{Heard, Level, Levels};
 use crate::levels::{MOST, WINDOW_US};
@@ -141,9 +141,9 @@ impl Tracker<'_> {
 mod tests {
     use super::*;
     use crate::{KnownBeacons, Locator};
-    use advertising::{Advertised, IBeacon};
-    use node_record::Beacon;
     use positioning_core::SolveError;
+    use wire::ble::{Advertised, IBeacon};
+    use wire::config::Beacon;
 
     /// In the corners of a square of 6 m, at the tag's height.
     fn corners() -> [Beacon; 4] {

@@ -4,9 +4,9 @@
 #[allow(dead_code, reason = "its main is the example's")]
 mod simulated;
 
-use node_record::{Record, Role, Solver, Tag};
 use small_air::room;
-use telemetry::{Condition, Decoder, Fix, Message};
+use wire::config::{Record, Role, Solver, Tag};
+use wire::telemetry::{Condition, Decoder, Fix, Message};
 
 /// Seconds.
 const LIFE_S: u64 = 30;

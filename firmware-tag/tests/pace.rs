@@ -4,9 +4,9 @@
 #[allow(dead_code, reason = "its main is the example's")]
 mod simulated;
 
-use node_record::{Role, Solver, Tag};
 use small_air::room;
-use telemetry::{Decoder, Message};
+use wire::config::{Role, Solver, Tag};
+use wire::telemetry::{Decoder, Message};
 
 #[test]
 fn a_tag_at_rest_goes_to_its_still_rate_and_back_when_it_is_carried_on() {

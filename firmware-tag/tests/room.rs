@@ -6,9 +6,9 @@ mod simulated;
 
 use std::sync::OnceLock;
 
-use node_record::Solver;
 use small_air::room;
-use telemetry::{Condition, Decoder, Fix, Message};
+use wire::config::Solver;
+use wire::telemetry::{Condition, Decoder, Fix, Message};
 
 /// What the tag tells; it lives once, because the world's clock is the program's.
 fn told() -> &'static [Message] {

@@ -24,12 +24,12 @@ pub use tag::{Tag, TagConfig};
 
 use heapless::HistoryBuf;
 
-use crate::frame::decaranging::PAN;
-use crate::frame::{Address, Header};
 use crate::native::{ReplyDelay, STAMP_DEVIATION_TICKS};
 use crate::time::METRES_PER_TICK;
 use crate::tof::{TimeOfFlight, double_sided_asymmetric};
 use crate::{PhyConfig, RadioDuration, RxFrame};
+use wire::uwb::decaranging::PAN;
+use wire::uwb::{Address, Header};
 
 /// From a blink's arrival to the ranging init's departure, RMARKER to RMARKER: an EVK1000's tag switches its receiver on only
 /// then.
@@ -53,7 +53,7 @@ enum Software {
     Delays,
 }
 
-/// Times of flight in a report that was announced ([`REPORT_FOLLOWS`](crate::frame::decaranging::REPORT_FOLLOWS)).
+/// Times of flight in a report that was announced ([`REPORT_FOLLOWS`](wire::uwb::decaranging::REPORT_FOLLOWS)).
 const FLIGHTS_IN_SUM: i64 = 4;
 
 /// Standard deviation of a distance, metres: of three receptions the response's counts twice (in its round and in its reply),

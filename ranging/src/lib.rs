@@ -11,13 +11,12 @@ extern crate std;
 
 pub mod decaranging;
 pub mod exchange;
-pub mod frame;
 pub mod native;
 pub mod node;
 pub mod tof;
 
 pub use baliza_dw1000::{
-    Diagnostics, Pace, PhyConfig, Radio, RadioDuration, RadioInstant, RangeBias, ReceiveError, ResponseWindow, Restart, RxFrame,
-    Sample, Start, TransmitError, bias, driver as dw1000, phy, radio, time,
+    Diagnostics, Pace, PhyConfig, Radio, RadioDuration, RadioInstant, RangeBias, ReceiveError, ResponseWindow, Restart,
+    RxFrame, Sample, Start, TransmitError, bias, driver as dw1000, phy, radio, time,
 };
 pub use tof::TimeOfFlight;

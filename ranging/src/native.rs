@@ -28,7 +28,6 @@ mod clock;
 mod compensation;
 mod coordinator;
 mod election;
-mod layout;
 mod layout_requests;
 mod leases;
 mod pace;
@@ -46,14 +45,12 @@ mod wake_ups;
 pub use anchor::{Anchor, AnchorConfig};
 pub use anchor_table::Refused;
 pub use clock::{ClockModel, STAMP_DEVIATION_TICKS};
-pub use layout::{Layout, Scheme, Span};
 pub use plan::{NOTICE_SUPERFRAMES, Rate};
 pub use tag::{Tag, TagConfig};
 pub use tdoa_tag::{TdoaTag, TdoaTagConfig};
 pub use timing::{Network, ReplyDelay, Timing};
-
-/// The most anchors of one round.
-pub const MAX_ROUND: usize = 8;
+pub use wire::uwb::MAX_ROUND;
+pub use wire::uwb::layout::{Layout, Scheme, Span};
 
 /// A window or a wait shorter than this is not worth its commands: the node decides at once.
 const SHORTEST_WAIT: crate::RadioDuration = crate::RadioDuration::from_micros(50);
@@ -74,4 +71,27 @@ fn spread(address: u16, superframe: u16, choices: u16) -> u16 {
     hash = (hash ^ hash >> 16).wrapping_mul(0x85EB_CA6B);
     hash = (hash ^ hash >> 13).wrapping_mul(0xC2B2_AE35);
     ((hash ^ hash >> 16) % u32::from(choices.max(1))) as u16
+}
+
+/// A sync frame of a new network without members, for tests: superframe 0, slot 1.
+#[cfg(test)]
+fn blank_sync_frame() -> wire::uwb::native::SyncFrame {
+    wire::uwb::native::SyncFrame {
+        superframe: 0,
+        term: 0,
+        age: 0,
+        hops: 0,
+        coordinator: 1,
+        slot: 1,
+        slot_owners: Default::default(),
+        request: None,
+        wish: Layout::LEAST,
+        heard: 0,
+        version: 0,
+        countdown: 0,
+        layout: Layout::LEAST,
+        layout_is_new: false,
+        position: None,
+        members: Default::default(),
+    }
 }

@@ -11,7 +11,7 @@ use embedded_hal_async::delay::DelayNs;
 
 use crate::exchange::{Action, Event, Guidance, Protocol, Report};
 use crate::radio::MAX_FRAME;
-use crate::{Pace, Radio, Restart, RadioDuration, RadioInstant, ReceiveError, Start, TransmitError};
+use crate::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, Restart, Start, TransmitError};
 
 /// The first pause after a failure, and what it grows to, milliseconds: a chip that is back is used again within a
 /// second.

@@ -10,10 +10,10 @@ use std::rc::Rc;
 use air::anchors::{self, corner};
 use air::{ANTENNA_DELAY, Air, Boxed, Owned};
 use ranging::exchange::{Event, Link, Protocol};
-use ranging::frame::native::{Frame, Member, Message, Position, Request, Response, Share, SyncFrame};
-use ranging::frame::{BROADCAST, FrameBuffer};
 use ranging::native::{Layout, Network, Rate, Refused, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig, Timing};
 use ranging::{PhyConfig, RadioDuration, RadioInstant, Start};
+use wire::uwb::native::{Frame, Member, Message, Position, Request, Response, Share, SyncFrame};
+use wire::uwb::{BROADCAST, FrameBuffer};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
 /// Metres a second in air, and ticks a second.

@@ -8,9 +8,9 @@ use std::rc::Rc;
 use air::{ANTENNA_DELAY, Air, Boxed, Owned, boxed, mischief, moments};
 use ranging::decaranging::{Anchor, AnchorConfig, INIT_DELAY, Tag, TagConfig};
 use ranging::exchange::{Event, Link};
-use ranging::frame::decaranging::Variant;
 use ranging::native::ReplyDelay;
 use ranging::{PhyConfig, RadioDuration, RadioInstant, Start};
+use wire::uwb::decaranging::Variant;
 
 /// What a board takes whose air is that of these tests.
 const QUICK: ReplyDelay = ReplyDelay {

@@ -6,10 +6,10 @@ use air::Owned;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 use ranging::exchange::{Event, Protocol};
-use ranging::frame::decaranging::{self, Variant};
-use ranging::frame::{FrameBuffer, native};
 use ranging::native::{Network, Rate, ReplyDelay, Scheme};
 use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
+use wire::uwb::decaranging::{self, Variant};
+use wire::uwb::{FrameBuffer, native};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
 const ADDRESS: u16 = 0x0101;

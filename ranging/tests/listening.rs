@@ -4,9 +4,9 @@ mod air;
 
 use air::{Air, Boxed, anchors, boxed, mischief, moments};
 use ranging::exchange::{Difference, Link};
-use ranging::frame::native::{Frame, Message};
 use ranging::native::{Network, Rate, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig};
 use ranging::{PhyConfig, RadioDuration};
+use wire::uwb::native::{Frame, Message};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
 

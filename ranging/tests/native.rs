@@ -8,10 +8,10 @@ use std::rc::Rc;
 use air::anchors::{self, corner, drift};
 use air::{ANTENNA_DELAY, Air, Boxed, boxed, mischief, moments};
 use ranging::exchange::{Action, Event, Link, Protocol, Range};
-use ranging::frame::native::{Asked, Distance, Frame, Message, Poll};
-use ranging::frame::{BROADCAST, FrameBuffer};
 use ranging::native::{Anchor, AnchorConfig, Layout, Network, Rate, Scheme, Tag, TagConfig};
 use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
+use wire::uwb::native::{Asked, Distance, Frame, Message, Poll};
+use wire::uwb::{BROADCAST, FrameBuffer};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
 

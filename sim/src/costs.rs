@@ -9,11 +9,11 @@
 use std::sync::LazyLock;
 
 use dw1000_sim::{Core, Processor};
-use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
-use ranging::frame::native::{Frame, Message};
 use ranging::Restart;
+use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
 use ranging::radio::{MAX_FRAME, Sample, Sensors};
 use ranging::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, RxFrame, Start, TransmitError};
+use wire::uwb::native::{Frame, Message};
 
 const TABLE: &str = include_str!("costs.csv");
 

@@ -15,15 +15,15 @@ use std::task::{Poll, Waker};
 use crc::{CRC_16_KERMIT, Crc};
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
-use ranging::dw1000::{Config, FrameFilter};
-use ranging::frame::{Address, BROADCAST, Header};
 use ranging::Restart;
+use ranging::dw1000::{Config, FrameFilter};
 use ranging::phy::{DataRate, Prf as PhyPrf, Sfd as PhySfd};
 use ranging::radio::MAX_FRAME;
 use ranging::{
     Diagnostics, Pace, PhyConfig, Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, RxFrame, Sample,
     Start, TransmitError,
 };
+use wire::uwb::{Address, BROADCAST, Header};
 
 use crate::air::{
     AirClient, Path, Payload, Phy, PortId, Prf, Rate, Reception, ReceptionEvent, Response, RxSettings, Sfd, SfdKind,

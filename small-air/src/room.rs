@@ -5,11 +5,11 @@ use core::convert::Infallible;
 use embassy_futures::join::join_array;
 use embedded_hal_async::delay::DelayNs;
 use heapless::Vec;
-use node_record::{Calibration, Identity, Mode, Network, Phy, Record, Role, Solver, Tag};
 use ranging::RadioInstant;
 use ranging::exchange::{Guidance, Report};
 use ranging::native::{self, Anchor, AnchorConfig};
 use ranging::node::{self, Listener};
+use wire::config::{Calibration, Identity, Mode, Network, Phy, Record, Role, Solver, Tag};
 
 use crate::radio::ANTENNA_DELAY;
 use crate::{AirDelay, AirRadio, Crystal, Place, World};

@@ -2,7 +2,7 @@
 #![forbid(unsafe_code)]
 
 use sim::scenario::{Epoch, RangeRecord, Record, Scenario, Simulation, Summary, What};
-use telemetry::{Condition, MotionSensor};
+use wire::telemetry::{Condition, MotionSensor};
 
 /// A scenario that has been run.
 pub struct Run {

@@ -31,12 +31,11 @@ use chip::Chip;
 use toolchain::Toolchain;
 
 /// The crates of the node: they must build without an operating system, with and without their logging.
-const NO_STD_CRATES: [&str; 9] = [
+const NO_STD_CRATES: [&str; 8] = [
     "positioning-core",
     "ranging",
-    "telemetry",
-    "node-record",
-    "advertising",
+    "baliza-dw1000",
+    "baliza-wire",
     "firmware-common",
     "firmware-anchor",
     "firmware-tag",

@@ -7,8 +7,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
-use node_record::Solver;
-use telemetry::{Decoder, Message};
+use wire::config::Solver;
+use wire::telemetry::{Decoder, Message};
 
 use crate::chip::Chip;
 use crate::{cargo, firmware, qemu, target_directory};
@@ -166,7 +166,7 @@ fn compare(messages: &[Message], reference: &[Message]) -> Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use telemetry::{Fix, Outcome, Reason};
+    use wire::telemetry::{Fix, Outcome, Reason};
 
     fn fix(x: i32) -> Message {
         let outcome = Outcome::Position {
@@ -176,7 +176,7 @@ mod tests {
             used: 0b1111,
             quality: 255,
         };
-        Message::Fix(Fix { t_us: 0, round: 0, age_us: 0, asked: 4, outcome, solver: telemetry::Solver::Track })
+        Message::Fix(Fix { t_us: 0, round: 0, age_us: 0, asked: 4, outcome, solver: wire::telemetry::Solver::Track })
     }
 
     #[test]

@@ -6,7 +6,7 @@ use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 
 use firmware_common::crash::{self, Remains};
-use telemetry::{Crash, CrashReason};
+use wire::telemetry::{Crash, CrashReason};
 
 use crate::fault::{self, Registers};
 

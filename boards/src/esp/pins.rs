@@ -1,11 +1,11 @@
 //! Where a DW1000 is wired unless the record says otherwise, and how fast the bus can be there. Which pins a record may name is
-//! in `node_record::Board::has_pin`.
+//! in `wire::config::Board::has_pin`.
 //!
 //! The defaults leave out what the chip reads at reset ("strapping" pins), because the DW1000 or its reset line could make the
 //! chip start into its loader. One exception: the ESP32-C3's own pin for MISO is GPIO2, which must not be low at reset; its
 //! modules and boards pull it up, and the DW1000 leaves it alone while not selected.
 
-use node_record::Pins;
+use wire::config::Pins;
 
 /// GPIO2, 6, 7 and 10 are SPI2's own. Strapping: 2, 8, 9.
 pub const ESP32_C3: Pins = Pins { sck: 6, mosi: 7, miso: 2, cs: 10, irq: 4, reset: 3 };
@@ -26,7 +26,7 @@ pub fn fast_mhz(pins: &Pins, default: &Pins) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use node_record::Board;
+    use wire::config::Board;
 
     const DEFAULTS: [(Board, Pins, &[u8]); 3] = [
         (Board::Esp32C3, ESP32_C3, &[8, 9]),

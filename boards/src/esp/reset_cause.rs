@@ -1,7 +1,7 @@
 //! Why a chip of Espressif was reset: the number that its ROM gives for it, in all of these chips the same (technical reference
 //! manuals, "Reset Source").
 
-use telemetry::ResetCause;
+use wire::telemetry::ResetCause;
 
 /// The cause of a number.
 pub fn of(number: u32) -> ResetCause {

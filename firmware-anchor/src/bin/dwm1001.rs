@@ -7,10 +7,10 @@ use boards::node::{self, Reporter, Tasks};
 use embassy_executor::Spawner;
 use firmware_anchor::TelemetrySink;
 use firmware_common::AnchorProtocol;
-use node_record::Role;
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
-use telemetry::Condition;
+use wire::config::Role;
+use wire::telemetry::Condition;
 
 type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
 
@@ -32,7 +32,7 @@ async fn ranging(
 fn start(spawner: Spawner) {
     let Board { uwb, delay, care, start, ranging: above, flash: _, may_rest: _, motion: _ } = Board::take();
     let reporter: &_ = REPORTER.init_with(|| Reporter::new(dwm1001::uptime_us));
-    let (hello, followed) = node::introduce(reporter, dwm1001::KIND, telemetry::Role::Anchor, start);
+    let (hello, followed) = node::introduce(reporter, dwm1001::KIND, wire::telemetry::Role::Anchor, start);
     let mut tasks = Tasks::None;
     if let Some((_, settings)) = followed {
         match settings.role {

@@ -8,10 +8,10 @@ use boards::panel::{Awaiting, Panel};
 use embassy_executor::Spawner;
 use firmware_anchor::TelemetrySink;
 use firmware_common::AnchorProtocol;
-use node_record::Role;
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
-use telemetry::Condition;
+use wire::config::Role;
+use wire::telemetry::Condition;
 
 type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
 
@@ -34,7 +34,7 @@ async fn ranging(
 fn start(spawner: Spawner) {
     let Board { uwb, mut care, lcd, start, ranging: above, .. } = Board::take();
     let reporter: &_ = REPORTER.init_with(|| Reporter::new(evk1000::uptime_us));
-    let (hello, followed) = node::introduce(reporter, evk1000::KIND, telemetry::Role::Anchor, start);
+    let (hello, followed) = node::introduce(reporter, evk1000::KIND, wire::telemetry::Role::Anchor, start);
     let mut tasks = Tasks::None;
     if let Some((_, settings)) = followed {
         let awaiting = match settings.role {

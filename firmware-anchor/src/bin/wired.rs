@@ -8,10 +8,10 @@ use boards::node::{self, Reporter};
 use boards::wired::{self, Board, Bus, Delay, Interrupt, Reset};
 use firmware_anchor::TelemetrySink;
 use firmware_common::AnchorProtocol;
-use node_record::Role;
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
-use telemetry::Condition;
+use wire::config::Role;
+use wire::telemetry::Condition;
 
 type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
 
@@ -34,7 +34,7 @@ async fn ranging(
 fn main() -> ! {
     let Board { uwb, delay, start, care } = Board::take();
     let reporter: &_ = REPORTER.init_with(|| Reporter::new(wired::uptime_us));
-    let (hello, followed) = node::introduce(reporter, wired::KIND, telemetry::Role::Anchor, start);
+    let (hello, followed) = node::introduce(reporter, wired::KIND, wire::telemetry::Role::Anchor, start);
     if let Some((_, settings)) = followed {
         match settings.role {
             Role::Anchor { position_m } => {

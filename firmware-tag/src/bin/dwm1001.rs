@@ -11,11 +11,11 @@ use firmware_common::TagProtocol;
 use firmware_tag::LoadedModels;
 use firmware_tag::motion::lis2dh12::{Lis2dh12, Sa0Pad};
 use firmware_tag::{AnchorPlace, Locator, NlosModelStore, RateControl, TelemetrySink};
-use node_record::{Pages, Role, Tag};
 use positioning_core::nlos::NodeModel;
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
-use telemetry::Condition;
+use wire::config::{Pages, Role, Tag};
+use wire::telemetry::Condition;
 
 type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
 type TaskChannels = firmware_tag::TaskChannels<Guard>;
@@ -25,11 +25,11 @@ static CHANNELS: StaticCell<TaskChannels> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
 static MACHINE: StaticCell<TagProtocol> = StaticCell::new();
 #[cfg(feature = "ble")]
-static RECORD: StaticCell<node_record::Record> = StaticCell::new();
+static RECORD: StaticCell<wire::config::Record> = StaticCell::new();
 #[cfg(feature = "ble")]
 static SURVEYED: StaticCell<LoadedModels<'static>> = StaticCell::new();
 static NLOS_MODEL: NlosModelStore = NlosModelStore::new();
-static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
+static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { wire::config::MAX_ANCHORS }>> = StaticCell::new();
 
 /// What the tag's tasks share.
 #[derive(Clone, Copy)]
@@ -37,7 +37,7 @@ struct Shared {
     channels: &'static TaskChannels,
     reporter: &'static Reporter,
     #[cfg(feature = "ble")]
-    record: &'static node_record::Record,
+    record: &'static wire::config::Record,
     #[cfg(feature = "ble")]
     surveyed: &'static LoadedModels<'static>,
     tag: Tag,
@@ -83,7 +83,7 @@ mod bluetooth {
     use embassy_executor::Spawner;
     use embassy_futures::join::join;
     use firmware_tag::scan;
-    use node_record::Scan;
+    use wire::config::Scan;
 
     use super::Shared;
     use super::commanded::Commanded;
@@ -109,7 +109,7 @@ mod bluetooth {
 fn start(spawner: Spawner) {
     let mut board = Board::take();
     let reporter: &_ = REPORTER.init_with(|| Reporter::new(dwm1001::uptime_us));
-    let (hello, followed) = node::introduce(reporter, dwm1001::KIND, telemetry::Role::Tag, board.start);
+    let (hello, followed) = node::introduce(reporter, dwm1001::KIND, wire::telemetry::Role::Tag, board.start);
     let mut tasks = Tasks::None;
     if let Some((record, settings)) = followed {
         match settings.role {
@@ -133,7 +133,7 @@ fn start(spawner: Spawner) {
                     #[cfg(feature = "ble")]
                     surveyed: SURVEYED.init_with(|| {
                         let complain = |condition| reporter.event_log.state(reporter.now_us(), condition);
-                        LoadedModels::of(node_record::decode_models(dwm1001::models()), &record.beacons, complain)
+                        LoadedModels::of(wire::config::decode_models(dwm1001::models()), &record.beacons, complain)
                     }),
                     tag,
                     model: NLOS_MODEL.fill(&mut board.flash, Pages::DWM1001.offsets),

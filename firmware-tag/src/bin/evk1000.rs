@@ -8,12 +8,12 @@ use boards::panel::{Awaiting, Panel};
 use embassy_executor::{SendSpawner, Spawner};
 use firmware_common::{AnchorProtocol, Settings, TagProtocol};
 use firmware_tag::{AnchorPlace, Epoch, Locator, NlosModelStore, RateControl, Sink, Task, TelemetrySink};
-use node_record::{Pages, Record, Role, Tag};
 use positioning_core::nlos::NodeModel;
 use ranging::dw1000::Dw1000;
 use ranging::exchange::{Event, Link};
 use static_cell::StaticCell;
-use telemetry::Condition;
+use wire::config::{Pages, Record, Role, Tag};
+use wire::telemetry::Condition;
 
 type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
 type TaskChannels = firmware_tag::TaskChannels<Guard>;
@@ -22,7 +22,7 @@ static REPORTER: StaticCell<Reporter> = StaticCell::new();
 static CHANNELS: StaticCell<TaskChannels> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
 static NLOS_MODEL: NlosModelStore = NlosModelStore::new();
-static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
+static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { wire::config::MAX_ANCHORS }>> = StaticCell::new();
 static TAG: StaticCell<TagProtocol> = StaticCell::new();
 static ANCHOR: StaticCell<AnchorProtocol> = StaticCell::new();
 static PANEL: StaticCell<SharedPanel> = StaticCell::new();
@@ -143,9 +143,9 @@ fn start(spawner: Spawner) {
     let Board { uwb, switches, mut care, lcd, start, flash, ranging: above, .. } = Board::take();
     let reporter: &_ = REPORTER.init_with(|| Reporter::new(evk1000::uptime_us));
     let (role, awaiting) = if switches.anchor {
-        (telemetry::Role::Anchor, Awaiting::Poll)
+        (wire::telemetry::Role::Anchor, Awaiting::Poll)
     } else {
-        (telemetry::Role::Tag, Awaiting::Response)
+        (wire::telemetry::Role::Tag, Awaiting::Response)
     };
     care.leds.show_role(switches.anchor);
     let panel: &_ = PANEL.init_with(|| SharedPanel::new(Panel::new(awaiting)));

@@ -11,10 +11,10 @@ use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use firmware_common::{Reporter, Settings, settings};
 use firmware_tag::{Digest, Locator, TaskChannels, places, run_as_told};
-use node_record::{LoadError, Record, Role, Solver};
 use semihosting::experimental::env::args;
 use small_air::{room, uptime_us};
-use telemetry::{Condition, Reset, ResetCause};
+use wire::config::{LoadError, Record, Role, Solver};
+use wire::telemetry::{Condition, Reset, ResetCause};
 
 static REPORTER: Reporter<CriticalSectionRawMutex, 4096> = Reporter::new(uptime_us);
 /// The path of the image, and a word.
@@ -54,7 +54,7 @@ fn live(board: &mut Board, record: &Record) -> Result<(), Condition> {
         (&settings, &tag),
         Locator::of(&tag, record, &anchors),
         told,
-        telemetry::Board::Simulated,
+        wire::telemetry::Board::Simulated,
         |epoch| digest.take(epoch),
     );
     {

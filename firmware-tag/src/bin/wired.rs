@@ -8,10 +8,10 @@ use boards::node::{self, Guard, Reporter};
 use boards::wired::{self, Board, Bus, Delay, Interrupt, Reset};
 use firmware_common::TagProtocol;
 use firmware_tag::{AnchorPlace, Locator, RateControl, TelemetrySink};
-use node_record::{Role, Tag};
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
-use telemetry::Condition;
+use wire::config::{Role, Tag};
+use wire::telemetry::Condition;
 
 type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
 type TaskChannels = firmware_tag::TaskChannels<Guard>;
@@ -20,7 +20,7 @@ static REPORTER: StaticCell<Reporter> = StaticCell::new();
 static CHANNELS: StaticCell<TaskChannels> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
 static MACHINE: StaticCell<TagProtocol> = StaticCell::new();
-static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
+static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { wire::config::MAX_ANCHORS }>> = StaticCell::new();
 
 /// What the tag's tasks share.
 #[derive(Clone, Copy)]
@@ -53,7 +53,7 @@ async fn engine(shared: Shared, anchors: &'static [AnchorPlace]) {
 fn main() -> ! {
     let Board { uwb, delay, start, care } = Board::take();
     let reporter: &_ = REPORTER.init_with(|| Reporter::new(wired::uptime_us));
-    let (hello, followed) = node::introduce(reporter, wired::KIND, telemetry::Role::Tag, start);
+    let (hello, followed) = node::introduce(reporter, wired::KIND, wire::telemetry::Role::Tag, start);
     if let Some((record, settings)) = followed {
         match settings.role {
             Role::Tag(tag) => {

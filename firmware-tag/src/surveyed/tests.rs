@@ -1,9 +1,9 @@
-use advertising::{Advertised, IBeacon};
-use node_record::{MODELS_BYTES, decode_models, encode_models};
 use positioning_core::Real;
 use positioning_core::ble::fingerprint::{Point, encode};
 use positioning_core::ble::rooms::{Kind, Model, Svm};
 use std::vec::Vec;
+use wire::ble::{Advertised, IBeacon};
+use wire::config::{MODELS_BYTES, decode_models, encode_models};
 
 use super::*;
 use crate::channels::Heard;
@@ -156,7 +156,7 @@ fn levels_that_are_none_spoil_nothing() {
 
 #[test]
 fn what_cannot_be_used_is_complained_of_once_and_the_rest_is_used() {
-    use telemetry::Levels::{All, Map, Rooms};
+    use wire::telemetry::Levels::{All, Map, Rooms};
     let (list, map, rooms) = (list(), map(), rooms());
     let said = |region: &[u8]| taken(region, &list).1;
     assert_eq!(said(&[0xFF; 64]), [], "nothing is nothing to complain of");
@@ -206,5 +206,5 @@ fn a_room_is_told_when_it_changes_and_every_five_seconds() {
         tracker.window(end_us);
         last = tracker.room().map(|told| told.room.is).or(last);
     }
-    assert_eq!(last, Some(telemetry::RoomEstimate::Unknown));
+    assert_eq!(last, Some(wire::telemetry::RoomEstimate::Unknown));
 }

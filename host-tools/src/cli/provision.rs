@@ -13,7 +13,7 @@ use host_tools::node::provision::image::{Contents, Held, Image};
 use host_tools::node::provision::show::{self, Keys};
 use host_tools::node::provision::{EXAMPLE, Node, Site, transfer, warnings};
 use host_tools::train::Chosen;
-use node_record::{Board, MODELS_BYTES, Record};
+use wire::config::{Board, MODELS_BYTES, Record};
 
 /// Tell nodes who they are: make their records, write, show and check them
 ///

@@ -13,12 +13,12 @@ use host_tools::files::output;
 use host_tools::simulate::{Capture, Logbook, load_site_models, picture, position_header, position_row, survey_csv};
 use host_tools::survey::presence::read_outlines;
 use host_tools::train::Chosen;
-use node_record::{Scheme, Solver};
 use positioning_core::Method;
 use positioning_core::engine::NodeMethod;
 use sim::BoardProfile;
 use sim::scenario::{BluetoothSummary, Cover, Epoch, Fidelity, Mode, Record, Scenario, Simulation, Summary, What};
-use telemetry::Condition;
+use wire::config::{Scheme, Solver};
+use wire::telemetry::Condition;
 
 use super::PictureFile;
 use crate::cli::progress::Progress;

@@ -11,7 +11,7 @@ use host_tools::files::output;
 use host_tools::node::decode::{Chunks, Stamp, Table, json, open_stream};
 use host_tools::node::monitor::{Image, Pace, Port, Probed, Serial, Source};
 use host_tools::node::probe::ProbeArguments;
-use telemetry::Message;
+use wire::telemetry::Message;
 
 use crate::cli::progress::Progress;
 

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use telemetry::Message;
+use wire::telemetry::Message;
 
 use crate::files::output::Growing;
 use crate::node::decode::{Stamp, Table, metres};

@@ -4,7 +4,7 @@
 use positioning_core::nlos::{Feature, Features};
 use ranging::Diagnostics;
 use sim::scenario::{Epoch, Scenario, What};
-use telemetry::Sighting;
+use wire::telemetry::Sighting;
 
 use crate::files::positions::{CHIP_COLUMNS, COLUMNS, POWER_COLUMNS};
 

@@ -1,5 +1,6 @@
 //! `baliza decode`, `record` and `replay`: a simulated tag's telemetry, whole, damaged, of other builds, and no telemetry at all.
 
+use firmware_common::messages::range_message;
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Output, Stdio};
@@ -10,9 +11,9 @@ use rand::{Rng, RngCore, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use serde_json::Value;
 use sim::scenario::{Scenario, Simulation, What};
-use telemetry::{
-    BeaconId, Board, Condition, Counters, Diagnostics, Difference, Fix, Hello, MAX_FRAME, Message, Outcome, Range,
-    Reset, ResetCause, Role, Room, RoomEstimate, RoomProbability, Sighting, Solver, State, encode,
+use wire::telemetry::{
+    BeaconId, Board, Condition, Counters, Diagnostics, Difference, Fix, Hello, MAX_FRAME, Message, Outcome, Reset,
+    ResetCause, Role, Room, RoomEstimate, RoomProbability, Sighting, Solver, State, encode,
 };
 
 use crate::support::Folder;
@@ -40,7 +41,7 @@ fn walk() -> Vec<Message> {
     for record in simulation.run_until(2.0) {
         let What::Epoch(epoch) = record.what else { continue };
         let (t_us, round) = ((record.t_s * 1e6) as u64, epoch.number as u16);
-        told.extend(epoch.ranges.iter().map(|measured| Message::Range(Range::new(t_us, round, &measured.range))));
+        told.extend(epoch.ranges.iter().map(|measured| Message::Range(range_message(t_us, round, &measured.range))));
         let outcome = match epoch.outcome {
             Ok(of) => Outcome::position(of.position_m, of.covariance_m2, of.used, of.quality),
             Err(reason) => Outcome::Reason(reason.into()),

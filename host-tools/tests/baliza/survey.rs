@@ -1,6 +1,6 @@
 //! `baliza survey fingerprints` from a recorded stream.
 
-use telemetry::{BeaconId, MAX_FRAME, Message, Sighting, encode};
+use wire::telemetry::{BeaconId, MAX_FRAME, Message, Sighting, encode};
 
 use crate::support::Folder;
 

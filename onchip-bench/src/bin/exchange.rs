@@ -8,11 +8,11 @@ use core::hint::black_box;
 
 use onchip_bench::instrument::Instrument;
 use ranging::exchange::{Action, Event, Protocol, Report};
-use ranging::frame::native::{Beacon, Frame, Member, Message, OWNED_SYNC_SLOTS, Share};
-use ranging::frame::{BROADCAST, FrameBuffer};
 use ranging::native::{Anchor, AnchorConfig, Layout, Network, Rate, Scheme, Tag, TagConfig, Timing};
 use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
 use semihosting::println;
+use wire::uwb::native::{Beacon, Frame, Member, Message, OWNED_SYNC_SLOTS, Share};
+use wire::uwb::{BROADCAST, FrameBuffer};
 
 const NETWORK: Network = Network { pan: 0xBA1A, phy: PhyConfig::FAST, pinned: None };
 const TAG: u16 = 0x100;

@@ -10,11 +10,11 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_common::Reporter;
 use firmware_tag::{Handover, Told};
 use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
-use ranging::frame::native::{Frame, Message};
 use ranging::native::{Anchor, AnchorConfig, Network, Rate, Scheme, Tag, TagConfig};
 use ranging::node::{self, Listener};
 use ranging::{Pace, PhyConfig, RadioInstant};
 use small_air::{ANTENNA_DELAY, Crystal, Place, World, uptime_us};
+use wire::uwb::native::{Frame, Message};
 
 use super::{Mean, since};
 use crate::instrument::stamp;

@@ -17,7 +17,7 @@ use positioning_core::engine::{Settings, Solvers};
 use ranging::exchange::{Range, Round};
 use ranging::native::Rate;
 use ranging::{Diagnostics, RadioInstant};
-use telemetry::{Fix, Outcome, Solver};
+use wire::telemetry::{Fix, Outcome, Solver};
 
 use super::{Mean, since};
 use crate::instrument::stamp;

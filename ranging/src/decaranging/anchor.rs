@@ -5,12 +5,12 @@ use heapless::Vec;
 use super::known::{Exchange, Known, Later, Pending, Purpose, STOCK_MILLIS};
 use super::{Compensation, DEVIATION_M, FLIGHTS_IN_SUM, Software, bytes_on_air, flight, header, least_reply, short};
 use crate::exchange::{Action, Event, Link, Protocol, Range, Report, Round};
-use crate::frame::decaranging::{
-    Answer, Blink, Final, Frame, LONGEST_BYTES, Message, REPORT_FOLLOWS, Variant, delay_field,
-};
-use crate::frame::{Address, FrameBuffer, Header};
 use crate::native::ReplyDelay;
 use crate::{PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
+use wire::uwb::decaranging::{
+    Answer, Blink, Final, Frame, LONGEST_BYTES, Message, REPORT_FOLLOWS, Variant, delay_field,
+};
+use wire::uwb::{Address, FrameBuffer, Header};
 
 /// What an anchor is told at its start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

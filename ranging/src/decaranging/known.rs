@@ -16,9 +16,9 @@
 use heapless::Vec;
 
 use super::{INIT_DELAY, Mean, Software};
-use crate::frame::Header;
-use crate::frame::decaranging::{Frame, Variant, delay_field};
 use crate::{RadioDuration, RadioInstant};
+use wire::uwb::Header;
+use wire::uwb::decaranging::{Frame, Variant, delay_field};
 
 /// By how much an init for older software comes later than newer software listens for.
 const LATE: RadioDuration = RadioDuration::from_micros(1_500);

@@ -1,9 +1,9 @@
 //! What a tag knows of the anchor that took it: what its ranging init named, and what its responses told of its software.
 
 use super::Software;
-use crate::frame::Address;
-use crate::frame::decaranging::{Variant, delay_of};
 use crate::{RadioDuration, RadioInstant};
+use wire::uwb::Address;
+use wire::uwb::decaranging::{Variant, delay_of};
 
 /// A delay without a unit, of less than this, is milliseconds where the anchor's software is older, microseconds elsewhere.
 const LEAST_MICROS: u16 = 1_000;

@@ -4,11 +4,11 @@
 use super::paired::Paired;
 use super::{Compensation, DEVIATION_M, FLIGHTS_IN_SUM, Mean, Software, bytes_on_air, header, least_reply, short};
 use crate::exchange::{Action, COMPENSATION, Event, Guidance, Link, Protocol, Range, Report, Round};
-use crate::frame::decaranging::{Answer, Blink, Final, Frame, LONGEST_BYTES, Message, REPORT_FOLLOWS, Variant};
-use crate::frame::{Address, FrameBuffer, Header};
 use crate::native::{Rate, ReplyDelay};
 use crate::radio::Sensors;
 use crate::{PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, Start, TimeOfFlight};
+use wire::uwb::decaranging::{Answer, Blink, Final, Frame, LONGEST_BYTES, Message, REPORT_FOLLOWS, Variant};
+use wire::uwb::{Address, FrameBuffer, Header};
 
 /// What a tag is told at its start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,16 +5,16 @@ use heapless::Vec;
 use super::anchor_rounds::AnchorRounds;
 use super::compensation::Compensation;
 use super::coordinator::{Coordinator, FollowUpdate};
-use super::layout::Scheme;
 use super::pace::Meter;
 use super::plan::Rate;
 use super::timing::{SYNC_SLOTS, Timing, end_of};
 use super::{Network, SHORTEST_WAIT, STAMP_DEVIATION_TICKS, spread};
 use crate::exchange::{Action, COMPENSATION, Event, Link, Protocol, Range, Report, Round};
-use crate::frame::native::{FinalReceived, Frame, MAX_MEMBERS, Member, Message, Poll, Position, Response, SyncFrame};
-use crate::frame::{BROADCAST, FrameBuffer};
 use crate::time::METRES_PER_TICK;
 use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
+use wire::uwb::layout::Scheme;
+use wire::uwb::native::{FinalReceived, Frame, MAX_MEMBERS, Member, Message, Poll, Position, Response, SyncFrame};
+use wire::uwb::{BROADCAST, FrameBuffer};
 
 /// What an anchor is told at its start.
 #[derive(Clone, Copy, Debug, PartialEq)]

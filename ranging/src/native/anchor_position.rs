@@ -11,7 +11,7 @@
 //!
 //! So a false position needs an anchor that is silent, or a tag that has just started.
 
-use crate::frame::native::{Position, SyncFrame};
+use wire::uwb::native::{Position, SyncFrame};
 
 /// A position within so much of another, in each axis, is the same, metres: anchors tell millimetres.
 const SAME_M: f32 = 0.01;

@@ -9,12 +9,12 @@ use heapless::Vec;
 use super::MAX_ROUND;
 use super::anchor_table::AnchorTable;
 use super::coordinator::Coordinator;
-use super::layout::{Layout, Scheme};
 use super::plan::{Rate, next_round, owned_slots, share_of};
 use super::round::RoundState;
 use super::timing::{Phase, Timing};
-use crate::frame::native::{Distance, Member, Poll, Response};
 use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame};
+use wire::uwb::layout::{Layout, Scheme};
+use wire::uwb::native::{Distance, Member, Poll, Response};
 
 /// Anchors kept in mind.
 const MAX_HEARD: usize = 16;

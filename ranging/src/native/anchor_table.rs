@@ -11,7 +11,7 @@ use super::MAX_ROUND;
 use super::anchor_position::{AnchorPosition, is_own_slot};
 use super::clock::ClockModel;
 use crate::RadioInstant;
-use crate::frame::native::SyncFrame;
+use wire::uwb::native::SyncFrame;
 
 /// Anchors that a tag keeps in mind.
 pub const MAX_NEIGHBOURS: usize = 24;
@@ -202,7 +202,7 @@ impl AnchorTable {
     /// Tells which clock an anchor's stamps are of: for tests.
     #[cfg(test)]
     fn place(&mut self, address: u16, power_dbm: f32, position_m: [f32; 3]) {
-        use crate::frame::native::Position;
+        use wire::uwb::native::Position;
         self.receive(address, power_dbm).unwrap().position.receive(Position::from_metres(position_m), true);
     }
 }

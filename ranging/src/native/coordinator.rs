@@ -13,15 +13,15 @@
 
 use super::anchor_position::{hash, is_own_slot};
 use super::election::{Choice, Election};
-use super::layout::Layout;
 use super::layout_requests::LayoutRequests;
 use super::leases::Leases;
 use super::spread;
 use super::superframes::Superframes;
 use super::timing::{HOLDOVER_SUPERFRAMES, SHARED_SLOTS};
 use crate::exchange::Link;
-use crate::frame::native::{Member, OWNED_SYNC_SLOTS, Position, SyncFrame};
 use crate::{PhyConfig, RadioInstant};
+use wire::uwb::layout::Layout;
+use wire::uwb::native::{Member, OWNED_SYNC_SLOTS, Position, SyncFrame};
 
 /// Word of the coordinator older than this many superframes, and two more a hop, means that it is gone.
 const COORDINATOR_GONE: u8 = 3;

@@ -13,7 +13,7 @@
 
 use super::prevails;
 use super::timing::HOLDOVER_SUPERFRAMES;
-use crate::frame::native::SyncFrame;
+use wire::uwb::native::SyncFrame;
 
 /// Restarts of one coordinator are followed at once where they are so many superframes apart.
 const RESTARTS_APART: u8 = 2;
@@ -150,7 +150,7 @@ mod tests {
     use super::*;
 
     fn sync_frame(term: u8, coordinator: u16) -> SyncFrame {
-        SyncFrame { term, coordinator, ..SyncFrame::blank() }
+        SyncFrame { term, coordinator, ..crate::native::blank_sync_frame() }
     }
 
     /// A node that has followed coordinator 5 in term 3 for a minute.

@@ -2,9 +2,9 @@
 
 use heapless::Vec;
 
-use super::layout::Layout;
 use super::plan::{Members, lists};
-use crate::frame::native::MAX_MEMBERS;
+use wire::uwb::layout::Layout;
+use wire::uwb::native::MAX_MEMBERS;
 
 /// LayoutRequests of anchors, and of tags that are no members, are kept for one to two times this many superframes: anchors repeat them in
 /// their sync frames. Those of members are kept until they ask for something else, or leave.
@@ -106,7 +106,7 @@ mod tests {
     use super::super::{Scheme, Span};
     use super::*;
     use crate::RadioDuration;
-    use crate::frame::native::{Member, Share};
+    use wire::uwb::native::{Member, Share};
 
     fn layout(answer_us: u32) -> Layout {
         let span = |micros| Span::at_least(RadioDuration::from_micros(micros));

@@ -6,10 +6,10 @@
 
 use heapless::Vec;
 
-use super::layout::Layout;
 use super::plan::{Members, Membership};
 use super::spread;
-use crate::frame::native::{MAX_MEMBERS, Member, Share};
+use wire::uwb::layout::Layout;
+use wire::uwb::native::{MAX_MEMBERS, Member, Share};
 
 /// A member of whom no poll was heard for this many of its turns loses its slots.
 const LEASE_TURNS: u16 = 10;

@@ -6,8 +6,8 @@
 //! single late start; one that became quicker is believed slowly.
 
 use super::ReplyDelay;
-use super::layout::{Layout, Scheme, Span};
 use crate::RadioDuration;
+use wire::uwb::layout::{Layout, Scheme, Span};
 
 /// What is added to a measured duration: the chip's own start (10 µs from the command to the first pulse), the steps of timers …
 const MARGIN: RadioDuration = RadioDuration::from_micros(30);

@@ -5,10 +5,10 @@
 
 use heapless::Vec;
 
-use super::layout::Layout;
 use super::timing::{MAX_ROUND_SLOTS, Timing};
 use crate::RadioDuration;
-use crate::frame::native::{MAX_MEMBERS, Member, Share, SyncFrame};
+use wire::uwb::layout::Layout;
+use wire::uwb::native::{MAX_MEMBERS, Member, Share, SyncFrame};
 
 /// A changed list counts this many superframes after it was first told.
 pub const NOTICE_SUPERFRAMES: u8 = 4;
@@ -224,8 +224,8 @@ pub fn share_of(rate: Rate, timing: &Timing) -> Share {
 
 #[cfg(test)]
 mod tests {
-    use super::super::layout::Span;
     use super::*;
+    use wire::uwb::layout::Span;
 
     fn list(shares: &[Share]) -> Members {
         shares.iter().enumerate().map(|(tag, &share)| Member { tag: tag as u16, share }).collect()
@@ -332,7 +332,7 @@ mod tests {
             version,
             countdown,
             members: members.clone(),
-            ..SyncFrame::blank()
+            ..crate::native::blank_sync_frame()
         };
         let mut newcomer = Membership::from_sync_frame(&sync_frame(2, 3, &new));
         assert_eq!(newcomer.in_force(), None);

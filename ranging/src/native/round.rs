@@ -9,14 +9,14 @@ use heapless::Vec;
 use positioning_core::Real;
 
 use super::anchor_table::{AnchorTable, Team};
-use super::layout::{Layout, Scheme};
 use super::timing::Timing;
 use super::{MAX_ROUND, STAMP_DEVIATION_TICKS};
 use crate::exchange::{Action, Range, Round};
-use crate::frame::native::{Asked, Distance, FinalReceived, Poll, Response};
 use crate::time::METRES_PER_TICK;
 use crate::tof::{double_sided_asymmetric, single_sided_corrected};
 use crate::{RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
+use wire::uwb::layout::{Layout, Scheme};
+use wire::uwb::native::{Asked, Distance, FinalReceived, Poll, Response};
 
 /// The round in progress, or the last.
 #[derive(Clone, Debug)]

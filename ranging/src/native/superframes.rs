@@ -1,10 +1,10 @@
 //! Where a node is in the course of a network's superframes, and what counts there: phase, members, layout.
 
-use super::layout::Layout;
 use super::plan::Membership;
 use super::timing::{Phase, Timing};
-use crate::frame::native::SyncFrame;
 use crate::{PhyConfig, RadioDuration, RadioInstant};
+use wire::uwb::layout::Layout;
+use wire::uwb::native::SyncFrame;
 
 /// The course of superframes as a node knows it.
 #[derive(Clone, Debug)]

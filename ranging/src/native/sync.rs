@@ -4,8 +4,8 @@ use super::election::{Choice, Election};
 use super::plan::Members;
 use super::superframes::Superframes;
 use super::timing::HOLDOVER_SUPERFRAMES;
-use crate::frame::native::SyncFrame;
 use crate::{PhyConfig, RadioDuration, RadioInstant};
+use wire::uwb::native::SyncFrame;
 
 /// The network that is followed.
 #[derive(Clone, Debug)]
@@ -128,9 +128,9 @@ impl Sync {
 
 #[cfg(test)]
 mod tests {
-    use super::super::layout::{Layout, Span};
     use super::super::timing::Timing;
     use super::*;
+    use wire::uwb::layout::{Layout, Span};
 
     const PHY: PhyConfig = PhyConfig::FAST;
     const SLOT: u8 = 2;
@@ -144,7 +144,7 @@ mod tests {
     /// The sync frame of slot 2 in this superframe, of coordinator 1.
     fn sync_frame(superframe: u16, version: u8, layout: Layout, countdown: u8) -> SyncFrame {
         let (slot, layout_is_new) = (SLOT, countdown > 0);
-        SyncFrame { superframe, slot, version, layout, countdown, layout_is_new, ..SyncFrame::blank() }
+        SyncFrame { superframe, slot, version, layout, countdown, layout_is_new, ..crate::native::blank_sync_frame() }
     }
 
     /// A tag that has followed since superframe 10, whose slots are laid out for answers of 600 µs, and then dozed; when that superframe

@@ -7,7 +7,7 @@ use heapless::Vec;
 
 use super::anchor_table::MAX_NEIGHBOURS;
 use super::timing::HOLDOVER_SUPERFRAMES;
-use crate::frame::native::OWNED_SYNC_SLOTS;
+use wire::uwb::native::OWNED_SYNC_SLOTS;
 
 /// All sync slots are listened to once in so many superframes that the tag does not sleep through …
 const ALL_AFTER: u16 = 600;

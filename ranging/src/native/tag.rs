@@ -5,7 +5,6 @@ mod seldom;
 use self::seldom::{Aim, Awaited, Nap};
 use super::anchor_table::{AnchorTable, Refused};
 use super::compensation::Compensation;
-use super::layout::Scheme;
 use super::pace::Meter;
 use super::plan::{Rate, lists, next_round, owned_slots, share_of};
 use super::round::RoundState;
@@ -16,9 +15,10 @@ use super::timing::{SUPERFRAME, SYNC_SLOTS, Timing, end_of};
 use super::wake_ups::{Slept, WakeUps};
 use super::{Network, SHORTEST_WAIT, spread};
 use crate::exchange::{Action, Event, Guidance, Link, Protocol, Report};
-use crate::frame::native::{Frame, MAX_MEMBERS, Message, RESPONSE_BYTES, Request, Share, SyncFrame};
-use crate::frame::{BROADCAST, FrameBuffer};
 use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
+use wire::uwb::layout::Scheme;
+use wire::uwb::native::{Frame, MAX_MEMBERS, Message, RESPONSE_BYTES, Request, Share, SyncFrame};
+use wire::uwb::{BROADCAST, FrameBuffer};
 
 /// What a tag is told at its start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -24,10 +24,10 @@ use super::sync::{Sync, SyncUpdate};
 use super::timing::{SUPERFRAME, SYNC_SLOTS, end_of};
 use super::{MAX_ROUND, Network, SHORTEST_WAIT, STAMP_DEVIATION_TICKS};
 use crate::exchange::{Action, Difference, Differences, Event, Guidance, Link, Protocol, Report};
-use crate::frame::BROADCAST;
-use crate::frame::native::{Asked, Frame, Message, Poll, Response, SyncFrame};
 use crate::time::METRES_PER_TICK;
 use crate::{Diagnostics, RadioDuration, RadioInstant, RangeBias, RxFrame, Start};
+use wire::uwb::BROADCAST;
+use wire::uwb::native::{Asked, Frame, Message, Poll, Response, SyncFrame};
 
 /// Without a sync frame for this many superframes there is no network here.
 const LOST_AFTER: u16 = 5;

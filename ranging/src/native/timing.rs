@@ -5,13 +5,14 @@
 //! round:      | poll | answer time | response 0 | gap | response 1 | gap | … | answer time | final |
 //! ```
 
-use super::layout::{Layout, Scheme};
 use super::pace::Meter;
-use crate::frame::native::{
-    FINAL_BYTES, LONG_RESPONSE_BYTES, OWNED_SYNC_SLOTS, POLL_BYTES, REQUEST_BYTES, RESPONSE_BYTES, SYNC_FRAME_BYTES,
-};
 use crate::native::MAX_ROUND;
 use crate::{PhyConfig, RadioDuration, RadioInstant, RxFrame};
+use wire::config;
+use wire::uwb::layout::{Layout, Scheme};
+use wire::uwb::native::{
+    FINAL_BYTES, LONG_RESPONSE_BYTES, OWNED_SYNC_SLOTS, POLL_BYTES, REQUEST_BYTES, RESPONSE_BYTES, SYNC_FRAME_BYTES,
+};
 
 /// How quick a board is, beside its frames' time on the air: interrupt latency, bus and computation together. In native mode each node
 /// measures it by itself while it runs, unless its record pins it; none of the values here was measured on a board.
@@ -35,6 +36,17 @@ impl ReplyDelay {
     };
 }
 
+impl From<config::ReplyDelay> for ReplyDelay {
+    fn from(record: config::ReplyDelay) -> Self {
+        let micros = |us: u16| RadioDuration::from_micros(us.into());
+        Self {
+            answer: micros(record.answer_us),
+            listen_again: micros(record.listen_again_us),
+            transmit: micros(record.transmit_us),
+        }
+    }
+}
+
 /// What all nodes of a network have in common.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -51,6 +63,20 @@ impl Network {
     /// The layout of a network that this node founds, before anybody has measured anything.
     pub fn first_layout(&self) -> Layout {
         Meter::new(self.pinned).first_layout()
+    }
+}
+
+impl TryFrom<&config::Record> for Network {
+    type Error = config::Invalid;
+
+    /// The network of a config record.
+    fn try_from(record: &config::Record) -> Result<Self, config::Invalid> {
+        record.validate_region()?;
+        Ok(Self {
+            pan: record.network.pan,
+            phy: record.phy()?,
+            pinned: record.network.turnaround.map(ReplyDelay::from),
+        })
     }
 }
 
@@ -261,10 +287,10 @@ pub fn end_of(phy: &PhyConfig, frame: &RxFrame<'_>) -> RadioInstant {
 
 #[cfg(test)]
 mod tests {
-    use super::super::layout::Span;
     use super::super::superframes::Superframes;
     use super::*;
     use crate::phy::{Channel, DataRate, PreambleLength, Prf};
+    use wire::uwb::layout::Span;
 
     fn micros(duration: RadioDuration) -> f64 {
         duration.ticks() as f64 / 63_897.6

@@ -14,10 +14,10 @@ use anchor::StockAnchor;
 use kit::{Kit, Software};
 use ranging::decaranging::{Anchor, AnchorConfig, INIT_DELAY, Tag, TagConfig};
 use ranging::exchange::Link;
-use ranging::frame::decaranging::Variant;
 use ranging::native::ReplyDelay;
 use ranging::{PhyConfig, RadioDuration};
 use tag::StockTag;
+use wire::uwb::decaranging::Variant;
 
 /// What a board takes whose air is that of these tests.
 const QUICK: ReplyDelay = ReplyDelay {

@@ -1,8 +1,8 @@
 //! The air, with beacons and a scanner that writes down what it hears.
 
 use super::*;
-use advertising::IBeacon;
 use firmware_tag::scan::Scanner as _;
+use wire::ble::IBeacon;
 
 const STILL: Medium = Medium { exponent: 2.0, shadowing_db: 0.0, shadowing_m: 2.0, fading_db: 0.0 };
 

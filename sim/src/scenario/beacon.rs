@@ -5,12 +5,12 @@ use std::convert::Infallible;
 use std::rc::Rc;
 use std::time::Duration;
 
-use advertising::{EddystoneUid, IBeacon};
 use embassy_futures::join::join;
 use firmware_beacon::{Listener, Settings};
 use firmware_tag::scan::Plan;
-use node_record::{Advertiser, Calibration, Identity, Mode, Network, Phy, Record, Role};
 use rand::RngCore;
+use wire::ble::{EddystoneUid, IBeacon};
+use wire::config::{Advertiser, Calibration, Identity, Mode, Network, Phy, Record, Role};
 
 use super::FaultKind;
 use crate::bluetooth::{Bluetooth, BluetoothConfig, Sender};
@@ -31,7 +31,7 @@ pub struct Beacon {
     /// What it advertises.
     pub advertiser: Advertiser,
     /// What tags are told of it; `None`: nothing.
-    pub listed: Option<node_record::Beacon>,
+    pub listed: Option<wire::config::Beacon>,
 }
 
 impl Beacon {
@@ -61,7 +61,7 @@ pub struct BluetoothSettings {
     pub scan: Plan,
     /// What tags know of levels on the spot, by the files' names.
     pub files: SiteModelFiles,
-    /// The same as a tag has it in flash (`node_record::decode_models`), of the beacons that tags are told of; it should be sound.
+    /// The same as a tag has it in flash (`wire::config::decode_models`), of the beacons that tags are told of; it should be sound.
     pub site_models: Option<Rc<[u8]>>,
 }
 
@@ -222,6 +222,6 @@ fn malformed(whole: &[u8]) -> Vec<Vec<u8>> {
 }
 
 /// What tags are told: the list of a record.
-pub(super) fn listed(beacons: &[Beacon]) -> Rc<[node_record::Beacon]> {
+pub(super) fn listed(beacons: &[Beacon]) -> Rc<[wire::config::Beacon]> {
     beacons.iter().filter_map(|beacon| beacon.listed).collect()
 }

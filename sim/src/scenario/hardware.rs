@@ -8,8 +8,8 @@ use std::rc::Rc;
 use embedded_hal::digital::OutputPin;
 use embedded_hal::spi::{ErrorType, Operation};
 use embedded_hal_async::spi::SpiDevice;
-use ranging::dw1000::{ClockedSpi, Config, Dw1000, ResetLine, SpiClock};
 use ranging::Restart;
+use ranging::dw1000::{ClockedSpi, Config, Dw1000, ResetLine, SpiClock};
 
 use super::draw::Draw;
 use super::{FaultKind, Fidelity};

@@ -17,9 +17,9 @@ mod sink;
 mod survey;
 
 use positioning_core::Method;
-use ranging::frame::decaranging::Variant;
 use ranging::native::Scheme;
 use ranging::{PhyConfig, RadioDuration};
+use wire::uwb::decaranging::Variant;
 
 use crate::air::Wall;
 use crate::board::BoardProfile;

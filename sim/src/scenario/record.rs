@@ -5,7 +5,7 @@ use positioning_core::SolveError;
 use positioning_core::nlos::Shape;
 use ranging::exchange::{Difference, Link, Range};
 use serde::Serialize;
-use telemetry::{Condition, MotionSensor, RoomEstimate, Sighting};
+use wire::telemetry::{Condition, MotionSensor, RoomEstimate, Sighting};
 
 use super::draw::{Charges, Drawn};
 use crate::air::AirStatistics;

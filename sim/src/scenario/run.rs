@@ -18,9 +18,9 @@ use positioning_core::Blocked;
 use positioning_core::engine::Solvers;
 use positioning_core::nlos::Model;
 use rand::Rng;
+use ranging::Restart;
 use ranging::exchange::Protocol;
 use ranging::native::{self, ReplyDelay};
-use ranging::Restart;
 use ranging::{RadioDuration, decaranging, dw1000};
 
 use super::beacon::{BeaconNode, listed};
@@ -346,7 +346,7 @@ struct Ears {
     address: u16,
     path: Path,
     plan: Plan,
-    known: Rc<[node_record::Beacon]>,
+    known: Rc<[wire::config::Beacon]>,
     site_models: Option<Rc<[u8]>>,
 }
 
@@ -426,7 +426,7 @@ async fn tag_tasks<R: Restart + 'static>(
         air.scanner(address, path, move |data, rssi_dbm| scan::receive(&channels, &*sink, data, rssi_dbm))
     };
     let scanner = Interfering { scanner, world, processor, address };
-    let models = site_models.as_deref().map_or(Err(node_record::LoadError::Missing), node_record::decode_models);
+    let models = site_models.as_deref().map_or(Err(wire::config::LoadError::Missing), wire::config::decode_models);
     let surveyed = LoadedModels::of(models, &known, |condition| sink.unused(condition));
     let locator = locator.with_beacons(KnownBeacons::new(&known, None)).with_surveyed(&surveyed);
     let ranging = firmware_tag::ranging(radio, delay, machine, channels, &**sink);

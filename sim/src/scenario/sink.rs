@@ -10,7 +10,7 @@ use firmware_tag::{Measured, RoomReport};
 use ranging::RadioInstant;
 use ranging::exchange::{Difference, Guidance, Link, Report};
 use ranging::node::Listener;
-use telemetry::{Condition, MotionSensor, Sighting};
+use wire::telemetry::{Condition, MotionSensor, Sighting};
 
 use super::record::{DifferenceRecord, Epoch, RangeRecord, Record, Source, What};
 use super::{FaultKind, Scenario, Walk, distance};

@@ -4,9 +4,9 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use advertising::Advertised;
 use embassy_futures::block_on;
 use firmware_tag::scan::Scanner;
+use wire::ble::Advertised;
 
 use super::Scenario;
 use super::beacon::BeaconNode;

@@ -2,11 +2,11 @@
 
 use std::rc::Rc;
 
-use node_record::{BeaconModel, MODELS_BYTES, SiteModels, encode_models};
 use positioning_core::ble::fingerprint::{Map, Receiver, locate};
 use sim::scenario::{Scenario, What};
 use system_tests::{Run, TAG};
-use telemetry::{Condition, Levels, RoomEstimate, RssiModelError};
+use wire::config::{BeaconModel, MODELS_BYTES, SiteModels, encode_models};
+use wire::telemetry::{Condition, Levels, RoomEstimate, RssiModelError};
 
 use super::{by_beacons, errors};
 

@@ -3,7 +3,7 @@
 use positioning_core::SolveError;
 use sim::scenario::What;
 use system_tests::{Run, TAG};
-use telemetry::{BeaconEvidence, Condition};
+use wire::telemetry::{BeaconEvidence, Condition};
 
 use super::{ROUND, STANDS, by_beacons, errors, room};
 

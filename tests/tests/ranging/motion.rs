@@ -2,7 +2,7 @@
 
 use sim::scenario::Scenario;
 use system_tests::{Run, TAG, hall};
-use telemetry::MotionSensor;
+use wire::telemetry::MotionSensor;
 
 /// When the tag is carried off, seconds.
 const LEAVES_S: f64 = 61.0;

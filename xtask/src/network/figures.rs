@@ -2,7 +2,7 @@
 
 use dw1000_sim::{Node, TrueTime};
 use sim::scenario::{Scenario, Simulation, What};
-use telemetry::Message;
+use wire::telemetry::Message;
 
 use super::scene::Outcome;
 

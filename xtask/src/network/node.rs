@@ -13,7 +13,7 @@ use embedded_hal::spi;
 use embedded_hal_async::digital::Wait;
 use embedded_hal_async::spi::SpiDevice;
 use qemu_link::{Answer, Asked, Message, Operation, Request, Spent, Start};
-use telemetry::Decoder;
+use wire::telemetry::Decoder;
 
 use super::guest::Guest;
 use super::steps::Steps;
@@ -21,7 +21,7 @@ use super::steps::Steps;
 /// What became of a node.
 pub struct Life {
     /// What it told, and when that was told.
-    pub told: Vec<(TrueTime, telemetry::Message)>,
+    pub told: Vec<(TrueTime, wire::telemetry::Message)>,
     /// What it asked for.
     pub work: Work,
     /// What its instructions went to.
@@ -69,9 +69,9 @@ impl Life {
     }
 
     /// The last that it told.
-    fn counters(&self) -> Option<&telemetry::Counters> {
+    fn counters(&self) -> Option<&wire::telemetry::Counters> {
         self.told.iter().rev().find_map(|(_, message)| match message {
-            telemetry::Message::Counters(counters) => Some(counters),
+            wire::telemetry::Message::Counters(counters) => Some(counters),
             _ => None,
         })
     }

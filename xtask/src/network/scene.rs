@@ -9,9 +9,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use dw1000_sim::{AirConfig, AirStatistics, ChipConfig, ClockConfig, NodeConfig, Path, TrueTime, World};
-use node_record::{Identity, Record, Role, Solver};
 use rand::Rng;
 use sim::scenario::Scenario;
+use wire::config::{Identity, Record, Role, Solver};
 
 use super::guest::Guest;
 use super::node::{Life, Node};
@@ -85,7 +85,7 @@ pub fn run(chip: Chip, images: &Images, scenario: &Scenario) -> Result<Outcome> 
     for tag in &scenario.tags {
         let walk = tag.walk.clone();
         let path = Path::Function(Rc::new(move |seconds| walk.at(seconds)));
-        let role = Role::Tag(node_record::Tag {
+        let role = Role::Tag(wire::config::Tag {
             height_m: scenario.tag.height_m,
             rate_chz: None,
             still_rate_chz: None,
@@ -130,10 +130,10 @@ fn record(scenario: &Scenario, address: u16, role: Role) -> Result<Vec<u8>> {
     let record = Record {
         identity: Identity { eui: None, address: Some(address) },
         role,
-        network: node_record::Network { pan: network.pan, ..like.network },
+        network: wire::config::Network { pan: network.pan, ..like.network },
         ..like
     };
-    anyhow::ensure!(record.network()?.phy == network.phy, "the scenario's frames are others");
-    let mut page = [0; node_record::MAX_BYTES];
-    Ok(node_record::encode(&record, 0, &mut page).to_vec())
+    anyhow::ensure!(record.phy()? == network.phy, "the scenario's frames are others");
+    let mut page = [0; wire::config::MAX_BYTES];
+    Ok(wire::config::encode(&record, 0, &mut page).to_vec())
 }

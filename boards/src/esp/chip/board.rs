@@ -7,7 +7,7 @@ use esp_hal::efuse;
 use esp_hal::rng::Rng;
 use esp_hal::timer::timg::TimerGroup;
 use esp_storage::FlashStorage;
-use node_record::{Invalid, Pages, Pins, Record};
+use wire::config::{Invalid, Pages, Pins, Record};
 
 use super::log;
 use super::spi::{Bus, Interrupt, Port, Reset};
@@ -90,7 +90,7 @@ impl Board {
         let port = Port::new(p.SPI3);
         let mut flash = FlashStorage::new(p.FLASH);
         let start = Start {
-            record: node_record::load(&mut flash, Pages::ESP.offsets),
+            record: wire::config::load(&mut flash, Pages::ESP.offsets),
             eui: eui_of(address),
             reset: reset_cause::of(esp_hal::system::reset_reason().map_or(0, |reason| reason as u32)),
             crash: crash::take(),

@@ -9,7 +9,7 @@ use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use firmware_common::crash::{self, Remains};
-use telemetry::Crash;
+use wire::telemetry::Crash;
 
 /// Zeroed when power comes, by the start-up code.
 #[unsafe(link_section = ".rtc_fast.persistent")]
@@ -57,7 +57,7 @@ fn panicked(panic: &PanicInfo<'_>) -> ! {
 #[cfg(target_arch = "riscv32")]
 mod exception {
     use esp_hal::trapframe::TrapFrame;
-    use telemetry::{Crash, CrashReason};
+    use wire::telemetry::{Crash, CrashReason};
 
     use crate::esp::reset_cause::is_overflow;
 

@@ -8,8 +8,8 @@ use esp_hal::gpio::{AnyPin, DriveMode, Input, InputConfig, Level, Output, Output
 use esp_hal::spi::master::{AnySpi, Config, Spi};
 use esp_hal::spi::{Error, Mode};
 use esp_hal::time::Rate;
-use node_record::Pins;
 use ranging::dw1000::{ClockedSpi, ResetLine, SpiClock};
+use wire::config::Pins;
 
 /// At most 3 MHz while the DW1000 runs from its crystal.
 const SLOW_MHZ: u32 = 2;

@@ -6,7 +6,7 @@ use esp_hal::interrupt::Priority;
 use esp_hal::peripherals::RTC_TIMER;
 use esp_hal::rtc_cntl::{Rtc, RwdtStage, RwdtStageAction};
 use esp_hal::time::Duration;
-use telemetry::{Crash, CrashReason};
+use wire::telemetry::{Crash, CrashReason};
 
 use super::crash;
 

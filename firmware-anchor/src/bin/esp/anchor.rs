@@ -6,10 +6,10 @@ use embassy_executor::Spawner;
 use embassy_time::Delay;
 use firmware_anchor::TelemetrySink;
 use firmware_common::AnchorProtocol;
-use node_record::Role;
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
-use telemetry::{Condition, RecordError};
+use wire::config::Role;
+use wire::telemetry::{Condition, RecordError};
 
 type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
 
@@ -26,7 +26,7 @@ async fn ranging(radio: &'static mut Radio, machine: &'static mut AnchorProtocol
 pub fn start(spawner: Spawner) {
     let Board { uwb, care, start, .. } = Board::take(spawner);
     let reporter: &_ = REPORTER.init_with(|| Reporter::new(esp::uptime_us));
-    let (hello, followed) = node::introduce(reporter, esp::KIND, telemetry::Role::Anchor, start);
+    let (hello, followed) = node::introduce(reporter, esp::KIND, wire::telemetry::Role::Anchor, start);
     let mut tasks = Tasks::None;
     if let Some((record, settings)) = followed {
         let complain = |condition| reporter.event_log.state(reporter.now_us(), condition);

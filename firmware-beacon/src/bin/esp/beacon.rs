@@ -7,7 +7,7 @@ use embassy_executor::Spawner;
 use embassy_futures::join::join;
 use embassy_time::Delay;
 use firmware_beacon::{Advertise, Advertisement, Listener, Settings, SettingsError};
-use telemetry::{Condition, RecordError};
+use wire::telemetry::{Condition, RecordError};
 
 static REPORTER: Reporter = Reporter::new(esp::uptime_us);
 
@@ -68,7 +68,7 @@ async fn advertise(parts: Parts, settings: Settings) {
 /// Spawns all tasks; without a record to follow, only those that tell so.
 pub fn start(spawner: Spawner) {
     let Board { care, start, address, bluetooth, .. } = Board::take(spawner);
-    let (hello, followed) = node::introduce(&REPORTER, esp::KIND, telemetry::Role::Beacon, start);
+    let (hello, followed) = node::introduce(&REPORTER, esp::KIND, wire::telemetry::Role::Beacon, start);
     let mut tasks = Tasks::None;
     if let Some((record, _)) = followed {
         let complain = |condition| REPORTER.event_log.state(REPORTER.now_us(), condition);

@@ -9,13 +9,13 @@ use firmware_common::{Settings, TagProtocol};
 #[cfg(feature = "ble")]
 use firmware_tag::LoadedModels;
 use firmware_tag::{AnchorPlace, Locator, NlosModelStore, RateControl, TelemetrySink};
-use node_record::{Pages, Record, Role, Tag};
 use positioning_core::nlos::NodeModel;
 use ranging::dw1000::Dw1000;
 #[cfg(feature = "ble")]
 use static_cell::ConstStaticCell;
 use static_cell::StaticCell;
-use telemetry::{Condition, RecordError};
+use wire::config::{Pages, Record, Role, Tag};
+use wire::telemetry::{Condition, RecordError};
 
 type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
 type TaskChannels = firmware_tag::TaskChannels<Guard>;
@@ -26,11 +26,12 @@ static RADIO: StaticCell<Radio> = StaticCell::new();
 static MACHINE: StaticCell<TagProtocol> = StaticCell::new();
 static RECORD: StaticCell<Record> = StaticCell::new();
 static NLOS_MODEL: NlosModelStore = NlosModelStore::new();
-static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { node_record::MAX_ANCHORS }>> = StaticCell::new();
+static ANCHORS: StaticCell<heapless::Vec<AnchorPlace, { wire::config::MAX_ANCHORS }>> = StaticCell::new();
 
 /// The flash is not in the processor's memory: what it has of beacons' levels is copied, once.
 #[cfg(feature = "ble")]
-static MODELS: ConstStaticCell<[u8; node_record::MODELS_BYTES]> = ConstStaticCell::new([0; node_record::MODELS_BYTES]);
+static MODELS: ConstStaticCell<[u8; wire::config::MODELS_BYTES]> =
+    ConstStaticCell::new([0; wire::config::MODELS_BYTES]);
 
 #[cfg(feature = "ble")]
 static SURVEYED: StaticCell<LoadedModels<'static>> = StaticCell::new();
@@ -77,7 +78,7 @@ mod bluetooth {
     use embassy_futures::join::join;
     use embassy_time::Delay;
     use firmware_tag::scan;
-    use node_record::Scan;
+    use wire::config::Scan;
 
     use super::Shared;
     use super::commanded::Commanded;
@@ -111,7 +112,7 @@ fn work(spawner: Spawner, uwb: Uwb, settings: &Settings, shared: Shared) {
 pub fn start(spawner: Spawner) {
     let mut board = Board::take(spawner);
     let reporter: &_ = REPORTER.init_with(|| Reporter::new(esp::uptime_us));
-    let (hello, followed) = node::introduce(reporter, esp::KIND, telemetry::Role::Tag, board.start);
+    let (hello, followed) = node::introduce(reporter, esp::KIND, wire::telemetry::Role::Tag, board.start);
     let mut tasks = Tasks::None;
     if let Some((record, settings)) = followed {
         let record: &_ = RECORD.init(record);
@@ -123,8 +124,8 @@ pub fn start(spawner: Spawner) {
                 #[cfg(feature = "ble")]
                 let surveyed = {
                     let models = match Pages::ESP.models {
-                        Some(at) => node_record::load_models(&mut board.flash, at, MODELS.take()),
-                        None => Err(node_record::LoadError::Missing),
+                        Some(at) => wire::config::load_models(&mut board.flash, at, MODELS.take()),
+                        None => Err(wire::config::LoadError::Missing),
                     };
                     SURVEYED.init_with(|| LoadedModels::of(models, &record.beacons, complain))
                 };

@@ -1,7 +1,7 @@
 //! A message as one object of JSON: every key of its type is always there, `null` where nothing is known.
 
 use serde::Serialize;
-use telemetry::{
+use wire::telemetry::{
     Condition, Counters, Diagnostics, Difference, Fix, Hello, Message, Range, RecordError, Reset, ResetCause, Room,
     RssiModelError, Sighting, State,
 };

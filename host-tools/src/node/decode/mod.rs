@@ -16,7 +16,7 @@ pub(crate) use table::metres;
 pub use table::{Table, beacon_name};
 pub use timeline::{Stamp, Timeline};
 
-use telemetry::{Decoder, Hello, Message};
+use wire::telemetry::{Decoder, Hello, Message};
 
 /// A stream, as it is read.
 #[derive(Clone, Debug, Default)]

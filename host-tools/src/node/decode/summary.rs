@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use serde::Serialize;
-use telemetry::Counts;
+use wire::telemetry::Counts;
 
 use super::json::hex;
 use super::{Seen, Timeline};
@@ -63,9 +63,9 @@ pub struct Frames {
     pub room: u64,
 }
 
-/// Frames that did not come whole, as [`telemetry::DecodeError`] calls them.
+/// Frames that did not come whole, as [`wire::telemetry::DecodeError`] calls them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[allow(missing_docs, reason = "they are called as telemetry::Counts calls them")]
+#[allow(missing_docs, reason = "they are called as wire::telemetry::Counts calls them")]
 pub struct Malformed {
     pub total: u64,
     pub too_long: u64,
@@ -85,7 +85,7 @@ pub struct Newer {
 
 /// Who spoke.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-#[allow(missing_docs, reason = "they are called as telemetry::Hello calls them")]
+#[allow(missing_docs, reason = "they are called as wire::telemetry::Hello calls them")]
 pub struct Node {
     pub eui: String,
     pub address: u16,

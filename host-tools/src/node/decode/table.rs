@@ -1,6 +1,6 @@
 //! Messages as rows of CSV tables, with the columns that `solve`, `plot` and the commands for beacons read.
 
-use telemetry::{BeaconId, Diagnostics, Difference, Fix, Message, Range, Room, Sighting};
+use wire::telemetry::{BeaconId, Diagnostics, Difference, Fix, Message, Range, Room, Sighting};
 
 use super::Stamp;
 use crate::files::positions::{CHIP_COLUMNS, COLUMNS, POWER_COLUMNS};

@@ -1,6 +1,6 @@
 //! One time and one numbering of rounds for a whole recording: a node's clock starts anew when it restarts, and its rounds wrap.
 
-use telemetry::Message;
+use wire::telemetry::Message;
 
 /// Messages of several tasks may pass each other by less than this, microseconds.
 const SLACK_US: u64 = 1_000_000;
@@ -97,7 +97,7 @@ impl Timeline {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use telemetry::{Fix, Outcome, Reason, Reset, ResetCause, Solver};
+    use wire::telemetry::{Fix, Outcome, Reason, Reset, ResetCause, Solver};
 
     fn fix(t_us: u64, round: u16) -> Message {
         let outcome = Outcome::Reason(Reason::TooFewAnchors);

@@ -6,7 +6,7 @@
 //! unless the whole piece is a valid frame. So whatever is lost, the second frame after it is right again.
 
 use super::source::{Channel, Event};
-use telemetry::DecodeError;
+use wire::telemetry::DecodeError;
 
 /// Longer than any frame: what has no zero for so long is none.
 const MAX_PIECE: usize = 4096;
@@ -86,7 +86,7 @@ impl Demux {
 
 /// Whole, though perhaps of a newer node.
 fn is_telemetry(piece: &[u8]) -> bool {
-    matches!(telemetry::decode(piece), Ok(_) | Err(DecodeError::Schema(_) | DecodeError::Unknown))
+    matches!(wire::telemetry::decode(piece), Ok(_) | Err(DecodeError::Schema(_) | DecodeError::Unknown))
 }
 
 /// Joined to the last event where it is the same channel's.
@@ -190,7 +190,7 @@ mod tests {
         }
         let (log, telemetry, text) = parted(&flipped, 64);
         // Of 300 each, of some 8, 40 and 5 bytes: one in twelve, three and twenty is hit, and as many follow one that is.
-        let frames = telemetry.split(|byte| *byte == 0).filter(|frame| telemetry::decode(frame).is_ok()).count();
+        let frames = telemetry.split(|byte| *byte == 0).filter(|frame| wire::telemetry::decode(frame).is_ok()).count();
         let lines = log.split(|byte| *byte == 0).filter(|line| [*line, &[0]].concat() == frame(1, 5, &[1])).count();
         let text = text.iter().filter(|line| *line == "text").count();
         assert!(frames > 160 && lines > 200 && text > 200, "{frames} {lines} {text}");

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use telemetry::Message;
+use wire::telemetry::Message;
 
 use super::session::{Counts, Said, Session};
 use super::source::{Event, Source};

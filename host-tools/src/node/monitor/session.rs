@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use firmware_common::lines::StateLine;
-use telemetry::{Condition, Decoder, Message, State};
+use wire::telemetry::{Condition, Decoder, Message, State};
 
 use super::image::{Build, Image};
 use super::log::{self, Frames, LogLine};
@@ -61,7 +61,7 @@ pub struct Counts {
     /// Telemetry frames that the node dropped because the channel was full, as it last said.
     pub node_dropped: u64,
     /// What came of the telemetry's bytes.
-    pub telemetry: telemetry::Counts,
+    pub telemetry: wire::telemetry::Counts,
 }
 
 impl Counts {

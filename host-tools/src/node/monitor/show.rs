@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::time::Duration;
 
 use defmt_parser::Level;
-use telemetry::{Fix, Message, Outcome, Severity};
+use wire::telemetry::{Fix, Message, Outcome, Severity};
 
 use super::log::LogLine;
 use super::session::{Counts, Said};
@@ -28,7 +28,7 @@ const RESET: &str = "\x1b[0m";
 pub struct Lines {
     colour: bool,
     places: bool,
-    hello: Option<telemetry::Hello>,
+    hello: Option<wire::telemetry::Hello>,
     shown: VecDeque<Said>,
 }
 
@@ -60,8 +60,8 @@ impl Lines {
     /// Whether a greeting says something new; anything else does.
     fn greeted(&mut self, said: &Said) -> bool {
         let Said::Message(Message::Hello(hello)) = said else { return true };
-        let same = |before: telemetry::Hello| {
-            before.t_us <= hello.t_us && before == telemetry::Hello { t_us: before.t_us, ..*hello }
+        let same = |before: wire::telemetry::Hello| {
+            before.t_us <= hello.t_us && before == wire::telemetry::Hello { t_us: before.t_us, ..*hello }
         };
         let repeated = self.hello.is_some_and(same);
         self.hello = Some(*hello);
@@ -179,7 +179,7 @@ mod tests {
     use std::time::Duration;
 
     use defmt_parser::Level;
-    use telemetry::{
+    use wire::telemetry::{
         BeaconId, Condition, Counters, Crash, CrashReason, Diagnostics, Difference, Fix, Message, Outcome, Range,
         Reason, RecordError, Reset, ResetCause, Sighting, Solver, State,
     };
@@ -346,7 +346,8 @@ mod tests {
             summary(&good, Duration::from_millis(1500)),
             "1.5 s: 10 fixes, 1 rounds without one, 30 other messages, 5 lines of the log"
         );
-        let telemetry = telemetry::Counts { checksum: 2, cobs: 1, lost_bytes: 70, ..telemetry::Counts::default() };
+        let telemetry =
+            wire::telemetry::Counts { checksum: 2, cobs: 1, lost_bytes: 70, ..wire::telemetry::Counts::default() };
         let bad = Counts { log_malformed: 3, node_dropped: 4, restarts: 1, lost: 2, telemetry, ..good };
         let said = summary(&bad, Duration::ZERO);
         for part in [

@@ -66,35 +66,35 @@ pub fn frame(statement: u16, t_us: u64, arguments: &[u8]) -> Vec<u8> {
 }
 
 /// A telemetry frame.
-pub fn told(message: &telemetry::Message) -> Vec<u8> {
-    telemetry::encode(message, &mut [0; telemetry::MAX_FRAME]).to_vec()
+pub fn told(message: &wire::telemetry::Message) -> Vec<u8> {
+    wire::telemetry::encode(message, &mut [0; wire::telemetry::MAX_FRAME]).to_vec()
 }
 
-pub fn hello(t_us: u64, build: [u8; 8]) -> telemetry::Message {
-    telemetry::Message::Hello(telemetry::Hello {
+pub fn hello(t_us: u64, build: [u8; 8]) -> wire::telemetry::Message {
+    wire::telemetry::Message::Hello(wire::telemetry::Hello {
         t_us,
         eui: 0xDECA_0000_0000_1234,
         address: 0x1234,
-        role: telemetry::Role::Tag,
-        board: telemetry::Board::Dwm1001,
+        role: wire::telemetry::Role::Tag,
+        board: wire::telemetry::Board::Dwm1001,
         build,
     })
 }
 
 /// A position at (x, 4.05, 1.5) m: deviations of 3, 4 and 0 cm are 5 cm together; ten ranges, six used.
-pub fn fix(t_us: u64, x_m: f64) -> telemetry::Message {
-    telemetry::Message::Fix(telemetry::Fix {
+pub fn fix(t_us: u64, x_m: f64) -> wire::telemetry::Message {
+    wire::telemetry::Message::Fix(wire::telemetry::Fix {
         t_us,
         round: 7,
         age_us: 12_400,
         asked: 10,
-        outcome: telemetry::Outcome::Position {
+        outcome: wire::telemetry::Outcome::Position {
             position: [(x_m * 1e4).round() as i32, 40_500, 15_000],
             deviation: [300, 400, 0],
             correlation: [0; 3],
             used: 0b11_0111_1000,
             quality: 200,
         },
-        solver: telemetry::Solver::BWls,
+        solver: wire::telemetry::Solver::BWls,
     })
 }

@@ -4,7 +4,7 @@
 use std::fmt::Display;
 
 use firmware_common::lines::{FixLine, HelloLine, ResetLine, RoomLine, StateLine};
-use telemetry::{
+use wire::telemetry::{
     Counters, Crash, CrashReason, Diagnostics, Difference, Fix, Message, Outcome, Range, Reset, Sighting, State,
 };
 

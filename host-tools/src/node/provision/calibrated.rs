@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use node_record::Beacon;
+use wire::config::Beacon;
 
 use super::document::Field;
 use crate::UserError;

@@ -5,11 +5,11 @@
 //! written leaves a whole page.
 
 use ihex::Record as Hex;
-use node_record::{
+use positioning_core::nlos::{Classifier, Model, NodeModel};
+use wire::config::{
     Board, HEADER_BYTES, LoadError, MAX_BYTES, MODEL_AT, MODELS_BYTES, Record, decode, encode, model_of, newest,
     version,
 };
-use positioning_core::nlos::{Classifier, Model, NodeModel};
 
 use super::site_models;
 use crate::train::features_of;
@@ -28,7 +28,7 @@ pub struct Contents<'a> {
     pub record: &'a Record,
     /// A classifier of line of sight.
     pub model: Option<&'a [u8]>,
-    /// Models of beacons' levels, as `node_record::encode_models` writes them.
+    /// Models of beacons' levels, as `wire::config::encode_models` writes them.
     pub site_models: Option<&'a [u8]>,
 }
 
@@ -243,7 +243,7 @@ fn from_hex(text: &str) -> Result<Vec<u8>, (u64, String)> {
 mod tests {
     use super::*;
     use crate::node::provision::{EXAMPLE, Site};
-    use node_record::{SiteModels, encode_models};
+    use wire::config::{SiteModels, encode_models};
 
     fn record() -> Record {
         let site = Site::parse("site.toml".as_ref(), EXAMPLE).expect("the example is right");

@@ -1,6 +1,6 @@
 //! What tags are told of: `[[anchor]]` and `[[beacon]]`, and the nodes of the same file.
 
-use node_record::{Anchor, Anchors, Beacon, Beacons, MAX_ANCHORS, MAX_BEACONS};
+use wire::config::{Anchor, Anchors, Beacon, Beacons, MAX_ANCHORS, MAX_BEACONS};
 
 use super::calibrated::Calibrated;
 use super::document::Section;

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use node_record::{Mode, Network, Phy, Region, ReplyDelay};
+use wire::config::{Mode, Network, Phy, Region, ReplyDelay};
 
 use super::document::{Section, nearest};
 use crate::UserError;

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use node_record::{Advertiser, Board, Calibration, Identity, Invalid, Pins, Record, Role, Scan, Scheme, Solver, Tag};
 use positioning_core::nlos::{Classifier, NodeModel};
+use wire::config::{Advertiser, Board, Calibration, Identity, Invalid, Pins, Record, Role, Scan, Scheme, Solver, Tag};
 
 use super::document::{Field, Section, nearest};
 use super::network::{Lines, centihertz};
@@ -60,7 +60,7 @@ pub struct Node {
     pub record: Record,
     /// What it tells blocked links by, where that is not their powers.
     pub model: Option<Chosen>,
-    /// What it knows of beacons' levels on the spot, as `node_record::decode_models` reads it.
+    /// What it knows of beacons' levels on the spot, as `wire::config::decode_models` reads it.
     pub site_models: Option<Vec<u8>>,
     pub(super) file: PathBuf,
     pub(super) line: u64,
@@ -298,7 +298,7 @@ impl<'d> Reader<'_, 'd> {
         let name = classifier.map(|field| field.text("the name of a classifier")).transpose()?;
         let chosen = Chosen::read(&field.path("the name of a file of `baliza nlos train`")?, name)
             .map_err(|wrong| field.wrong(format!("nlos_model: {wrong}")))?;
-        let (bytes, room) = (chosen.bytes().len(), node_record::MODEL_BYTES);
+        let (bytes, room) = (chosen.bytes().len(), wire::config::MODEL_BYTES);
         if bytes > room {
             return Err(field.wrong(format!("nlos_model has {bytes} bytes: a node has room for {room}")));
         }

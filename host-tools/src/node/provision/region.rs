@@ -1,7 +1,7 @@
 //! What is to be said of nodes under the rules of their region, where a record is not refused outright. `docs/regulation.md` has the
 //! rules with their sources.
 
-use node_record::Region;
+use wire::config::Region;
 
 use super::Node;
 

@@ -2,7 +2,7 @@
 
 use std::fmt::{Display, Write};
 
-use node_record::{Advertiser, Anchor, Beacon, Board, Mode, Record, Role, Tag};
+use wire::config::{Advertiser, Anchor, Beacon, Board, Mode, Record, Role, Tag};
 
 use super::image::Held;
 use super::network::{self, HIDDEN};

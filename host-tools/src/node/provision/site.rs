@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use node_record::{Anchor, Beacon, Mode, Record, Role};
+use wire::config::{Anchor, Beacon, Mode, Record, Role};
 
 use super::calibrated;
 use super::document::{Document, Section, nearest};

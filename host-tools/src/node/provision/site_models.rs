@@ -4,9 +4,9 @@
 use std::fs;
 use std::path::Path;
 
-use node_record::{Beacon, BeaconModel, MODELS_BYTES, SiteModels, decode_models, encode_models};
 use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map};
 use positioning_core::ble::rooms::{Classifier, Model, NodeModel};
+use wire::config::{Beacon, BeaconModel, MODELS_BYTES, SiteModels, decode_models, encode_models};
 
 use super::calibrated::numbers;
 use super::document::{Field, Section};

@@ -8,9 +8,9 @@
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
-use node_record::{Board, LoadError, MODELS_BYTES, Next, Role, next};
 use probe_rs::flashing::DownloadOptions;
 use probe_rs::{MemoryInterface, Session};
+use wire::config::{Board, LoadError, MODELS_BYTES, Next, Role, next};
 
 use super::image::{self, Contents, Held};
 
@@ -167,8 +167,8 @@ mod tests {
     use super::*;
     use crate::node::probe::supports;
     use crate::node::provision::{EXAMPLE, Site};
-    use node_record::{BeaconModel, Record, SiteModels, decode_models, encode_models};
     use std::collections::BTreeMap;
+    use wire::config::{BeaconModel, Record, SiteModels, decode_models, encode_models};
 
     #[derive(Clone, Default)]
     struct Memory {
@@ -306,7 +306,7 @@ mod tests {
             (vec![0x9000, 0xA000], 1)
         );
         assert_eq!(memory.pages[&0x9000], memory.pages[&0xA000]);
-        assert_eq!(memory.pages[&0x9000][node_record::MODEL_AT..][..3], [1, 2, 0xFF]);
+        assert_eq!(memory.pages[&0x9000][wire::config::MODEL_AT..][..3], [1, 2, 0xFF]);
         assert_eq!(memory.restarts, 1);
     }
 

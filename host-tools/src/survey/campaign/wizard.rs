@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use telemetry::Message;
+use wire::telemetry::Message;
 
 use super::checks::{Bias, biases};
 use super::dwell::Dwell;
@@ -246,7 +246,7 @@ mod tests {
     use std::time::Duration;
 
     use anyhow::Result;
-    use telemetry::{BeaconId, MAX_FRAME, Message, Sighting, encode};
+    use wire::telemetry::{BeaconId, MAX_FRAME, Message, Sighting, encode};
 
     use super::{Person, Typed, Wizard};
     use crate::node::monitor::{Channel, Event, Source};

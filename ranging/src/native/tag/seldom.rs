@@ -2,7 +2,6 @@
 //! until its round and between its rounds, and where it may, its radio sleeps meanwhile and begins its clock anew.
 
 use super::super::SHORTEST_WAIT;
-use super::super::layout::Scheme;
 use super::super::plan::{next_round, owned_slots, share_of};
 use super::super::search::{Next, Search};
 use super::super::sync_schedule::{Listening, WatchedAnchor};
@@ -10,9 +9,10 @@ use super::super::timing::{HOLDOVER_SUPERFRAMES, SUPERFRAME, Timing};
 use super::super::wake_ups::Slept;
 use super::{Doing, Rate, Tag};
 use crate::exchange::{Action, COMPENSATION};
-use crate::frame::native::{POLL_BYTES, SYNC_FRAME_BYTES, Share};
 use crate::time::TICKS_PER_SECOND;
 use crate::{RadioDuration, RadioInstant, Start};
+use wire::uwb::layout::Scheme;
+use wire::uwb::native::{POLL_BYTES, SYNC_FRAME_BYTES, Share};
 
 /// A dozing tag gives up its clock between turns that are at least so many superframes apart: fewer it naps, and counts on its clock.
 const DOZE_FROM: u16 = 2;

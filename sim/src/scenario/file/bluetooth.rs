@@ -1,8 +1,8 @@
 //! The tables `[bluetooth]` and `[[beacon]]`.
 
 use firmware_tag::scan::Plan;
-use node_record::Advertiser;
 use serde::Deserialize;
+use wire::config::Advertiser;
 
 use super::values::{decibels, level, not_negative, optional_place, place, positive, probability};
 use crate::bluetooth::{BluetoothConfig, Medium};
@@ -77,7 +77,7 @@ impl BluetoothTable {
                 unknown_rssi: self.unknown_rssi,
                 unknown_rssi_dbm: self.unknown_rssi_dbm,
             },
-            scan: Plan::from(node_record::Scan { interval_ms: self.scan_interval_ms, window_ms: self.scan_window_ms }),
+            scan: Plan::from(wire::config::Scan { interval_ms: self.scan_interval_ms, window_ms: self.scan_window_ms }),
             files: SiteModelFiles { map: self.map.clone(), rooms: self.rooms.clone() },
             site_models: None,
         }
@@ -165,7 +165,7 @@ impl BeaconTable {
             rotate_s: 0,
         };
         beacon::check(advertiser)?;
-        let listed = node_record::Beacon {
+        let listed = wire::config::Beacon {
             major,
             minor,
             position_m: self.listed_at.unwrap_or(self.at).map(|metres| metres as f32),
@@ -189,7 +189,7 @@ impl BeaconTable {
 
 /// Whether tags can be told of these, as a record has it.
 pub(super) fn check_list(beacons: &[Beacon]) -> Result<(), (usize, String)> {
-    let mut listed: Vec<node_record::Beacon> = Vec::new();
+    let mut listed: Vec<wire::config::Beacon> = Vec::new();
     for (place, beacon) in beacons.iter().enumerate() {
         let Some(new) = beacon.listed else { continue };
         if listed.iter().any(|other| (other.major, other.minor) == (new.major, new.minor)) {
@@ -197,7 +197,7 @@ pub(super) fn check_list(beacons: &[Beacon]) -> Result<(), (usize, String)> {
                 format!("tags are told of two beacons {}-{}: listed = false for one of them", new.major, new.minor);
             return Err((place, twice));
         }
-        if listed.len() == node_record::MAX_BEACONS {
+        if listed.len() == wire::config::MAX_BEACONS {
             return Err((place, format!("tags are told of at most {} beacons: listed = false", listed.len())));
         }
         listed.push(new);

@@ -1,9 +1,9 @@
 //! A scenario's `[[network]]`: mode and radio configuration by their numbers in, a [`Network`] or what is wrong out.
 
-use ranging::frame::decaranging::Variant;
 use ranging::phy::{Channel, DataRate, PreambleLength, Prf};
 use ranging::{PhyConfig, RadioDuration};
 use serde::Deserialize;
+use wire::uwb::decaranging::Variant;
 
 use super::values::optional_rate;
 use crate::scenario::{Mode, Network};

@@ -68,7 +68,7 @@ pub(super) fn anchors_per_round<'de, D: Deserializer<'de>>(from: D) -> Result<u8
 
 pub(super) fn scheme<'de, D: Deserializer<'de>>(from: D) -> Result<Scheme, D::Error> {
     let name = String::deserialize(from)?;
-    let scheme = node_record::Scheme::from_name(&name);
+    let scheme = wire::config::Scheme::from_name(&name);
     scheme.map(Scheme::from).ok_or_else(|| D::Error::custom("scheme is \"single-sided\" or \"double-sided\""))
 }
 

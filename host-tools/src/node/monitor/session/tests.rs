@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
-use telemetry::Message;
+use wire::telemetry::Message;
 
 use super::{Said, Session};
 use crate::node::monitor::image::Image;

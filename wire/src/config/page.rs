@@ -1,0 +1,205 @@
+//! A page of flash with a record: its bytes.
+//!
+//! | offset | bytes | what |
+//! |---|---|---|
+//! | 0 | 4 | `BLZR` |
+//! | 4 | 1 | [`VERSION`] of the record |
+//! | 5 | 1 | 0 |
+//! | 6 | 2 | length of the record, bytes |
+//! | 8 | 4 | sequence number, wrapping: of two pages the later one counts |
+//! | 12 | 4 | CRC-32 (ISO-HDLC, that of Ethernet) of the twelve bytes before and of the record |
+//! | 16 | … | the record in postcard |
+//!
+//! | 1280 | 400 | [`MODEL_AT`]: a tag's trained classifier of line of sight, with its own checksum, or erased |
+//!
+//! Version 2 is version 1 with [`Appended`] behind the record's fields, and zeros for a turnaround that is not pinned. Numbers are
+//! little-endian. The rest of the page is erased, 0xFF. The header stays the same in all versions, so that
+//! an unknown version is known to be one.
+
+use crc::{CRC_32_ISO_HDLC, Crc, Table};
+use serde::{Deserialize, Serialize};
+
+use crate::config::{Invalid, Record, Region, ReplyDelay, Role, Scheme, Solver, VERSION};
+
+/// Bytes that a record in its page has room for; the rest of the page is left erased.
+pub const MAX_BYTES: usize = 1280;
+/// Where the page has a tag's trained classifier of line of sight, as `positioning_core::nlos::Model` lays it out. Records of
+/// nodes that never had one are the same without it: nothing there is erased flash.
+pub const MODEL_AT: usize = MAX_BYTES;
+/// Bytes that a classifier has room for: the largest perceptron in bytes takes 389.
+pub const MODEL_BYTES: usize = 400;
+/// Bytes before the record.
+pub const HEADER_BYTES: usize = 16;
+
+/// What version 2 has behind the fields of version 1, whichever role the record is of.
+#[derive(Clone, Copy, Default, Serialize, Deserialize)]
+struct Appended {
+    region: Option<Region>,
+    solver: Solver,
+    scheme: Option<Scheme>,
+}
+
+impl Appended {
+    fn of(record: &Record) -> Self {
+        let region = record.network.region;
+        match &record.role {
+            Role::Tag(tag) => Self { region, solver: tag.solver, scheme: tag.scheme },
+            Role::Anchor { position_m: _ } | Role::Advertiser(_) => Self { region, ..Self::default() },
+        }
+    }
+
+    fn put_into(self, record: &mut Record) {
+        record.network.region = self.region;
+        match &mut record.role {
+            Role::Tag(tag) => (tag.solver, tag.scheme) = (self.solver, self.scheme),
+            Role::Anchor { position_m: _ } | Role::Advertiser(_) => (),
+        }
+    }
+}
+
+/// What a page begins with: whose it is.
+pub(crate) type Letters = [u8; 4];
+
+const LETTERS: Letters = *b"BLZR";
+/// Bit by bit: a page is checked twice a start, which is not worth a table of 1 KiB.
+const CRC: Crc<u32, Table<0>> = Crc::<u32, Table<0>>::new(&CRC_32_ISO_HDLC);
+
+/// Why there is no record.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum LoadError {
+    /// There is none: the flash is erased.
+    Missing,
+    /// It is whole, but of this version, which is neither 1 nor [`VERSION`].
+    Version(u8),
+    /// Its checksum is wrong, it is cut short, or it is something else.
+    Corrupt,
+    /// It is whole, but what it says cannot be done.
+    Invalid(Invalid),
+}
+
+impl core::fmt::Display for LoadError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Missing => f.write_str("there is no record: the flash is erased"),
+            Self::Version(version) => {
+                write!(f, "the record is of version {version}, this program reads versions 1 to {VERSION}")
+            }
+            Self::Corrupt => f.write_str("the record is damaged or cut short: its checksum is wrong"),
+            Self::Invalid(invalid) => write!(f, "the record is whole, but {invalid}"),
+        }
+    }
+}
+
+impl core::error::Error for LoadError {}
+
+/// What the header of a whole page says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Header {
+    pub(crate) version: u8,
+    /// Later is greater, across the wrap.
+    pub(crate) sequence: u32,
+}
+
+impl Header {
+    /// Whether its page was written after the other.
+    pub(crate) const fn is_later_than(self, other: Self) -> bool {
+        let ahead = self.sequence.wrapping_sub(other.sequence);
+        ahead != 0 && ahead < 1 << 31
+    }
+}
+
+/// The record as the beginning of a page, at most [`MAX_BYTES`] long; the rest of the buffer is 0xFF, as erased flash
+/// is.
+pub fn encode<'a>(record: &Record, sequence: u32, page: &'a mut [u8; MAX_BYTES]) -> &'a [u8] {
+    page.fill(0xFF);
+    let (_, body) = page.split_at_mut(HEADER_BYTES);
+    let length = match postcard::to_slice(&(record, Appended::of(record)), body) {
+        Ok(written) => written.len(),
+        // MAX_BYTES holds the longest record there is: `the_longest_record_fits`.
+        Err(_) => unreachable!(),
+    };
+    seal(Framed { letters: LETTERS, version: VERSION, sequence }, length, page)
+}
+
+/// What stands in a header.
+pub(crate) struct Framed {
+    pub(crate) letters: Letters,
+    pub(crate) version: u8,
+    pub(crate) sequence: u32,
+}
+
+/// Writes the header before a body of this length, which is there already; both.
+pub(crate) fn seal(framed: Framed, length: usize, page: &mut [u8]) -> &[u8] {
+    let (header, body) = page.split_at_mut(HEADER_BYTES);
+    let (checked, checksum) = header.split_at_mut(HEADER_BYTES - 4);
+    checked[..4].copy_from_slice(&framed.letters);
+    checked[4] = framed.version;
+    checked[5] = 0;
+    checked[6..8].copy_from_slice(&(length as u16).to_le_bytes());
+    checked[8..].copy_from_slice(&framed.sequence.to_le_bytes());
+    checksum.copy_from_slice(&checksum_of(checked, &body[..length]).to_le_bytes());
+    &page[..HEADER_BYTES + length]
+}
+
+/// The record of a page, or of as much of its beginning as was read, and its sequence number.
+///
+/// # Errors
+/// There is none that is whole, of this version and valid.
+pub fn decode(page: &[u8]) -> Result<(Record, u32), LoadError> {
+    let (header, body) = parse(LETTERS, page)?;
+    if !matches!(header.version, 1 | VERSION) {
+        return Err(LoadError::Version(header.version));
+    }
+    let (mut record, mut rest) = postcard::take_from_bytes::<Record>(body).map_err(|_| LoadError::Corrupt)?;
+    if header.version == 1 {
+        // It could not say that none is pinned: then it had the default's.
+        record.network.turnaround = record.network.turnaround.filter(|pinned| *pinned != ReplyDelay::DWM1001);
+    } else {
+        let (appended, end) = postcard::take_from_bytes::<Appended>(rest).map_err(|_| LoadError::Corrupt)?;
+        appended.put_into(&mut record);
+        rest = end;
+    }
+    if !rest.is_empty() {
+        return Err(LoadError::Corrupt);
+    }
+    record.validate().map_err(LoadError::Invalid)?;
+    Ok((record, header.sequence))
+}
+
+/// The version that a page is of, or as much of its beginning as was read.
+///
+/// # Errors
+/// There is none that is whole.
+pub fn version(page: &[u8]) -> Result<u8, LoadError> {
+    header_of(page).map(|header| header.version)
+}
+
+/// The header of a record's page.
+pub(crate) fn header_of(page: &[u8]) -> Result<Header, LoadError> {
+    parse(LETTERS, page).map(|(header, _)| header)
+}
+
+/// The header and the body's bytes, where letters and checksum agree.
+pub(crate) fn parse(letters: Letters, page: &[u8]) -> Result<(Header, &[u8]), LoadError> {
+    if page.iter().take(HEADER_BYTES).all(|byte| *byte == 0xFF) {
+        return Err(LoadError::Missing);
+    }
+    let (header, rest) = page.split_first_chunk::<HEADER_BYTES>().ok_or(LoadError::Corrupt)?;
+    let [m0, m1, m2, m3, version, reserved, l0, l1, s0, s1, s2, s3, c0, c1, c2, c3] = *header;
+    if [m0, m1, m2, m3] != letters || reserved != 0 {
+        return Err(LoadError::Corrupt);
+    }
+    let body = rest.get(..usize::from(u16::from_le_bytes([l0, l1]))).ok_or(LoadError::Corrupt)?;
+    if checksum_of(&header[..HEADER_BYTES - 4], body) != u32::from_le_bytes([c0, c1, c2, c3]) {
+        return Err(LoadError::Corrupt);
+    }
+    Ok((Header { version, sequence: u32::from_le_bytes([s0, s1, s2, s3]) }, body))
+}
+
+fn checksum_of(header: &[u8], body: &[u8]) -> u32 {
+    let mut digest = CRC.digest();
+    digest.update(header);
+    digest.update(body);
+    digest.finalize()
+}

@@ -1,0 +1,34 @@
+//! What regions allow: which channels a node may transmit on there at all. `docs/regulation.md` has the rules with their sources.
+
+use crate::config::validate::{ensure, integer};
+use crate::config::{Invalid, Mode, Record, Region, Role};
+
+impl Record {
+    /// Whether the node ever transmits on UWB: beacons are Bluetooth's, and some tags only listen.
+    pub fn transmits(&self) -> bool {
+        match (&self.role, self.network.mode) {
+            (Role::Advertiser(_), _) | (Role::Tag(_), Mode::Listening { rounds_chz: _ }) => false,
+            (Role::Tag(_), Mode::Native | Mode::DecaRanging { fast: _ }) | (Role::Anchor { position_m: _ }, _) => true,
+        }
+    }
+
+    /// Whether the node may transmit on its channel at all. What a record cannot know, such as the level at the antenna, is not checked.
+    ///
+    /// # Errors
+    /// What the region forbids.
+    pub fn validate_region(&self) -> Result<(), Invalid> {
+        let (lawful, must) = match self.network.region {
+            None | Some(Region::Us | Region::Unchecked) => return Ok(()),
+            // An anchor's duty grows with the tags around it, and no machine of the exchange keeps an hour's account of it.
+            Some(Region::Eu) => (
+                matches!(self.network.phy.channel, 5 | 7),
+                "5 or 7 in region \"eu\": on 1 to 4, nodes must keep to 5 % of a second and 0.5 % of an hour, and no mode does",
+            ),
+            Some(Region::Japan) => (
+                false,
+                "one that region \"japan\" permits: from 7.25 GHz up, or below 4.8 GHz with DAA; a DW1000 has neither",
+            ),
+        };
+        ensure(lawful || !self.transmits(), "network.phy.channel", integer(self.network.phy.channel), must)
+    }
+}

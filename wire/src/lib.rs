@@ -1,0 +1,18 @@
+//! Every byte format of Baliza, from bytes to validated representations and back. `docs/wire-format.md` has them byte by byte.
+//!
+//! | module | between | format |
+//! |---|---|---|
+//! | [`uwb`] | nodes, by ultra-wideband | IEEE 802.15.4 data frames: native mode and DecaRanging |
+//! | [`ble`] | beacons and tags, by Bluetooth | advertisements: iBeacon, Eddystone-UID, identifiers that rotate |
+//! | [`telemetry`] | a node and the host | postcard, CRC-16, COBS |
+//! | [`config`] | the host and a node's flash | config records: header, postcard, CRC-32 |
+#![no_std]
+#![forbid(unsafe_code)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod ble;
+pub mod config;
+pub mod telemetry;
+pub mod uwb;

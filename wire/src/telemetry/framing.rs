@@ -1,0 +1,89 @@
+//! A message as a frame on the wire, and a frame as a message.
+//!
+//! The [`SCHEMA`] byte, the message as postcard writes it, a CRC-16 of both (CRC-16/IBM-3740, low byte first); all encoded by COBS
+//! (S. Cheshire and M. Baker, IEEE/ACM Transactions on Networking 7, 1999), so that the only zero is the one that ends the frame.
+
+use crc::{CRC_16_IBM_3740, Crc};
+use postcard::experimental::max_size::MaxSize;
+
+use crate::telemetry::{Message, SCHEMA};
+
+const CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_IBM_3740);
+const CRC_BYTES: usize = 2;
+/// Schema, body and checksum of the longest message of this build.
+const MAX_PLAIN: usize = 1 + Message::POSTCARD_MAX_SIZE + CRC_BYTES;
+
+/// The longest frame that this build makes, with COBS and the final zero, bytes.
+pub const MAX_FRAME: usize = cobs::max_encoding_length(MAX_PLAIN) + 1;
+
+/// The longest frame of any build, with COBS and the final zero, bytes: a reader keeps no more.
+pub const LONGEST_FRAME: usize = 256;
+
+const _: () = assert!(MAX_FRAME <= LONGEST_FRAME);
+
+/// Why a frame gives no message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum DecodeError {
+    /// No zero came for so long that it cannot be a frame.
+    TooLong,
+    /// COBS was violated, or there is no room for schema and checksum.
+    Cobs,
+    /// The checksum is wrong.
+    Checksum,
+    /// Whole, but of this other schema: a newer node, or an older one.
+    Schema(u8),
+    /// Whole, but a message, or a value in one, that this build does not know: a newer node.
+    Unknown,
+    /// Whole, but its body is not what the schema says.
+    Body,
+}
+
+/// Writes a message as a frame with its final zero, and returns it.
+pub fn encode<'a>(message: &Message, frame: &'a mut [u8; MAX_FRAME]) -> &'a [u8] {
+    let mut plain = [0; MAX_PLAIN];
+    let [schema, rest @ ..] = &mut plain;
+    *schema = SCHEMA;
+    // MAX_PLAIN has room for every message: postcard derives its greatest size from the types.
+    let body = postcard::to_slice(message, rest).map_or(0, |body| body.len());
+    let (checked, check) = plain.split_at_mut(1 + body);
+    for (place, byte) in check.iter_mut().zip(CRC.checksum(checked).to_le_bytes()) {
+        *place = byte;
+    }
+    let plain = plain.get(..1 + body + CRC_BYTES).unwrap_or(&[]);
+    let encoded = cobs::encode(plain, frame);
+    // COBS leaves no zero; the array's own byte after it may be one of an earlier frame.
+    if let Some(end) = frame.get_mut(encoded) {
+        *end = 0;
+    }
+    frame.get(..=encoded).unwrap_or(&[])
+}
+
+/// Reads a frame, with its final zero or without.
+///
+/// Bytes of the body after what this build knows are fields of a newer one, and ignored.
+///
+/// # Errors
+/// The frame is not whole, or its message is not known.
+pub fn decode(frame: &[u8]) -> Result<Message, DecodeError> {
+    if frame.len() > LONGEST_FRAME {
+        return Err(DecodeError::TooLong);
+    }
+    let mut plain = [0; LONGEST_FRAME];
+    let length = cobs::decode(frame, &mut plain).map_err(|_| DecodeError::Cobs)?;
+    let plain = plain.get(..length).ok_or(DecodeError::Cobs)?;
+    let (checked, check) = plain.split_last_chunk::<CRC_BYTES>().ok_or(DecodeError::Cobs)?;
+    let (schema, body) = checked.split_first().ok_or(DecodeError::Cobs)?;
+    if CRC.checksum(checked) != u16::from_le_bytes(*check) {
+        return Err(DecodeError::Checksum);
+    }
+    if *schema != SCHEMA {
+        return Err(DecodeError::Schema(*schema));
+    }
+    match postcard::take_from_bytes(body) {
+        Ok((message, _newer)) => Ok(message),
+        // serde's own error: no variant has this number. All others are postcard's.
+        Err(postcard::Error::SerdeDeCustom) => Err(DecodeError::Unknown),
+        Err(_) => Err(DecodeError::Body),
+    }
+}

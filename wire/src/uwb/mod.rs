@@ -1,0 +1,189 @@
+//! Frames as they are on the air, without their two check bytes: bytes in, a validated representation out, and back.
+//!
+//! A parser takes any bytes and answers `None` for whatever is not wholly of its kind; what it returned, `emit` writes back byte
+//! for byte. The header is that of IEEE 802.15.4-2011 data frames (5.2.1): one PAN identifier, addresses of 16 or 64 bits,
+//! fields least significant byte first.
+
+pub mod decaranging;
+pub mod layout;
+pub mod native;
+
+use baliza_dw1000::radio::MAX_FRAME;
+
+/// The most anchors of one round.
+pub const MAX_ROUND: usize = 8;
+
+/// The 16-bit address that everyone listens to.
+pub const BROADCAST: u16 = 0xFFFF;
+
+/// A frame being written.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct FrameBuffer(heapless::Vec<u8, MAX_FRAME>);
+
+impl FrameBuffer {
+    /// An empty one.
+    pub const fn new() -> Self {
+        Self(heapless::Vec::new())
+    }
+
+    /// The bytes written.
+    pub fn bytes(&self) -> &[u8] {
+        &self.0
+    }
+
+    fn clear(&mut self) {
+        self.0.clear();
+    }
+
+    fn put(&mut self, bytes: &[u8]) {
+        // The types of the representations bound their lengths to MAX_FRAME; the tests emit the longest of each.
+        let fits = self.0.extend_from_slice(bytes).is_ok();
+        debug_assert!(fits, "frame longer than {MAX_FRAME} bytes");
+    }
+}
+
+/// Takes fields off the front of bytes; every taking may fail.
+#[derive(Clone, Copy, Debug)]
+struct Reader<'a>(&'a [u8]);
+
+impl<'a> Reader<'a> {
+    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (head, rest) = self.0.split_first_chunk()?;
+        self.0 = rest;
+        Some(*head)
+    }
+
+    fn u8(&mut self) -> Option<u8> {
+        self.take().map(|[byte]| byte)
+    }
+
+    fn u16(&mut self) -> Option<u16> {
+        self.take().map(u16::from_le_bytes)
+    }
+
+    fn u32(&mut self) -> Option<u32> {
+        self.take().map(u32::from_le_bytes)
+    }
+
+    fn u64(&mut self) -> Option<u64> {
+        self.take().map(u64::from_le_bytes)
+    }
+
+    /// `Some` where nothing is left: a frame longer than its kind is not of its kind.
+    fn end(self) -> Option<()> {
+        self.0.is_empty().then_some(())
+    }
+}
+
+/// An address.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Address {
+    /// 16 bits, unique in a PAN; 0xFFFF is everyone.
+    Short(u16),
+    /// EUI-64.
+    Extended(u64),
+}
+
+impl Address {
+    /// The addressing mode's two bits.
+    const fn mode(self) -> u8 {
+        match self {
+            Self::Short(_) => 0b10,
+            Self::Extended(_) => 0b11,
+        }
+    }
+
+    fn parse(mode: u8, reader: &mut Reader<'_>) -> Option<Self> {
+        match mode {
+            0b10 => reader.u16().map(Self::Short),
+            0b11 => reader.u64().map(Self::Extended),
+            _ => None,
+        }
+    }
+
+    fn emit(self, out: &mut FrameBuffer) {
+        match self {
+            Self::Short(address) => out.put(&address.to_le_bytes()),
+            Self::Extended(address) => out.put(&address.to_le_bytes()),
+        }
+    }
+}
+
+/// The header of a data frame within one PAN.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Header {
+    /// Sequence number.
+    pub sequence: u8,
+    /// PAN identifier of both ends.
+    pub pan: u16,
+    /// To whom.
+    pub destination: Address,
+    /// From whom.
+    pub source: Address,
+}
+
+/// Frame control, first byte: data frame, PAN identifier once; no security, nothing pending, no acknowledgement.
+const DATA_IN_ONE_PAN: u8 = 0x41;
+
+impl Header {
+    /// Header and payload of a data frame.
+    pub fn parse(bytes: &[u8]) -> Option<(Self, &[u8])> {
+        let mut reader = Reader(bytes);
+        let [kind, addressing, sequence] = reader.take()?;
+        // Bits 0, 1 of the second byte are reserved; 4, 5 are the frame's version, which is 0 here.
+        if kind != DATA_IN_ONE_PAN || addressing & 0x33 != 0 {
+            return None;
+        }
+        let pan = reader.u16()?;
+        let destination = Address::parse(addressing >> 2 & 0b11, &mut reader)?;
+        let source = Address::parse(addressing >> 6, &mut reader)?;
+        Some((Self { sequence, pan, destination, source }, reader.0))
+    }
+
+    fn emit(&self, out: &mut FrameBuffer) {
+        let addressing = self.destination.mode() << 2 | self.source.mode() << 6;
+        out.put(&[DATA_IN_ONE_PAN, addressing, self.sequence]);
+        out.put(&self.pan.to_le_bytes());
+        self.destination.emit(out);
+        self.source.emit(out);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn headers_of_all_four_addressings_are_read_and_written() {
+        let short = [0x41, 0x88, 7, 0xCA, 0xDE, 0x02, 0x01, 0x04, 0x03, 0xAA];
+        let init = [0x41, 0x8C, 7, 0xCA, 0xDE, 8, 7, 6, 5, 4, 3, 2, 1, 0x04, 0x03, 0xAA];
+        let long = [0x41, 0xCC, 7, 0xCA, 0xDE, 8, 7, 6, 5, 4, 3, 2, 1, 18, 17, 16, 15, 14, 13, 12, 11, 0xAA];
+        let mixed = [0x41, 0xC8, 7, 0xCA, 0xDE, 0x02, 0x01, 18, 17, 16, 15, 14, 13, 12, 11, 0xAA];
+        let (a, b) = (Address::Short(0x0102), Address::Short(0x0304));
+        let (c, d) = (Address::Extended(0x0102_0304_0506_0708), Address::Extended(0x0B0C_0D0E_0F10_1112));
+        let cases = [(&short[..], a, b), (&init[..], c, b), (&long[..], c, d), (&mixed[..], a, d)];
+        for (bytes, destination, source) in cases {
+            let (header, payload) = Header::parse(bytes).unwrap();
+            assert_eq!(header, Header { sequence: 7, pan: 0xDECA, destination, source });
+            assert_eq!(payload, [0xAA]);
+            let mut out = FrameBuffer::new();
+            header.emit(&mut out);
+            assert_eq!(out.bytes(), &bytes[..bytes.len() - 1]);
+            for cut in 0..bytes.len() - 1 {
+                assert_eq!(Header::parse(&bytes[..cut]), None, "cut to {cut}");
+            }
+        }
+    }
+
+    #[test]
+    fn other_frames_are_not_data_frames() {
+        // Acknowledgement, beacon, security on, two PANs, newer version, no destination.
+        for (kind, addressing) in [(0x02, 0x00), (0x40, 0x88), (0x49, 0x88), (0x01, 0x88), (0x41, 0xA8), (0x41, 0x80)] {
+            let mut bytes = [0; 24];
+            bytes[..2].copy_from_slice(&[kind, addressing]);
+            assert_eq!(Header::parse(&bytes), None, "{kind:02x} {addressing:02x}");
+        }
+    }
+}

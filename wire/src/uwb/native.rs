@@ -1,0 +1,557 @@
+//! Frames of native mode. All are data frames with 16-bit addresses; the first byte of the payload is the message's code.
+//!
+//! | message | code | payload after the code |
+//! |---|---|---|
+//! | poll, tag → all | 30 | round (2), number of anchors (high nibble) and options (1), what the tag asks of the layout (1), anchors in slot order (2 each); with option 1, the last distance to each (2 each) |
+//! | response, anchor → tag | 31 | round (2), poll RX (5), response TX − poll RX (4); if the anchor heard the final of an earlier round: low byte of that round (1), final RX − response TX (4) |
+//! | sync frame, anchor → all | 32 | superframe (2), term (1), age (1), hops (1), coordinator (2), slot (low five bits) and countdown (high three) (1), slot owners (16), request or what is asked of the layout (3), heard (3), version (1), layout (2), position (9), number of members, with the highest bit where a request is told (1), members (3 each) |
+//! | request, tag → all | 33 | share (1), what the tag asks of the layout (1) |
+//! | final, tag → all | 34 | round (2) |
+//!
+//! Times are in ticks. A distance is in units of 4 mm, signed; 0x8000 is unknown. A position is three times 24 bits,
+//! millimetres, signed; (−2²³, 0, 0) is unknown. A layout is the code of the answer (7 bits) and of listening again (7 bits), each
+//! (16 + c mod 16) · 2^⌊c / 16⌋ µs for the code c, with the highest bit of the first where the layout counts with the list of members only,
+//! and that of the second where rounds have a final. A tag asks by the second byte alone.
+
+mod values;
+
+use heapless::Vec;
+
+use super::MAX_ROUND;
+use super::layout::Layout;
+use super::{Address, BROADCAST, FrameBuffer, Header, Reader};
+use baliza_dw1000::{RadioDuration, RadioInstant};
+
+pub use values::{Distance, Position, Share};
+
+/// Sync slots of a superframe that an anchor can own.
+pub const OWNED_SYNC_SLOTS: usize = 16;
+/// The most tags of a network: as many as a sync frame can list.
+pub const MAX_MEMBERS: usize = 24;
+
+// Codes that no protocol above 802.15.4 begins its payload with: an analyser takes them for data and for nothing else.
+const POLL: u8 = 0x30;
+const RESPONSE: u8 = 0x31;
+const SYNC: u8 = 0x32;
+const REQUEST: u8 = 0x33;
+const FINAL: u8 = 0x34;
+
+/// Option of a poll.
+const WITH_DISTANCES: u8 = 1;
+
+/// A native frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// Sequence number.
+    pub sequence: u8,
+    /// The network.
+    pub pan: u16,
+    /// To whom: 0xFFFF is everyone.
+    pub destination: u16,
+    /// From whom.
+    pub source: u16,
+    /// What is said.
+    pub message: Message,
+}
+
+/// What is said.
+#[derive(Clone, Debug, PartialEq)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "a message lives on the stack for one step; there is no heap to put it on"
+)]
+pub enum Message {
+    /// A tag asks anchors to answer.
+    Poll(Poll),
+    /// An anchor answers.
+    Response(Response),
+    /// An anchor keeps the network together.
+    SyncFrame(SyncFrame),
+    /// A tag asks for slots.
+    Request(Request),
+    /// A tag ends a double-sided round.
+    Final {
+        /// Number of the round.
+        round: u16,
+    },
+}
+
+/// A tag asks anchors to answer, each in its slot.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Poll {
+    /// Number of the round: answers repeat it.
+    pub round: u16,
+    /// What the tag asks of the network's layout.
+    pub wish: Layout,
+    /// Who is to answer, in the order of the slots.
+    pub anchors: Vec<Asked, MAX_ROUND>,
+}
+
+/// A tag asks for slots.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Request {
+    /// How many.
+    pub share: Share,
+    /// What the tag asks of the network's layout.
+    pub wish: Layout,
+}
+
+/// An anchor that a poll names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Asked {
+    /// Its short address.
+    pub address: u16,
+    /// How far it is: a tag's last distance, for anchors that want to know, or an anchor's mean, for tags that listen. A poll carries
+    /// all or none.
+    pub distance: Distance,
+}
+
+/// An anchor's answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Response {
+    /// Number of the poll's round.
+    pub round: u16,
+    /// When the poll came, in the anchor's clock.
+    pub poll_rx: RadioInstant,
+    /// From the poll's arrival to this frame's departure, in the anchor's clock: below 67 ms.
+    pub reply: RadioDuration,
+    /// The last final of this tag that the anchor heard.
+    pub last_final: Option<FinalReceived>,
+}
+
+/// When an anchor heard a final.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FinalReceived {
+    /// Low byte of the number of the final's round.
+    pub round: u8,
+    /// From the departure of the anchor's response in that round to the arrival of the final, in the anchor's clock: below 67 ms.
+    pub after_response: RadioDuration,
+}
+
+/// An anchor's view of the network.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SyncFrame {
+    /// Number of the superframe.
+    pub superframe: u16,
+    /// Counts changes of coordinator: the higher term (across a wrap) is right.
+    pub term: u8,
+    /// Superframes since what is told here left the coordinator.
+    pub age: u8,
+    /// Hops to the coordinator; 0 is the coordinator itself.
+    pub hops: u8,
+    /// Who coordinates.
+    pub coordinator: u16,
+    /// The sync slot in which this frame is sent.
+    pub slot: u8,
+    /// Who owns the sync slots, as far as the sender hears: a byte of the address's hash each, 0 is nobody.
+    pub slot_owners: [u8; OWNED_SYNC_SLOTS],
+    /// A tag's request on its way to the coordinator.
+    pub request: Option<Member>,
+    /// What the sender, and those farther from the coordinator, ask of the layout; not told beside a request.
+    pub wish: Layout,
+    /// Members (bit i: the list's i-th) of whom a poll was heard here or farther from the coordinator.
+    pub heard: u32,
+    /// Number of the list of members.
+    pub version: u8,
+    /// Superframes, from this one, until the list counts, at most 7; until then the list before does.
+    pub countdown: u8,
+    /// The layout of the slots …
+    pub layout: Layout,
+    /// … which counts with the list of members only, and another one until then.
+    pub layout_is_new: bool,
+    /// Where the sender stands.
+    pub position: Option<Position>,
+    /// The tags of the network, by address.
+    pub members: Vec<Member, MAX_MEMBERS>,
+}
+
+/// A tag in the network's list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Member {
+    /// Short address of the tag.
+    pub tag: u16,
+    /// How many slots it has asked for.
+    pub share: Share,
+}
+
+impl Frame {
+    /// The frame of bytes from the air.
+    pub fn parse(bytes: &[u8]) -> Option<Self> {
+        let (header, payload) = Header::parse(bytes)?;
+        let (Address::Short(destination), Address::Short(source)) = (header.destination, header.source) else {
+            return None;
+        };
+        let mut reader = Reader(payload);
+        let message = match reader.u8()? {
+            POLL => Message::Poll(Poll::parse(reader)?),
+            RESPONSE => Message::Response(Response::parse(reader)?),
+            SYNC => Message::SyncFrame(SyncFrame::parse(reader)?),
+            REQUEST => {
+                let share = Share::parse(reader.u8()?)?;
+                let wish = Layout::from_tag_byte(reader.u8()?);
+                reader.end()?;
+                Message::Request(Request { share, wish })
+            }
+            FINAL => {
+                let round = reader.u16()?;
+                reader.end()?;
+                Message::Final { round }
+            }
+            _ => return None,
+        };
+        (source != BROADCAST).then_some(Self {
+            sequence: header.sequence,
+            pan: header.pan,
+            destination,
+            source,
+            message,
+        })
+    }
+
+    /// The bytes of the frame, in place of what `out` held.
+    pub fn emit(&self, out: &mut FrameBuffer) {
+        out.clear();
+        let [destination, source] = [self.destination, self.source].map(Address::Short);
+        Header { sequence: self.sequence, pan: self.pan, destination, source }.emit(out);
+        match &self.message {
+            Message::Poll(poll) => poll.emit(out),
+            Message::Response(response) => response.emit(out),
+            Message::SyncFrame(sync_frame) => sync_frame.emit(out),
+            Message::Request(Request { share, wish }) => out.put(&[REQUEST, share.byte(), wish.tag_byte()]),
+            Message::Final { round } => {
+                let [low, high] = round.to_le_bytes();
+                out.put(&[FINAL, low, high]);
+            }
+        }
+    }
+}
+
+/// Bytes of header and code.
+const HEAD: u16 = 10;
+/// Bytes of the longest poll on the air, its check bytes counted: eight anchors with distances.
+pub const POLL_BYTES: u16 = HEAD + 4 + 4 * MAX_ROUND as u16 + 2;
+/// Bytes of a response on the air, its check bytes counted.
+pub const RESPONSE_BYTES: u16 = HEAD + 11 + 2;
+/// The same where it tells of a final.
+pub const LONG_RESPONSE_BYTES: u16 = RESPONSE_BYTES + 5;
+/// Bytes of a final on the air, its check bytes counted.
+pub const FINAL_BYTES: u16 = HEAD + 2 + 2;
+/// Bytes of a request on the air, its check bytes counted.
+pub const REQUEST_BYTES: u16 = HEAD + 2 + 2;
+/// Bytes of the longest sync frame on the air, its check bytes counted.
+pub const SYNC_FRAME_BYTES: u16 = HEAD + 43 + 3 * MAX_MEMBERS as u16 + 2;
+
+/// In the byte with the number of members: a request is passed on, and not what is asked of the layout.
+const PASSES_REQUEST_ON: u8 = 0x80;
+/// In the first byte of the layout: another one counts until the list of members does.
+const LAYOUT_IS_NEW: u8 = 0x80;
+/// Of the byte with slot and countdown.
+const SLOT: u8 = 0x1F;
+const COUNTDOWN_SHIFT: u8 = 5;
+
+impl Poll {
+    /// After the code.
+    fn parse(mut reader: Reader<'_>) -> Option<Self> {
+        let round = reader.u16()?;
+        let [count, options] = reader.u8().map(|byte| [byte >> 4, byte & 0x0F])?;
+        let with_distances = match options {
+            0 => false,
+            WITH_DISTANCES => true,
+            _ => return None,
+        };
+        let wish = Layout::from_tag_byte(reader.u8()?);
+        let mut anchors = Vec::new();
+        for _ in 0..count {
+            anchors.push(Asked { address: reader.u16()?, distance: Distance::Unsent }).ok()?;
+        }
+        if with_distances {
+            for asked in &mut anchors {
+                asked.distance = match reader.u16()? as i16 {
+                    i16::MIN => Distance::Unknown,
+                    units => Distance::Quarters(units),
+                };
+            }
+        }
+        reader.end()?;
+        (!anchors.is_empty()).then_some(Self { round, wish, anchors })
+    }
+
+    fn emit(&self, out: &mut FrameBuffer) {
+        let with_distances = self.anchors.iter().any(|asked| asked.distance != Distance::Unsent);
+        let options = if with_distances { WITH_DISTANCES } else { 0 };
+        out.put(&[POLL]);
+        out.put(&self.round.to_le_bytes());
+        out.put(&[(self.anchors.len() as u8) << 4 | options, self.wish.tag_byte()]);
+        for asked in &self.anchors {
+            out.put(&asked.address.to_le_bytes());
+        }
+        for asked in self.anchors.iter().filter(|_| with_distances) {
+            let units = match asked.distance {
+                Distance::Unsent | Distance::Unknown => i16::MIN,
+                Distance::Quarters(units) => units,
+            };
+            out.put(&units.to_le_bytes());
+        }
+    }
+}
+
+impl Response {
+    fn parse(mut reader: Reader<'_>) -> Option<Self> {
+        let round = reader.u16()?;
+        let poll_rx = RadioInstant::from_le_bytes(reader.take()?);
+        let reply = RadioDuration::from_ticks(reader.u32()?.into());
+        let last_final = match reader.u8() {
+            None => None,
+            Some(round) => {
+                Some(FinalReceived { round, after_response: RadioDuration::from_ticks(reader.u32()?.into()) })
+            }
+        };
+        reader.end()?;
+        Some(Self { round, poll_rx, reply, last_final })
+    }
+
+    fn emit(&self, out: &mut FrameBuffer) {
+        out.put(&[RESPONSE]);
+        out.put(&self.round.to_le_bytes());
+        out.put(&self.poll_rx.to_le_bytes());
+        out.put(&(self.reply.ticks() as u32).to_le_bytes());
+        if let Some(FinalReceived { round, after_response }) = self.last_final {
+            out.put(&[round]);
+            out.put(&(after_response.ticks() as u32).to_le_bytes());
+        }
+    }
+}
+
+impl SyncFrame {
+    fn parse(mut reader: Reader<'_>) -> Option<Self> {
+        let superframe = reader.u16()?;
+        let [term, age, hops] = reader.take()?;
+        let coordinator = reader.u16()?;
+        let slot_and_countdown = reader.u8()?;
+        let slot_owners = reader.take()?;
+        let passed_on: [u8; 3] = reader.take()?;
+        let [a, b, c, version] = reader.take()?;
+        let heard = u32::from_le_bytes([a, b, c, 0]);
+        let layout: [u8; 2] = reader.take()?;
+        let position = Position::parse(reader.take()?)?;
+        let count = reader.u8()?;
+        let (request, wish) = if count & PASSES_REQUEST_ON == 0 {
+            let [answer, tag, 0] = passed_on else { return None };
+            (None, Layout::from_bytes([answer, tag]))
+        } else {
+            (Some(Member::parse(&mut Reader(&passed_on))?), Layout::LEAST)
+        };
+        let mut members = Vec::new();
+        for _ in 0..count & !PASSES_REQUEST_ON {
+            members.push(Member::parse(&mut reader)?).ok()?;
+        }
+        reader.end()?;
+        // In the order of addresses, each once: all nodes make the same plan of it.
+        members.is_sorted_by(|a: &Member, b| a.tag < b.tag).then_some(Self {
+            superframe,
+            term,
+            age,
+            hops,
+            coordinator,
+            slot: slot_and_countdown & SLOT,
+            slot_owners,
+            request,
+            wish,
+            heard,
+            version,
+            countdown: slot_and_countdown >> COUNTDOWN_SHIFT,
+            layout: Layout::from_bytes(layout),
+            layout_is_new: layout[0] & LAYOUT_IS_NEW != 0,
+            position,
+            members,
+        })
+    }
+
+    fn emit(&self, out: &mut FrameBuffer) {
+        out.put(&[SYNC]);
+        out.put(&self.superframe.to_le_bytes());
+        out.put(&[self.term, self.age, self.hops]);
+        out.put(&self.coordinator.to_le_bytes());
+        out.put(&[self.slot & SLOT | self.countdown << COUNTDOWN_SHIFT]);
+        out.put(&self.slot_owners);
+        let passes_request_on = match self.request {
+            Some(request) => {
+                request.emit(out);
+                PASSES_REQUEST_ON
+            }
+            None => {
+                let [answer, tag] = self.wish.bytes();
+                out.put(&[answer, tag, 0]);
+                0
+            }
+        };
+        let [a, b, c, _] = self.heard.to_le_bytes();
+        out.put(&[a, b, c, self.version]);
+        let [answer, tag] = self.layout.bytes();
+        out.put(&[if self.layout_is_new { answer | LAYOUT_IS_NEW } else { answer }, tag]);
+        out.put(&Position::bytes(self.position));
+        out.put(&[self.members.len() as u8 | passes_request_on]);
+        for member in &self.members {
+            member.emit(out);
+        }
+    }
+}
+
+impl Member {
+    fn parse(reader: &mut Reader<'_>) -> Option<Self> {
+        Some(Self { tag: reader.u16()?, share: Share::parse(reader.u8()?)? })
+    }
+
+    fn emit(&self, out: &mut FrameBuffer) {
+        out.put(&self.tag.to_le_bytes());
+        out.put(&[self.share.byte()]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use baliza_dw1000::radio::MAX_FRAME;
+
+    fn round_trip(message: Message, golden: &[u8]) {
+        let frame = Frame { sequence: 0x2A, pan: 0xBA1A, destination: BROADCAST, source: 0x0107, message };
+        let mut out = FrameBuffer::new();
+        frame.emit(&mut out);
+        let mut bytes = std::vec![0x41, 0x88, 0x2A, 0x1A, 0xBA, 0xFF, 0xFF, 0x07, 0x01];
+        bytes.extend_from_slice(golden);
+        assert_eq!(out.bytes(), bytes);
+        assert_eq!(Frame::parse(&bytes), Some(frame));
+        bytes.push(0);
+        assert_eq!(Frame::parse(&bytes), None, "a byte too many");
+        for cut in 0..bytes.len() - 1 {
+            assert_eq!(Frame::parse(&bytes[..cut]), None, "cut to {cut}");
+        }
+    }
+
+    #[test]
+    fn golden_poll() {
+        let asked = |address| Asked { address, distance: Distance::Unsent };
+        // (16 + 8) · 2² = 96 µs: code 0x28; with a final 0xA8.
+        let wish = Layout::from_tag_byte(0xA8);
+        assert_eq!(wish.listen_again.duration(), RadioDuration::from_micros(96));
+        let poll = Poll { round: 0x1234, wish, anchors: [asked(1), asked(0x0203)].into_iter().collect() };
+        round_trip(Message::Poll(poll), &[0x30, 0x34, 0x12, 0x20, 0xA8, 1, 0, 3, 2]);
+    }
+
+    #[test]
+    fn golden_poll_with_distances() {
+        // 3.2 m are 800 units of 4 mm, 0x0320; −0.1 m are −25, 0xFFE7.
+        let anchors = [(1, Distance::from_metres(3.2)), (2, Distance::Unknown), (3, Distance::from_metres(-0.1))];
+        let anchors = anchors.into_iter().map(|(address, distance)| Asked { address, distance }).collect();
+        let poll = Poll { round: 1, wish: Layout::LEAST, anchors };
+        round_trip(Message::Poll(poll), &[0x30, 1, 0, 0x31, 0, 1, 0, 2, 0, 3, 0, 0x20, 0x03, 0x00, 0x80, 0xE7, 0xFF]);
+    }
+
+    #[test]
+    fn golden_response() {
+        let response = Response {
+            round: 0xFFFE,
+            poll_rx: RadioInstant::from_ticks(0xFF_0102_0304),
+            reply: RadioDuration::from_ticks(0x0123_4567),
+            last_final: None,
+        };
+        let golden = [0x31, 0xFE, 0xFF, 4, 3, 2, 1, 0xFF, 0x67, 0x45, 0x23, 0x01];
+        let mut out = FrameBuffer::new();
+        Frame { sequence: 0, pan: 0, destination: 0, source: 0, message: Message::Response(response) }.emit(&mut out);
+        assert_eq!(out.bytes().get(9..), Some(&golden[..]));
+        assert_eq!(usize::from(RESPONSE_BYTES), 9 + golden.len() + 2);
+
+        let last_final = Some(FinalReceived { round: 0xFD, after_response: RadioDuration::from_ticks(0x0089_ABCD) });
+        let with_final: std::vec::Vec<u8> = golden.into_iter().chain([0xFD, 0xCD, 0xAB, 0x89, 0x00]).collect();
+        assert_eq!(usize::from(LONG_RESPONSE_BYTES), 9 + with_final.len() + 2);
+        for (cut, bytes) in (0..5).map(|cut| (cut, &with_final[..with_final.len() - cut])) {
+            let mut frame = std::vec![0x41, 0x88, 0, 0, 0, 0, 0, 0, 0];
+            frame.extend(bytes);
+            let parsed = Frame::parse(&frame).map(|frame| frame.message);
+            let whole = Message::Response(Response { last_final, ..response });
+            assert_eq!(parsed, (cut == 0).then_some(whole), "cut by {cut}");
+        }
+    }
+
+    #[test]
+    fn golden_final() {
+        round_trip(Message::Final { round: 0x0102 }, &[0x34, 0x02, 0x01]);
+        assert_eq!(usize::from(FINAL_BYTES), 9 + 3 + 2);
+    }
+
+    #[test]
+    fn golden_requests() {
+        let wish = Layout::from_tag_byte(0x12);
+        for (share, byte) in [(Share::Release, 0), (Share::Slots(2), 2), (Share::Greedy, 127), (Share::OneIn(10), 0x8A)]
+        {
+            round_trip(Message::Request(Request { share, wish }), &[0x33, byte, 0x12]);
+        }
+    }
+
+    fn sync_frame(members: usize) -> SyncFrame {
+        SyncFrame {
+            superframe: 0x0102,
+            term: 3,
+            age: 4,
+            hops: 5,
+            coordinator: 0x0607,
+            slot: 8,
+            slot_owners: core::array::from_fn(|i| i as u8 + 0x10),
+            request: None,
+            wish: Layout::from_bytes([0x21, 0x43]),
+            heard: 0x0A0B0C,
+            version: 9,
+            countdown: 7,
+            layout: Layout::from_bytes([0x35, 0x90]),
+            layout_is_new: true,
+            position: Position::from_metres([1.0, -0.001, 8.388]),
+            members: (0..members as u16).map(|tag| Member { tag: 0x0400 + tag, share: Share::Greedy }).collect(),
+        }
+    }
+
+    #[test]
+    fn golden_sync_frame() {
+        // 1000 = 0x0003E8, −1 = 0xFFFFFF, 8388 = 0x0020C4.
+        // Slot 8 and countdown 7: 8 + 7 · 32 = 0xE8. Layout 35 90, new: B5 90.
+        let mut golden = std::vec![0x32, 2, 1, 3, 4, 5, 7, 6, 0xE8];
+        golden.extend(0x10..0x20);
+        golden.extend([0x21, 0x43, 0, 0x0C, 0x0B, 0x0A, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
+        golden.extend([2, 0x00, 0x04, 127, 0x01, 0x04, 127]);
+        round_trip(Message::SyncFrame(sync_frame(2)), &golden);
+    }
+
+    #[test]
+    fn golden_sync_frame_that_passes_a_request_on() {
+        let request = Some(Member { tag: 0x0506, share: Share::Slots(3) });
+        let mut golden = std::vec![0x32, 2, 1, 3, 4, 5, 7, 6, 0xE8];
+        golden.extend(0x10..0x20);
+        golden.extend([0x06, 0x05, 3, 0x0C, 0x0B, 0x0A, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
+        golden.push(0x80);
+        round_trip(Message::SyncFrame(SyncFrame { request, wish: Layout::LEAST, ..sync_frame(0) }), &golden);
+    }
+
+    #[test]
+    fn the_longest_frames_fit() {
+        let mut out = FrameBuffer::new();
+        let mut length = |message| {
+            Frame { sequence: 0, pan: 0, destination: BROADCAST, source: 0, message }.emit(&mut out);
+            out.bytes().len()
+        };
+        let longest = length(Message::SyncFrame(sync_frame(MAX_MEMBERS)));
+        assert_eq!((longest, longest + 2), (MAX_FRAME, usize::from(SYNC_FRAME_BYTES)));
+        let asked = Asked { address: 1, distance: Distance::Unknown };
+        let poll = Poll { round: 0, wish: Layout::LEAST, anchors: core::iter::repeat_n(asked, MAX_ROUND).collect() };
+        assert_eq!(length(Message::Poll(poll)) + 2, usize::from(POLL_BYTES));
+    }
+
+    #[test]
+    fn members_out_of_order_or_twice_are_refused() {
+        let mut out = FrameBuffer::new();
+        let mut jumbled = sync_frame(2);
+        jumbled.members[1].tag = jumbled.members[0].tag;
+        let message = Message::SyncFrame(jumbled);
+        Frame { sequence: 0, pan: 0, destination: BROADCAST, source: 0, message }.emit(&mut out);
+        assert_eq!(Frame::parse(out.bytes()), None);
+    }
+}

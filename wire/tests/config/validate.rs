@@ -1,0 +1,237 @@
+//! What a record must be.
+
+use baliza_dw1000::PhyConfig;
+use baliza_dw1000::phy::{Channel, DataRate, PreambleLength, Prf};
+use baliza_wire::config::{
+    Anchor, Beacon, Board, Identity, Invalid, Mode, Phy, Pins, Record, Region, ReplyDelay, Role, Scan, Scheme, Solver,
+    Tag,
+};
+
+use crate::examples::{anchor, beacon, longest, tag};
+
+fn refusal(of: Record, change: impl FnOnce(&mut Record)) -> String {
+    let mut record = of;
+    change(&mut record);
+    record.validate().expect_err("it cannot be done").to_string()
+}
+
+fn role_of(record: &mut Record) -> &mut Tag {
+    match &mut record.role {
+        Role::Tag(tag) => tag,
+        Role::Anchor { .. } | Role::Advertiser(_) => panic!("it is a tag"),
+    }
+}
+
+fn pinned(record: &mut Record) -> &mut ReplyDelay {
+    record.network.turnaround.as_mut().expect("it is pinned")
+}
+
+#[test]
+fn the_examples_are_valid() {
+    for record in [anchor(), tag(), beacon(), longest()] {
+        assert_eq!(record.validate(), Ok(()), "{record:?}");
+    }
+}
+
+#[test]
+fn refusals_name_the_field_and_its_value() {
+    let of_phy = |phy: Phy| refusal(anchor(), |record| record.network.phy = phy);
+    let fast = anchor().network.phy;
+    let cases = [
+        (refusal(anchor(), |r| r.identity.address = Some(0xFFFF)), "identity.address is 0xFFFF: "),
+        (refusal(anchor(), |r| r.identity.address = Some(0xFFFE)), "identity.address is 0xFFFE: "),
+        (refusal(anchor(), |r| r.identity.eui = Some(0)), "identity.eui is 0x0000: "),
+        (
+            refusal(anchor(), |r| r.identity = Identity { eui: Some(0xAFFFF), address: None }),
+            "identity.eui is 0xAFFFF: ",
+        ),
+        (refusal(anchor(), |r| r.network.pan = 0xFFFF), "network.pan is 0xFFFF: "),
+        (of_phy(Phy { channel: 6, ..fast }), "network.phy.channel is 6: it must be 1, 2, 3, 4, 5 or 7"),
+        (of_phy(Phy { prf_mhz: 32, ..fast }), "network.phy.prf_mhz is 32: it must be 16 or 64"),
+        (of_phy(Phy { rate_kbps: 6800, ..fast }), "network.phy.rate_kbps is 6800: "),
+        (of_phy(Phy { preamble: 100, ..fast }), "network.phy.preamble is 100: "),
+        (of_phy(Phy { rate_kbps: 110, ..fast }), "network.phy.preamble is 128: it must be 1024 or more at 110 kbit/s"),
+        (of_phy(Phy { code: Some(3), ..fast }), "network.phy.code is 3: "),
+        (refusal(anchor(), |r| pinned(r).answer_us = 0), "network.turnaround.answer_us is 0: "),
+        (refusal(anchor(), |r| pinned(r).listen_again_us = 0), "network.turnaround.listen_again_us is 0: "),
+        (refusal(anchor(), |r| pinned(r).transmit_us = 251), "network.turnaround.transmit_us is 251: "),
+        (refusal(anchor(), |r| pinned(r).answer_us = 20_001), "network.turnaround.answer_us is 20001: "),
+        (refusal(anchor(), |r| r.calibration.crystal_trim = Some(32)), "calibration.crystal_trim is 32: "),
+        (refusal(tag(), |r| role_of(r).height_m = Some(f32::NAN)), "tag.height_m is NaN: "),
+        (refusal(tag(), |r| role_of(r).rate_chz = Some(0)), "tag.rate_hz is 0: it must be 0.01 to 1000"),
+        (
+            refusal(tag(), |r| (r.network.mode, role_of(r).rate_chz) = (Mode::DecaRanging { fast: false }, Some(12))),
+            "tag.rate_hz is 0.12: it must be 0.13 to 1000",
+        ),
+        (
+            refusal(anchor(), |r| r.network.mode = Mode::Listening { rounds_chz: 12 }),
+            "network.rounds_hz is 0.12: it must be 0.13 to 1000",
+        ),
+        (refusal(tag(), |r| role_of(r).rate_chz = Some(100_001)), "tag.rate_hz is 1000.01: "),
+        (refusal(tag(), |r| role_of(r).still_rate_chz = Some(1001)), "tag.still_rate_hz is 10.01: "),
+        (refusal(tag(), |r| role_of(r).anchors_per_round = 0), "tag.anchors_per_round is 0: "),
+        (refusal(tag(), |r| role_of(r).anchors_per_round = 9), "tag.anchors_per_round is 9: it must be 1 to 8"),
+        (
+            refusal(tag(), |r| role_of(r).scan = Some(Scan { interval_ms: 2, window_ms: 2 })),
+            "tag.scan.interval_ms is 2: ",
+        ),
+        (
+            refusal(tag(), |r| role_of(r).scan = Some(Scan { interval_ms: 50, window_ms: 51 })),
+            "tag.scan.window_ms is 51: ",
+        ),
+        (refusal(beacon(), |r| r.beacon_key = None), "beacon_key is absent: "),
+    ];
+    for (said, expected) in cases {
+        assert!(said.starts_with(expected), "{said}, not {expected}");
+    }
+}
+
+#[test]
+fn an_advertiser_s_ranges() {
+    let change = |f: fn(&mut baliza_wire::config::Advertiser)| {
+        refusal(beacon(), |record| match &mut record.role {
+            Role::Advertiser(advertiser) => f(advertiser),
+            Role::Tag(_) | Role::Anchor { .. } => panic!("it is a beacon"),
+        })
+    };
+    assert!(change(|a| a.interval_ms = 19).starts_with("beacon.interval_ms is 19: "));
+    assert!(change(|a| a.interval_ms = 10_241).starts_with("beacon.interval_ms is 10241: "));
+    assert!(change(|a| a.tx_power_dbm = 21).starts_with("beacon.tx_power_dbm is 21: "));
+    assert!(change(|a| a.channels = 0).starts_with("beacon.channels is 0: "));
+    assert!(change(|a| a.channels = 8).starts_with("beacon.channels is 8: "));
+}
+
+#[test]
+fn places_are_finite_and_near() {
+    let at = |position_m| Anchor { address: 1, position_m };
+    for bad in [f32::NAN, f32::INFINITY, -100_001.0] {
+        let said = refusal(tag(), |record| record.anchors.push(at([0.0, bad, 0.0])).unwrap());
+        assert!(said.starts_with("anchors[0].position_m is "), "{said}");
+    }
+    // An anchor tells its own place on the air, where a coordinate has three bytes of millimetres.
+    let said = refusal(anchor(), |record| record.role = Role::Anchor { position_m: Some([0.0, 0.0, 8_389.0]) });
+    assert!(said.starts_with("anchor.position_m is 8389: "), "{said}");
+}
+
+#[test]
+fn lists_have_nobody_twice() {
+    let one = Anchor { address: 7, position_m: [0.0; 3] };
+    let said = refusal(tag(), |record| record.anchors = heapless::Vec::from_slice(&[one, one]).unwrap());
+    assert_eq!(said, "anchors[1].address is 0x0007: it must be different from the others'");
+    let one = Beacon { major: 1, minor: 2, position_m: [0.0; 3], rssi_1m_dbm: None, path_loss_exponent: None };
+    let said = refusal(tag(), |record| record.beacons = heapless::Vec::from_slice(&[one, one]).unwrap());
+    assert!(said.starts_with("beacons[1].minor is 2: "), "{said}");
+    let said = refusal(tag(), |r| r.beacons.push(Beacon { rssi_1m_dbm: Some(f32::NAN), ..one }).unwrap());
+    assert!(said.starts_with("beacons[0].rssi_1m_dbm is NaN: "), "{said}");
+    let said = refusal(tag(), |r| r.beacons.push(Beacon { path_loss_exponent: Some(0.0), ..one }).unwrap());
+    assert!(said.starts_with("beacons[0].path_loss_exponent is 0: "), "{said}");
+}
+
+#[test]
+fn pins_are_distinct_and_the_board_has_them() {
+    let pins = Pins { sck: 6, mosi: 7, miso: 2, cs: 10, irq: 3, reset: 4 };
+    let with = |pins: Pins| Record { pins: Some(pins), ..anchor() };
+    assert_eq!(with(pins).validate_for(Board::Esp32C3), Ok(()));
+    let twice = with(Pins { irq: 6, ..pins }).validate().map_err(|invalid| invalid.to_string());
+    assert_eq!(twice, Err("pins.irq is 6: it must be a pin that no other signal has".into()));
+    let field = |record: &Record, board| record.validate_for(board).map_err(|Invalid { field, .. }| field);
+    // The C3's GPIO 18 is its USB port; the ESP32's GPIO 6 and 7 are its flash, and 34 is an input only.
+    assert_eq!(field(&with(Pins { cs: 18, ..pins }), Board::Esp32C3), Err("pins.cs"));
+    assert_eq!(field(&with(pins), Board::Esp32), Err("pins.sck"));
+    let classic = Pins { sck: 18, mosi: 23, miso: 19, cs: 4, irq: 34, reset: 27 };
+    assert_eq!(field(&with(classic), Board::Esp32), Ok(()));
+    assert_eq!(field(&with(Pins { irq: 27, reset: 34, ..classic }), Board::Esp32), Err("pins.reset"));
+    assert_eq!(field(&with(classic), Board::Dwm1001), Err("pins.sck"), "its DW1000 is soldered");
+}
+
+#[test]
+fn boards_without_bluetooth_neither_scan_nor_advertise() {
+    let field = |record: &Record, board| record.validate_for(board).map_err(|Invalid { field, .. }| field);
+    assert_eq!(field(&tag(), Board::Dwm1001), Ok(()));
+    assert_eq!(field(&tag(), Board::Evk1000), Err("tag.scan.interval_ms"));
+    assert_eq!(field(&Record { pins: None, ..beacon() }, Board::Dwm1001), Err("beacon.minor"));
+    assert_eq!(field(&beacon(), Board::Esp32C6), Ok(()));
+}
+
+#[test]
+fn rounds_to_listen_to_are_within_a_clock_s_range() {
+    let said = refusal(anchor(), |record| record.network.mode = Mode::Listening { rounds_chz: 12 });
+    assert!(said.starts_with("network.rounds_hz is 0.12: "), "{said}");
+    let mut slow = anchor();
+    slow.network.mode = Mode::Listening { rounds_chz: 13 };
+    assert_eq!(slow.validate(), Ok(()));
+}
+
+#[test]
+fn a_region_refuses_what_it_forbids_and_only_of_nodes_that_transmit() {
+    let on = |record: Record, region, channel| {
+        let mut record = record;
+        record.network.region = region;
+        record.network.phy = Phy { channel, code: None, ..record.network.phy };
+        record.validate().map_err(|Invalid { field, .. }| field)
+    };
+    let refused = Err("network.phy.channel");
+    // Commission Implementing Decision (EU) 2019/785: 6.0 to 8.5 GHz without a limit of duty; channels 5 and 7 are in there.
+    for channel in [1, 2, 3, 4, 5, 7] {
+        let eu = if channel < 5 { refused } else { Ok(()) };
+        assert_eq!(on(anchor(), Some(Region::Eu), channel), eu, "{channel}");
+        // 7.25 GHz and up, or DAA: none of them.
+        assert_eq!(on(anchor(), Some(Region::Japan), channel), refused, "{channel}");
+        for anywhere in [None, Some(Region::Us), Some(Region::Unchecked)] {
+            assert_eq!(on(anchor(), anywhere, channel), Ok(()), "{channel}");
+        }
+        assert_eq!(on(beacon(), Some(Region::Japan), channel), Ok(()), "its radio is Bluetooth's");
+    }
+    let mut listener = tag();
+    role_of(&mut listener).solver = Solver::Track;
+    listener.network.mode = Mode::Listening { rounds_chz: 1000 };
+    assert_eq!(on(listener.clone(), Some(Region::Eu), 2), Ok(()), "it only listens");
+    listener.role = anchor().role;
+    assert_eq!(on(listener, Some(Region::Eu), 2), refused);
+    let said = refusal(anchor(), |record| (record.network.region, record.network.phy.channel) = (Some(Region::Eu), 2));
+    assert!(said.starts_with("network.phy.channel is 2: it must be 5 or 7 in region \"eu\": "), "{said}");
+}
+
+#[test]
+fn a_tag_that_only_listens_follows_a_track() {
+    let said = refusal(tag(), |record| record.network.mode = Mode::Listening { rounds_chz: 1000 });
+    assert!(said.starts_with("tag.solver is b-wls: it must be track in mode \"listening\": "), "{said}");
+}
+
+#[test]
+fn names_are_those_of_one_solver_scheme_and_region() {
+    let solvers = ["track", "robust", "b-wls", "b-wls-r", "bounding-box"];
+    assert_eq!(solvers.map(|name| Solver::from_name(name).map(Solver::name)), solvers.map(Some));
+    let schemes = ["single-sided", "double-sided"];
+    assert_eq!(schemes.map(|name| Scheme::from_name(name).map(Scheme::name)), schemes.map(Some));
+    let regions = ["eu", "us", "japan", "none"];
+    assert_eq!(regions.map(|name| Region::from_name(name).map(Region::name)), regions.map(Some));
+    assert_eq!((Solver::from_name("nls"), Scheme::from_name(""), Region::from_name("EU")), (None, None, None));
+}
+
+#[test]
+fn the_phy_of_a_record_is_the_radios() {
+    assert_eq!(anchor().phy(), Ok(PhyConfig::FAST));
+    let old = PhyConfig::new(Channel::Ch2, Prf::Mhz16, DataRate::Kbps110, PreambleLength::Symbols1024).unwrap();
+    assert_eq!(beacon().phy(), Ok(old.with_preamble_code(4).unwrap()));
+}
+
+#[test]
+fn the_address_is_the_record_s_or_the_chip_s() {
+    assert_eq!(anchor().identity.on(0x42), (0x0123_4567_89AB_CDEF, 0x0101));
+    assert_eq!(Identity::default().on(0xDEAD_BEEF_0000_1234), (0xDEAD_BEEF_0000_1234, 0x1234));
+}
+
+#[test]
+fn boards_keep_their_records_where_the_flash_ends() {
+    // 512 KiB, 256 KiB seen from 0x0800_0000, and the partition `nvs` at 0x9000, 24 KiB long.
+    assert_eq!(Board::Dwm1001.pages().addresses()[1] + 4096, 512 * 1024);
+    assert_eq!(Board::Evk1000.pages().addresses(), [0x0803_F000, 0x0803_F800]);
+    assert_eq!(Board::Evk1000.pages().offsets[1] + 2048, 256 * 1024);
+    assert_eq!(Board::Esp32C3.pages().addresses(), [0x9000, 0xA000]);
+    for board in Board::ALL {
+        assert!(board.pages().size as usize >= baliza_wire::config::MAX_BYTES);
+        assert_eq!(Board::from_name(board.name()), Some(board));
+    }
+    assert_eq!(Board::from_name("dwm1000"), None);
+}

@@ -1,0 +1,307 @@
+//! Literal bytes of every message, here and in `docs/wire-format.md`.
+//!
+//! They were made by an independent implementation, some thirty lines of Python that know nothing of this crate: varints by repeated
+//! division by 128, zigzag as 2n and −2n − 1, the CRC bit by bit with polynomial 0x1021 (it gives 0x29B1 for "123456789"), COBS as the
+//! lengths of the pieces between zeros; the fields of each message in the order of the page.
+
+use std::collections::BTreeMap;
+
+use baliza_wire::telemetry::*;
+
+const T_FIX_US: u64 = 12_345_678;
+
+fn fix(outcome: Outcome) -> Message {
+    Message::Fix(Fix { t_us: T_FIX_US, round: 300, age_us: 8500, asked: 6, outcome, solver: Solver::BWls })
+}
+
+fn diagnostics() -> Diagnostics {
+    Diagnostics {
+        rx_power: -7925,
+        first_path_power: -8150,
+        first_path_index: 47_712,
+        first_path_amplitudes: [9000, 10_500, 8000],
+        cir_power: 12_000,
+        preamble_count: 118,
+        noise_deviation: 52,
+        clock_offset: -235,
+    }
+}
+
+fn difference(peer: u16, difference: i32, deviation: u32, place: [i32; 3]) -> Message {
+    let (place, diagnostics) = (Some(place), diagnostics());
+    Message::Difference(Difference {
+        t_us: 12_345_600,
+        round: 300,
+        reference: 257,
+        peer,
+        difference,
+        deviation,
+        place,
+        diagnostics,
+    })
+}
+
+fn range(distance: i32, place: Option<[i32; 3]>) -> Message {
+    Message::Range(Range {
+        t_us: 12_345_600,
+        round: 300,
+        peer: 258,
+        distance,
+        deviation: 350,
+        place,
+        diagnostics: diagnostics(),
+    })
+}
+
+fn room(t_us: u64, is: RoomEstimate) -> Message {
+    Message::Room(Room { t_us, is })
+}
+
+/// Every frame by the name that the page gives it.
+fn golden() -> Vec<(&'static str, Message, &'static str)> {
+    let position = Outcome::Position {
+        position: [32_100, 40_500, 15_000],
+        deviation: [600, 500, 1200],
+        correlation: [32, 0, -64],
+        used: 0b11_1011,
+        quality: 230,
+    };
+    let in_3 = RoomProbability { room: 3, probability: 242 };
+    let between = RoomEstimate::Between([
+        RoomProbability { room: 0, probability: 140 },
+        RoomProbability { room: 2, probability: 90 },
+    ]);
+    let crash = Crash { reason: CrashReason::Stalled, program_counter: 0x2_A4F6, line: 0, file: 0 };
+    let counters = Counters {
+        t_us: 60_000_000,
+        sent: 600,
+        received: 3550,
+        timeouts: 50,
+        corrupt: 7,
+        late: 2,
+        not_sent: 1,
+        radio_failures: 0,
+        rounds_dropped: 3,
+        telemetry_dropped: 0,
+        sightings: 1200,
+        sightings_dropped: 4,
+    };
+    let hello = Hello {
+        t_us: 1_500_000,
+        eui: 0x1020_5F12_3456_7890,
+        address: 0x1234,
+        role: Role::Tag,
+        board: Board::Evk1000,
+        build: [0x01, 0x23, 0x45, 0x67, 0x89, 0xAB, 0xCD, 0xEF],
+    };
+    let beacon = BeaconId { network: 0xB940_7F30, major: 7, minor: 513 };
+    let no_record = Condition::NoRecord(RecordError::Version(3));
+    vec![
+        (
+            "hello",
+            Message::Hello(hello),
+            "02 01 0F E0 C6 5B 90 F1 D9 A2 A3 E2 97 90 10 B4 24 0C 01 01 23 45 67 89 AB CD EF FC 46 00",
+        ),
+        (
+            "fix",
+            fix(position),
+            "0C 01 01 CE C2 F1 05 AC 02 B4 42 06 11 C8 F5 03 E8 F8 04 B0 EA 01 D8 04 F4 03 B0 09 20 07 C0 3B E6 03 5A 39 00",
+        ),
+        (
+            "no fix",
+            fix(Outcome::Reason(Reason::RangesDisjoint)),
+            "11 01 01 CE C2 F1 05 AC 02 B4 42 06 01 05 03 8B 3E 00",
+        ),
+        (
+            "range",
+            range(54_321, Some([0, -125_000, 24_000])),
+            "11 01 02 80 C2 F1 05 AC 02 82 02 E2 D0 06 DE 02 01 1C 8F A1 0F 80 F7 02 E9 7B AB 7F E0 F4 02 A8 46 84 52 C0 \
+             3E E0 5D 76 34 D5 03 3E 23 00",
+        ),
+        (
+            "range, place unknown",
+            range(-120, None),
+            "0F 01 02 80 C2 F1 05 AC 02 82 02 EF 01 DE 02 16 E9 7B AB 7F E0 F4 02 A8 46 84 52 C0 3E E0 5D 76 34 D5 03 74 \
+             20 00",
+        ),
+        (
+            "sighting",
+            Message::Sighting(Sighting { t_us: 20_000_000, beacon, rssi: -67, measured_power: -59 }),
+            "13 01 03 80 DA C4 09 B0 FE 81 CA 0B 07 81 04 BD C5 E5 2D 00",
+        ),
+        (
+            "state",
+            Message::State(State { t_us: 2_000_000, is: Condition::Synchronised(257) }),
+            "0B 01 04 80 89 7A 04 81 02 52 17 00",
+        ),
+        (
+            "network full",
+            Message::State(State { t_us: 2_000_000, is: Condition::NetworkFull }),
+            "09 01 04 80 89 7A 0F 38 AC 00",
+        ),
+        (
+            "motion sensor silent",
+            Message::State(State { t_us: 2_000_000, is: Condition::MotionSensor(MotionSensor::Silent) }),
+            "0A 01 04 80 89 7A 10 01 0A 4F 00",
+        ),
+        ("no record", Message::State(State { t_us: 250_000, is: no_record }), "06 01 04 90 A1 0F 05 01 03 06 2E 00"),
+        (
+            "counters",
+            Message::Counters(counters),
+            "0F 01 05 80 8E CE 1C D8 04 DE 1B 32 07 02 01 02 03 06 B0 09 04 88 94 00",
+        ),
+        (
+            "reset",
+            Message::Reset(Reset { t_us: 1200, cause: ResetCause::Watchdog, crash: Some(crash) }),
+            "0B 01 06 B0 09 04 01 03 F6 C9 0A 01 03 26 F1 00",
+        ),
+        (
+            "power",
+            Message::Reset(Reset { t_us: 900, cause: ResetCause::PowerOn, crash: None }),
+            "05 01 06 84 07 01 03 6C 14 00",
+        ),
+        (
+            "difference, the reference",
+            difference(257, 0, 300, [10_000, 20_000, 24_000]),
+            "0D 01 07 80 C2 F1 05 AC 02 81 02 81 02 22 AC 02 01 A0 9C 01 C0 B8 02 80 F7 02 E9 7B AB 7F E0 F4 02 A8 46 84 \
+             52 C0 3E E0 5D 76 34 D5 03 86 B0 00",
+        ),
+        (
+            "difference",
+            difference(258, -12_345, 420, [0, -125_000, 24_000]),
+            "13 01 07 80 C2 F1 05 AC 02 81 02 82 02 F1 C0 01 A4 03 01 1C 8F A1 0F 80 F7 02 E9 7B AB 7F E0 F4 02 A8 46 84 \
+             52 C0 3E E0 5D 76 34 D5 03 5A 36 00",
+        ),
+        ("room", room(30_500_000, RoomEstimate::Room(in_3)), "0C 01 08 A0 C9 C5 0E 01 03 F2 DD C1 00"),
+        ("between rooms", room(31_000_000, between), "08 01 08 C0 8B E4 0E 02 06 8C 02 5A AB 43 00"),
+        ("room unknown", room(42_000_000, RoomEstimate::Unknown), "07 01 08 80 BD 83 14 03 D7 03 00"),
+        (
+            "map unused",
+            Message::State(State { t_us: 300_000, is: Condition::Unused(Levels::Map, RssiModelError::Corrupt) }),
+            "0B 01 04 E0 A7 12 0B 01 01 8D 54 00",
+        ),
+        (
+            "models of beacons unused",
+            Message::State(State { t_us: 300_000, is: Condition::Unused(Levels::All, RssiModelError::Version(2)) }),
+            "07 01 04 E0 A7 12 0B 01 04 02 32 B3 00",
+        ),
+    ]
+}
+
+fn bytes(hex: &str) -> Vec<u8> {
+    hex.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).expect("two hexadecimal digits")).collect()
+}
+
+#[test]
+fn messages_are_written_as_the_golden_bytes_and_read_back() {
+    for (name, message, hex) in golden() {
+        assert_eq!(encode(&message, &mut [0xA5; MAX_FRAME]), bytes(hex), "{name}");
+        assert_eq!(decode(&bytes(hex)), Ok(message), "{name}");
+    }
+}
+
+#[test]
+fn the_page_has_the_golden_bytes() {
+    let page = include_str!("../../docs/wire-format.md");
+    let section = page.split("\n## ").find(|section| section.starts_with("Golden frames")).expect("the section");
+    let rows = section.lines().filter_map(|line| {
+        let mut cells = line.split('|').map(str::trim).skip(1);
+        let (name, hex) = (cells.next()?, cells.next()?);
+        Some((name, bytes(hex.strip_prefix('`')?.strip_suffix('`')?)))
+    });
+    let golden: BTreeMap<_, _> = golden().into_iter().map(|(name, _, hex)| (name, bytes(hex))).collect();
+    assert_eq!(rows.collect::<BTreeMap<_, _>>(), golden);
+    // The example that it explains byte by byte.
+    assert!(page.contains("The frame is `0B 01 04 80 89 7A 04 81 02 52 17 00`"));
+}
+
+#[test]
+fn the_page_tells_the_longest_frames() {
+    let page = include_str!("../../docs/wire-format.md");
+    assert!(page.contains(&format!("| longest frame of schema 1 as it is here | {MAX_FRAME} bytes")));
+    assert!(page.contains(&format!("| longest frame of any build | {LONGEST_FRAME} bytes")));
+}
+
+#[test]
+fn frames_of_other_builds_are_told_from_broken_ones() {
+    // By the same Python as the golden bytes, each with a good checksum.
+    let cases = [
+        ("the state, of schema 2", "0B 02 04 80 89 7A 04 81 02 27 DF 00", Err(DecodeError::Schema(2))),
+        ("message 99", "06 01 63 05 70 F5 00", Err(DecodeError::Unknown)),
+        ("condition 77", "0A 01 04 80 89 7A 4D 01 E9 37 00", Err(DecodeError::Unknown)),
+        ("the state without its last field", "09 01 04 80 89 7A 04 53 1D 00", Err(DecodeError::Body)),
+        ("an option that is neither 0 nor 1", "05 01 06 84 07 04 02 2E 34 00", Err(DecodeError::Body)),
+        ("one bit of the state's time is another", "0B 01 04 81 89 7A 04 81 02 52 17 00", Err(DecodeError::Checksum)),
+        ("a distance beyond the end", "0C 01 04 80 89 7A 04 81 02 52 17 00", Err(DecodeError::Cobs)),
+        ("no checksum", "02 01 00", Err(DecodeError::Cobs)),
+    ];
+    for (name, hex, expected) in cases {
+        assert_eq!(decode(&bytes(hex)), expected, "{name}");
+    }
+}
+
+#[test]
+fn fields_that_a_newer_build_appends_are_ignored() {
+    // The state with the bytes 9, 0, 200 after it, by the same Python.
+    let state = Message::State(State { t_us: 2_000_000, is: Condition::Synchronised(257) });
+    assert_eq!(decode(&bytes("0A 01 04 80 89 7A 04 81 02 09 04 C8 FB 68 00")), Ok(state));
+}
+
+#[test]
+fn a_fix_of_a_build_without_solvers_or_of_one_with_more_is_read() {
+    // The fix without its last byte, as it was before there were solvers, and the same with 77 for a solver, by the same Python.
+    let frames = [
+        "0C 01 01 CE C2 F1 05 AC 02 B4 42 06 11 C8 F5 03 E8 F8 04 B0 EA 01 D8 04 F4 03 B0 09 20 06 C0 3B E6 9A 18 00",
+        "0C 01 01 CE C2 F1 05 AC 02 B4 42 06 11 C8 F5 03 E8 F8 04 B0 EA 01 D8 04 F4 03 B0 09 20 07 C0 3B E6 4D 50 90 00",
+        "10 01 01 CE C2 F1 05 AC 02 B4 42 06 01 05 93 E6 00",
+    ];
+    for hex in frames {
+        let Ok(Message::Fix(fix)) = decode(&bytes(hex)) else { panic!("{hex} is a fix") };
+        assert_eq!((fix.round, fix.solver), (300, Solver::Unknown), "{hex}");
+    }
+}
+
+#[test]
+fn a_fix_takes_at_most_49_bytes() {
+    let longest = |t_us, round, age_us, position, deviation| {
+        let correlation = [127, -127, 1];
+        let outcome = Outcome::Position { position, deviation, correlation, used: u16::MAX, quality: 255 };
+        let fix = Message::Fix(Fix { t_us, round, age_us, asked: 255, outcome, solver: Solver::BoundingBox });
+        encode(&fix, &mut [0; MAX_FRAME]).len()
+    };
+    // 31 days of uptime, 1 s old, a kilometre from the origin, deviations of 10 m.
+    let month_us = 31 * 24 * 3600 * 1_000_000;
+    assert_eq!(longest(month_us, u16::MAX, 1_000_000, [-10_000_000; 3], [100_000; 3]), 49);
+    // No frame is longer: 1 schema, 1 message, varints of at most 10, 3 and 5 bytes, 1 asked, 1 outcome, 6 varints of 5, 3 correlations,
+    // a varint of 3, 1 quality, 1 solver, 2 checksum, 2 of COBS.
+    let worst = longest(u64::MAX, u16::MAX, u32::MAX, [i32::MIN; 3], [u32::MAX; 3]);
+    assert_eq!(worst, 1 + 1 + 10 + 3 + 5 + 1 + 1 + 30 + 3 + 3 + 1 + 1 + 2 + 2);
+    assert!(worst <= MAX_FRAME);
+}
+
+#[test]
+fn the_longest_message_takes_a_frame_whole() {
+    let diagnostics = Diagnostics {
+        rx_power: i16::MIN,
+        first_path_power: i16::MIN,
+        first_path_index: u16::MAX,
+        first_path_amplitudes: [u16::MAX; 3],
+        cir_power: u16::MAX,
+        preamble_count: u16::MAX,
+        noise_deviation: u16::MAX,
+        clock_offset: i16::MIN,
+    };
+    let difference = Message::Difference(Difference {
+        t_us: u64::MAX,
+        round: u16::MAX,
+        reference: u16::MAX,
+        peer: u16::MAX,
+        difference: i32::MIN,
+        deviation: u32::MAX,
+        place: Some([i32::MIN; 3]),
+        diagnostics,
+    });
+    let mut frame = [0; MAX_FRAME];
+    assert_eq!(encode(&difference, &mut frame).len(), MAX_FRAME);
+    assert_eq!(decode(&frame), Ok(difference));
+}
