@@ -1,8 +1,8 @@
 //! Streams as they come: from their middle, torn, with noise, text and `defmt` frames between.
 
+use baliza_wire::telemetry::*;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
-use telemetry::*;
 
 /// Of this time, so that frames are told apart.
 fn message(t_us: u64) -> Message {

@@ -69,8 +69,8 @@
 //! use core::{convert::Infallible, future::poll_fn, task::Poll};
 //! use embedded_hal::digital::{ErrorType, InputPin};
 //! use embedded_hal_async::digital::Wait;
-//! use ranging::dw1000::{ClockedSpi, Config, Dw1000, Error, ResetLine};
-//! use ranging::{PhyConfig, Radio, RadioInstant};
+//! use baliza_dw1000::driver::{ClockedSpi, Config, Dw1000, Error, ResetLine};
+//! use baliza_dw1000::{PhyConfig, Radio, RadioInstant};
 //!
 //! /// An interrupt pin without interrupts.
 //! struct Polled<P>(P);
