@@ -1,8 +1,6 @@
 //! What is computed of the RSSI values of Bluetooth beacons: a room of [`cases`](crate::cases) with beacons on its walls, and a tag in it that
 //! hears them with deviations of some dB; the same on chip and desktop.
 
-use core::cell::{Cell, RefCell};
-
 use oorandom::Rand32;
 use positioning_core::ble::fingerprint::{self, MAX_NODE_POINTS, Map, Motion, Nearest, Point, Receiver, Walk};
 use positioning_core::ble::multilateration::{Heard, nonlinear, weighted_linear};
@@ -10,7 +8,6 @@ use positioning_core::ble::particles::{Levels, ON_NODE, ParticleFilter, Settings
 use positioning_core::ble::path_loss::PathLoss;
 use positioning_core::ble::posterior::{PosteriorSettings, posterior};
 use positioning_core::ble::signal::{Beacons, Smoothing};
-use positioning_core::fusion::{self, Channel, Fusion, Observation};
 use positioning_core::{Area, Constraints, Real};
 
 /// Beacons that are heard.
@@ -25,15 +22,8 @@ const ROOM: Area<f32, 2> = Area { min: [0.0, 0.0], max: [9.5, 7.5] };
 const STEP_M: f64 = 0.6;
 /// Between two adverts of a beacon, microseconds.
 const INTERVAL_US: u64 = 100_000;
-/// Of the fusion: anchors and beacons, and between two steps, microseconds.
-const FUSED_ANCHORS: u16 = 4;
-const FUSED_BEACONS: usize = 5;
-const ROUND_US: u64 = 200_000;
 /// Rounds of adverts before anything is measured.
 const WARM_UP: u64 = 20;
-
-/// A fusion on a node: its hypotheses, five beacons and four anchors.
-type Fused = Fusion<f32, 2, { fusion::ON_NODE }, 9, { fusion::states(2, 5, 4) }>;
 
 /// Measures, or only makes, a computation on a state; its answer is one number.
 pub trait Measure {
@@ -56,7 +46,7 @@ pub fn for_advert(measure: &mut impl Measure) -> Beacons<f32, KNOWN> {
     beacons
 }
 
-/// Calls `measure` with every computation but [`fused`].
+/// Calls `measure` with every computation.
 #[inline(never)]
 pub fn for_each(measure: &mut impl Measure) {
     let heard = heard();
@@ -167,46 +157,6 @@ fn scan(beacons: &Beacons<f32, KNOWN>, now_us: u64) -> f32 {
 fn step(filter: &mut ParticleFilter<f32, ON_NODE>, now_us: u64, heard: &[Heard<f32, 2>; HEARD]) -> f32 {
     let rssis = Levels::of(heard, 2.0, 0.25);
     filter.step(now_us, &[], &rssis).map_or(f32::NAN, |estimate| estimate.position[0])
-}
-
-/// Calls `measure` with a step of the fusion. That fills a third of a node's memory: every call is the next step of one, and none has
-/// a copy, nor anything else beside it.
-#[inline(never)]
-pub fn fused(measure: &mut impl Measure) {
-    let heard = &heard();
-    let mut fusion: Fused = Fusion::new(fusion::Settings::indoors(1.2));
-    let fusion = RefCell::new(&mut fusion);
-    let round = Cell::new(0);
-    let step = || {
-        round.set(round.get() + 1);
-        fuse(&mut fusion.borrow_mut(), round.get() * ROUND_US, heard)
-    };
-    for _ in 0..WARM_UP {
-        step();
-    }
-    measure.call("fusion", &(), |()| step());
-}
-
-/// A round's ranges to four anchors, two advertisements of each of five beacons, and the step that takes them all: how many nodes counted.
-#[inline(never)]
-fn fuse(fusion: &mut Fused, now_us: u64, heard: &[Heard<f32, 2>; HEARD]) -> f32 {
-    for early in [INTERVAL_US, 0] {
-        for (node, heard) in heard.iter().take(FUSED_BEACONS).enumerate() {
-            let Heard { place: [x, y], rssi, path_loss, .. } = *heard;
-            let channel = Channel::Power { at_1m: path_loss.level_1m, exponent: path_loss.exponent };
-            let power = Observation { node: node as u16, place: [x, y, 2.6], channel, value: rssi };
-            fusion.observe(now_us.saturating_sub(early), &power);
-        }
-    }
-    for node in 0..FUSED_ANCHORS {
-        let [x, y] = crate::cases::on_perimeter((f32::from(node) + 0.4) / f32::from(FUSED_ANCHORS));
-        let square = (x - TAG_M[0]).squared() + (y - TAG_M[1]).squared() + 1.4 * 1.4;
-        let excess = if node == 3 { 0.8 } else { 0.0 };
-        let place = [x, y, 2.6];
-        let range = Observation { node, place, channel: Channel::range(), value: square.sqrt() + excess };
-        fusion.observe(now_us, &range);
-    }
-    fusion.step(now_us).map_or(f32::NAN, |estimate| estimate.nodes as f32)
 }
 
 fn heard() -> [Heard<f32, 2>; HEARD] {

@@ -4,13 +4,13 @@
 use crate::Real;
 
 /// A vector of D components.
-pub(crate) type Vector<T, const D: usize> = [T; D];
+pub type Vector<T, const D: usize> = [T; D];
 /// A D × D matrix, row by row.
-pub(crate) type Matrix<T, const D: usize> = [[T; D]; D];
+pub type Matrix<T, const D: usize> = [[T; D]; D];
 
 /// a · b.
 #[inline(always)]
-pub(crate) fn dot<T: Real, const D: usize>(a: &Vector<T, D>, b: &Vector<T, D>) -> T {
+pub fn dot<T: Real, const D: usize>(a: &Vector<T, D>, b: &Vector<T, D>) -> T {
     let mut sum = T::ZERO;
     for axis in 0..D {
         sum += a[axis] * b[axis];
@@ -20,19 +20,19 @@ pub(crate) fn dot<T: Real, const D: usize>(a: &Vector<T, D>, b: &Vector<T, D>) -
 
 /// a − b.
 #[inline(always)]
-pub(crate) fn sub<T: Real, const D: usize>(a: &Vector<T, D>, b: &Vector<T, D>) -> Vector<T, D> {
+pub fn sub<T: Real, const D: usize>(a: &Vector<T, D>, b: &Vector<T, D>) -> Vector<T, D> {
     core::array::from_fn(|axis| a[axis] - b[axis])
 }
 
 /// a + scale · b.
 #[inline(always)]
-pub(crate) fn add_scaled<T: Real, const D: usize>(a: &Vector<T, D>, scale: T, b: &Vector<T, D>) -> Vector<T, D> {
+pub fn add_scaled<T: Real, const D: usize>(a: &Vector<T, D>, scale: T, b: &Vector<T, D>) -> Vector<T, D> {
     core::array::from_fn(|axis| a[axis] + scale * b[axis])
 }
 
 /// Adds weight · v vᵀ to the lower triangle of `m`.
 #[inline(always)]
-pub(crate) fn add_outer<T: Real, const D: usize>(m: &mut Matrix<T, D>, weight: T, v: &Vector<T, D>) {
+pub fn add_outer<T: Real, const D: usize>(m: &mut Matrix<T, D>, weight: T, v: &Vector<T, D>) {
     for row in 0..D {
         let scaled = weight * v[row];
         for column in 0..=row {
@@ -43,7 +43,7 @@ pub(crate) fn add_outer<T: Real, const D: usize>(m: &mut Matrix<T, D>, weight: T
 
 /// Adds weight · v vᵀ to both triangles of `m`.
 #[inline(always)]
-pub(crate) fn add_outer_full<T: Real, const D: usize>(m: &mut Matrix<T, D>, weight: T, v: &Vector<T, D>) {
+pub fn add_outer_full<T: Real, const D: usize>(m: &mut Matrix<T, D>, weight: T, v: &Vector<T, D>) {
     for row in 0..D {
         for column in 0..D {
             m[row][column] += weight * v[row] * v[column];
@@ -53,7 +53,7 @@ pub(crate) fn add_outer_full<T: Real, const D: usize>(m: &mut Matrix<T, D>, weig
 
 /// The factors of a symmetric positive definite matrix, M = L D Lᵀ: no square root needed.
 #[derive(Clone, Copy)]
-pub(crate) struct Ldl<T, const D: usize> {
+pub struct Ldl<T, const D: usize> {
     /// Below the diagonal: L. On it: 1 ⁄ D.
     factors: Matrix<T, D>,
 }
@@ -62,7 +62,7 @@ impl<T: Real, const D: usize> Ldl<T, D> {
     /// Factors the matrix whose lower triangle is `m`; `None` where a pivot falls under `D · ε` of its diagonal element,
     /// that is, where the matrix is singular as far as `T` can tell.
     #[inline(always)]
-    pub(crate) fn new(mut m: Matrix<T, D>) -> Option<Self> {
+    pub fn new(mut m: Matrix<T, D>) -> Option<Self> {
         for column in 0..D {
             let diagonal = m[column][column];
             let mut pivot = diagonal;
@@ -89,7 +89,7 @@ impl<T: Real, const D: usize> Ldl<T, D> {
     }
 
     /// det M.
-    pub(crate) fn determinant(&self) -> T {
+    pub fn determinant(&self) -> T {
         let mut inverse = T::ONE;
         for axis in 0..D {
             inverse *= self.factors[axis][axis];
@@ -99,7 +99,7 @@ impl<T: Real, const D: usize> Ldl<T, D> {
 
     /// M⁻¹ b.
     #[inline(always)]
-    pub(crate) fn solve(&self, mut b: Vector<T, D>) -> Vector<T, D> {
+    pub fn solve(&self, mut b: Vector<T, D>) -> Vector<T, D> {
         let m = &self.factors;
         for row in 1..D {
             for k in 0..row {
@@ -119,7 +119,7 @@ impl<T: Real, const D: usize> Ldl<T, D> {
 
     /// M⁻¹, both triangles.
     #[inline(always)]
-    pub(crate) fn inverse(&self) -> Matrix<T, D> {
+    pub fn inverse(&self) -> Matrix<T, D> {
         let mut inverse = [[T::ZERO; D]; D];
         for column in 0..D {
             let mut unit = [T::ZERO; D];
@@ -135,7 +135,7 @@ impl<T: Real, const D: usize> Ldl<T, D> {
 
 /// Eigenvalues (ascending) and unit eigenvectors of the symmetric matrix whose lower triangle is `m`, by cyclic Jacobi
 /// rotations (Golub and Van Loan, Matrix Computations, 8.5).
-pub(crate) fn symmetric_eigen<T: Real, const D: usize>(m: &Matrix<T, D>) -> (Vector<T, D>, [Vector<T, D>; D]) {
+pub fn symmetric_eigen<T: Real, const D: usize>(m: &Matrix<T, D>) -> (Vector<T, D>, [Vector<T, D>; D]) {
     let mut a: Matrix<T, D> =
         core::array::from_fn(|r| core::array::from_fn(|c| if c <= r { m[r][c] } else { m[c][r] }));
     let mut v: Matrix<T, D> = core::array::from_fn(|r| core::array::from_fn(|c| if r == c { T::ONE } else { T::ZERO }));

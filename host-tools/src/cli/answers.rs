@@ -5,10 +5,11 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use anyhow::Result;
+use baliza_report::Statistics;
 use host_tools::files::output;
 use host_tools::files::positions;
 use host_tools::plot::{Dot, Picture, Track};
-use host_tools::{Coordinates, Epoch, Solved, Statistics, UserError};
+use host_tools::{Coordinates, Epoch, Solved, UserError};
 
 use super::PictureFile;
 

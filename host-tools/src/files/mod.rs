@@ -3,7 +3,6 @@
 pub mod beacons;
 pub mod output;
 pub mod positions;
-pub(crate) mod random;
 mod recording;
 mod table;
 mod user_error;

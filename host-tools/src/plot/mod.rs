@@ -15,10 +15,9 @@ mod style;
 mod thesis;
 
 use anyhow::Result;
+use baliza_report::Statistics;
 use plotters::coord::Shift;
 use plotters::prelude::{DrawingArea, SVGBackend};
-
-use crate::Statistics;
 
 pub use confusion::confusion;
 pub use distribution::distribution;

@@ -160,8 +160,8 @@ pub fn number(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::research::fusion;
-    use crate::research::linde;
+    use baliza_research::fusion::bench as fusion;
+    use baliza_research::linde;
 
     #[test]
     fn the_curves_of_a_benchmark_are_told_apart() {

@@ -1,6 +1,8 @@
 //! The figure of the thesis' benchmark: error against the number of detected direct paths, ours and as printed.
 
 use anyhow::Result;
+use baliza_research::thesis::Score;
+use baliza_research::thesis::printed::{DDP_ANCHORS, printed};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use positioning_core::Method;
@@ -8,8 +10,6 @@ use positioning_core::Method;
 use super::axes::{Axes, LEFT};
 use super::style::{INK, pen, pixels, stroke, text};
 use super::{drawing, legend};
-use crate::research::thesis::Score;
-use crate::research::thesis::printed::{DDP_ANCHORS, printed};
 
 /// Draws the scores of every method: a line ours, circles as printed.
 ///

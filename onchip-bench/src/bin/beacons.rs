@@ -6,7 +6,7 @@
 
 use core::hint::black_box;
 
-use onchip_bench::beacons::{Measure, for_each, fused};
+use onchip_bench::beacons::{Measure, for_each};
 use onchip_bench::instrument::Instrument;
 use onchip_bench::rooms;
 use semihosting::println;
@@ -29,7 +29,6 @@ fn main() -> ! {
     let mut instrument = Instrument::start();
     println!("calibration beacons {}", instrument.calibration());
     let mut costs = Costs(instrument);
-    fused(&mut costs);
     for_each(&mut costs);
     rooms::for_each(&mut costs);
     println!("done");

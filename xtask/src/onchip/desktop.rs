@@ -61,7 +61,6 @@ pub fn compare_beacons(chip: &Printed) -> Result<()> {
         }
     }
     let mut here = Here(Vec::new());
-    beacons::fused(&mut here);
     beacons::for_each(&mut here);
     rooms::for_each(&mut here);
     let same = |(there, (what, value)): (&Call, &(String, f32))| {

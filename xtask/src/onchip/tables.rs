@@ -164,7 +164,6 @@ pub fn beacons(measured: &[Measured]) -> Result<String> {
                 ("rooms-svm", "one of 5 rooms by 12 beacons, support vector machine"),
                 ("rooms-nearest", "the same, 3 nearest of 40 fingerprints"),
                 ("rooms-presence", "the answer that does not flap, a step"),
-                ("fusion", "a step of the fusion: 24 hypotheses, 4 ranges and 10 adverts of 5 beacons"),
             ];
             known
                 .iter()

@@ -1,8 +1,8 @@
 //! `baliza bench barral`: what positioning makes of classifiers and mitigators, beside the printed figures.
 
 use anyhow::Result;
+use baliza_research::barral::{self, Row};
 use host_tools::plot::{self, Track};
-use host_tools::research::barral::{self, Row};
 
 use super::Drawing;
 

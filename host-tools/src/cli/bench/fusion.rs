@@ -1,8 +1,8 @@
 //! `baliza bench fusion`: anchors alone, beacons alone, and both.
 
 use anyhow::Result;
+use baliza_research::fusion::bench::{self, Algorithm, Heard, Scored};
 use host_tools::plot::{self, Track};
-use host_tools::research::fusion::{self, Algorithm, Heard, Scored};
 
 use super::Drawing;
 use crate::cli::progress::Progress;
@@ -10,7 +10,7 @@ use crate::cli::progress::Progress;
 /// A walking tag with ranges to anchors and powers of beacons: each alone, and both fused
 ///
 /// Three anchors, one of them without line of sight, and five beacons in a hall of 12 m × 8 m, as the documentation of the library's module
-/// `fusion::world` states it. By the fusion of patent ES 2 397 388, with the hypotheses of a desktop and of a node, and by the engine's
+/// `fusion::bench::world` states it. By the fusion of patent ES 2 397 388, with the hypotheses of a desktop and of a node, and by the engine's
 /// Kalman filter. With --sweep the fusion under other conditions instead.
 ///
 /// As JSON: a list of objects with algorithm, heard, rmse_m, mae_m, p90_m, answered, nees, inside_1_sigma; with --sweep anchors, blocked,
@@ -33,16 +33,16 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let shown = arguments.drawing.check()?;
     if arguments.sweep {
-        let progress = Progress::new(fusion::conditions().count());
-        let rows = fusion::sweep(arguments.walks, arguments.drawing.seed, || progress.step());
+        let progress = Progress::new(bench::conditions().count());
+        let rows = bench::sweep(arguments.walks, arguments.drawing.seed, || progress.step());
         drop(progress);
-        return shown.print(&rows, || fusion::sweep_to_markdown(&rows));
+        return shown.print(&rows, || bench::sweep_to_markdown(&rows));
     }
     let progress = Progress::new(Algorithm::ALL.len() * Heard::ALL.len());
-    let rows = fusion::run(arguments.walks, arguments.drawing.seed, || progress.step());
+    let rows = bench::run(arguments.walks, arguments.drawing.seed, || progress.step());
     drop(progress);
     let scores: Vec<_> = rows.iter().map(|(score, _)| score).collect();
-    shown.show(&scores, || fusion::to_markdown(&rows), || draw(&rows))
+    shown.show(&scores, || bench::to_markdown(&rows), || draw(&rows))
 }
 
 /// The distribution of the errors.

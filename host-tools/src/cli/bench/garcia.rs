@@ -1,8 +1,8 @@
 //! `baliza bench garcia`: a filter that knows of blocked paths by their skewness, beside the printed figures.
 
 use anyhow::Result;
+use baliza_research::garcia::{self, Outcome};
 use host_tools::plot::{self, Track};
-use host_tools::research::garcia::{self, Outcome};
 
 use super::Drawing;
 

@@ -1,8 +1,8 @@
 //! `baliza bench linde`: levels and times of flight of four beacons in a room, beside the printed figures.
 
-use anyhow::Result;
+use anyhow::{Context, Result};
+use baliza_research::linde::{self, Algorithm, Parameter, Scored};
 use host_tools::plot::{self, Track};
-use host_tools::research::linde::{self, Algorithm, Parameter, Scored};
 
 use super::Drawing;
 
@@ -27,7 +27,7 @@ pub struct Arguments {
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let shown = arguments.drawing.check()?;
-    let rows = linde::run(arguments.trials, arguments.drawing.seed)?;
+    let rows = linde::run(arguments.trials, arguments.drawing.seed).context("a survey makes no map")?;
     let scores: Vec<_> = rows.iter().map(|(score, _)| score).collect();
     shown.show(&scores, || linde::to_markdown(&rows), || draw(&rows))
 }

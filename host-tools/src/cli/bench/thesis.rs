@@ -1,8 +1,8 @@
 //! `baliza bench thesis`: every method on the simulated ranges of a thesis, beside its printed figures.
 
 use anyhow::Result;
+use baliza_research::thesis::{self, Score};
 use host_tools::plot;
-use host_tools::research::thesis::{self, Score};
 use positioning_core::Method;
 
 use super::Drawing;

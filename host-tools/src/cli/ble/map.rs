@@ -4,10 +4,11 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use anyhow::Result;
+use baliza_report::Statistics;
+use host_tools::UserError;
 use host_tools::files::beacons::read_stays;
 use host_tools::files::output;
 use host_tools::survey::fingerprint::{Comparison, Grid, Making, Maps, Setup, held_out, spread};
-use host_tools::{Statistics, UserError};
 use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map, MapError};
 
 use super::fingerprint::Averages;

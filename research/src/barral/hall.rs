@@ -12,7 +12,7 @@
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use crate::files::random::normal;
+use crate::random::normal;
 
 /// Places of the anchors, metres.
 pub const ANCHORS_M: [[f64; 3]; 5] =

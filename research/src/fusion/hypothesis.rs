@@ -2,8 +2,8 @@
 //!
 //! States are numbered: positions first, then velocities, then what the nodes need. Only the covariance's lower triangle is kept.
 
-use crate::Real;
-use crate::linalg::{Ldl, dot, symmetric_eigen};
+use positioning_core::Real;
+use positioning_core::linalg::{Ldl, dot, symmetric_eigen};
 
 /// Whatever is farther out than this many deviations is not cut.
 const FAR_INSIDE: f64 = -3.0;

@@ -4,8 +4,8 @@ use super::hypothesis::Hypothesis;
 use super::likelihood::Likelihood;
 use super::node::Node;
 use super::{Fusion, Settings};
-use crate::Real;
-use crate::ble::particles::Random;
+use positioning_core::Real;
+use positioning_core::ble::particles::Random;
 
 /// Places of the box that are tried.
 const PLACES: usize = 2048;

@@ -1,10 +1,9 @@
 //! What comes out of the fusion.
 
-use crate::Real;
+use positioning_core::Real;
 
 /// What became of a value. None is an error: values come from the air.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Verdict {
     /// It is kept until the next step.
     Held,
@@ -18,7 +17,6 @@ pub enum Verdict {
 
 /// Why there is no position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Missing {
     /// Values of at least three nodes (four in space) are needed to begin, or to begin again.
     TooFewNodes,
@@ -30,7 +28,6 @@ pub enum Missing {
 
 /// A position with what is known of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Estimate<T, const D: usize> {
     /// Mean of the posterior, metres: the least square error.
     pub mean: [T; D],

@@ -7,12 +7,11 @@
 pub mod printed;
 mod table;
 
+use baliza_report::Statistics;
 use positioning_core::{Area, Constraints, MAX_ANCHORS, Method, RangeSample, Side};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use sim::alavi_pahlavan::{ANCHORS, POINTS_M, Point, anchors_m, point};
-
-use crate::Statistics;
 
 pub use table::to_markdown;
 

@@ -3,7 +3,7 @@
 use super::hypothesis::{Expected, Hypothesis, PEAK};
 use super::node::Node;
 use super::{Fusion, Settings};
-use crate::Real;
+use positioning_core::Real;
 
 /// The probability that values are of another world.
 const STRAY: f64 = 0.01;

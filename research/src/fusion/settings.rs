@@ -1,10 +1,9 @@
 //! How the fusion is to work.
 
-use crate::{Area, Real};
+use positioning_core::{Area, Real};
 
 /// Which values count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Sources {
     /// Powers alone.
     Power,

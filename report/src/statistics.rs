@@ -33,7 +33,7 @@ impl Statistics {
 
 /// The `share`th of a sorted, not empty set: between two neighbours it is interpolated linearly (Hyndman and Fan, The American
 /// Statistician 50(4), 1996, definition 7; NumPy's default).
-fn percentile(sorted: &[f64], share: f64) -> f64 {
+pub fn percentile(sorted: &[f64], share: f64) -> f64 {
     let place = share * (sorted.len() - 1) as f64;
     let (below, above) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
     below + place.fract() * (above - below)

@@ -1,5 +1,5 @@
 //! The benchmark of fusion: a walking tag with ranges to anchors and powers of beacons, each alone and both together, by the fusion of
-//! patent ES 2 397 388 (`positioning_core::fusion`) and by the engine's extended Kalman filter with positions by powers.
+//! patent ES 2 397 388 ([`super::Fusion`]) and by the engine's extended Kalman filter with positions by powers.
 //!
 //! [`world`] states what is drawn. Everybody knows the hall, the tag's height, places and the noise of ranges; nobody is told which
 //! anchors are blocked. Errors are horizontal, from the fifth second of each walk on, of the mean of what the filter believes.
@@ -7,14 +7,14 @@
 mod table;
 pub mod world;
 
+use baliza_report::Statistics;
 use positioning_core::Area;
 use positioning_core::ble::beacon_monitor::{BeaconMonitor, Level, Site};
 use positioning_core::ble::multilateration;
 use positioning_core::ble::path_loss::PathLoss;
 use positioning_core::engine::{self, Dimensions, Engine, Measurement, Range};
-use positioning_core::fusion::{self, Channel, Fusion, ON_NODE, Observation, Settings, Sources};
 
-use crate::Statistics;
+use crate::fusion::{self, Channel, Fusion, ON_NODE, Observation, Settings, Sources};
 use world::{BELIEVED, Conditions, HALL_M, HEIGHT_M, Round};
 
 pub use table::{sweep_to_markdown, to_markdown};

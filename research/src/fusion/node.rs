@@ -1,7 +1,7 @@
 //! Beacons and anchors: what is given of them, and what is kept.
 
 use super::window::Window;
-use crate::Real;
+use positioning_core::Real;
 
 /// Magnitudes beyond this are no measurement, metres.
 const FARTHEST_M: f64 = 1.0e5;
@@ -12,7 +12,6 @@ const PER_DECIBEL: f64 = core::f64::consts::LN_10 / 10.0;
 
 /// How a value relates to the distance, in line of sight.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Channel<T> {
     /// Received power in dBm: `at_1m` − 10 · `exponent` · log₁₀ d.
     Power {
@@ -32,7 +31,6 @@ pub enum Channel<T> {
 
 /// One value.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Observation<T> {
     /// The node's number. A node may give both powers and delays.
     pub node: u16,

@@ -2,7 +2,7 @@
 
 use heapless::Vec;
 
-use crate::Real;
+use positioning_core::Real;
 
 /// Values that are kept.
 pub(super) const WINDOW: usize = 8;

@@ -11,17 +11,15 @@
 pub mod room;
 mod table;
 
-use anyhow::{Context, Result};
-use positioning_core::ble::fingerprint::{Map, Nearest, Point};
+use baliza_report::Statistics;
+use positioning_core::ble::fingerprint::{Map, MapError, Nearest, Point, encode};
 use positioning_core::ble::multilateration::{self, Heard};
 use positioning_core::ble::path_loss::{PathLoss, Wall};
 use positioning_core::{Area, Constraints, Method, RangeSample, Side};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use crate::Statistics;
-use crate::files::random::normal;
-use crate::survey::fingerprint::to_bytes;
+use crate::random::normal;
 use room::BEACONS_M;
 
 pub use table::{name, to_markdown};
@@ -42,6 +40,8 @@ const NEIGHBOURS: usize = 5;
 const TOF_IN_MAP_DB: [f64; 2] = [-64.0, 20.0];
 /// What the RSSI values of a map end at, dBm.
 const MAP_DBM: [f64; 2] = [-127.0, -0.5];
+/// More bytes than the map takes: some 45 fingerprints of four beacons.
+const MOST_BYTES: usize = 4096;
 
 /// What is measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -123,13 +123,13 @@ pub type Scored = (Score, Vec<f64>);
 ///
 /// # Errors
 /// A survey makes no map.
-pub fn run(trials: u32, seed: u64) -> Result<Vec<Scored>> {
+pub fn run(trials: u32, seed: u64) -> Result<Vec<Scored>, MapError> {
     let walls = room::walls();
     ROWS.into_iter()
         .map(|(parameter, algorithm, printed)| {
             let mut random = Pcg64Mcg::seed_from_u64(seed);
             let bytes = parameter.survey(&mut random, &walls)?;
-            let (map, _) = Map::decode(&bytes).context("a survey makes no map")?;
+            let (map, _) = Map::decode(&bytes)?;
             let (mut errors, mut tried) = (Vec::new(), 0_usize);
             for at in room::receivers() {
                 for _ in 0..trials {
@@ -209,7 +209,7 @@ impl Parameter {
     }
 
     /// The bytes of a map of fingerprints.
-    fn survey(self, random: &mut impl Rng, walls: &[Wall<f64>]) -> Result<Vec<u8>> {
+    fn survey(self, random: &mut impl Rng, walls: &[Wall<f64>]) -> Result<Vec<u8>, MapError> {
         let surveyed = room::fingerprints().into_iter().map(|position_m| {
             let rssis = BEACONS_M.map(|beacon| {
                 let sum: f64 = (0..SURVEYED).map(|_| self.measure(random, walls, beacon, position_m)).sum();
@@ -223,7 +223,8 @@ impl Parameter {
             .map(|(position_m, rssis)| Point { position_m: *position_m, rssis, deviations: &[] })
             .collect();
         let [least, _] = MAP_DBM;
-        to_bytes(&points, &[0, 4, 7, 9], &[least; BEACONS_M.len()], None).context("a survey makes no map")
+        let mut buffer = vec![0; MOST_BYTES];
+        encode(&points, &[0, 4, 7, 9], &[least; BEACONS_M.len()], None, &mut buffer).map(<[u8]>::to_vec)
     }
 
     /// A position from one measurement of each beacon; `None` where the algorithm finds none.

@@ -4,7 +4,7 @@ use std::boxed::Box;
 use std::vec::Vec;
 
 use super::*;
-use crate::Area;
+use positioning_core::Area;
 
 type OnNode = Box<Fusion<f32, 2, ON_NODE, 12, { states(2, 12, 6) }>>;
 

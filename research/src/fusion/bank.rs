@@ -2,8 +2,8 @@
 
 use super::hypothesis::{Hypothesis, squared_over};
 use super::{Estimate, Fusion};
-use crate::Real;
-use crate::linalg::Ldl;
+use positioning_core::Real;
+use positioning_core::linalg::Ldl;
 
 /// Hypotheses whose positions are nearer than this, squared over both covariances, are at one place.
 const NEAR: f64 = 2.0;

@@ -26,6 +26,7 @@
 //! 62(3), 2000). The mixtures of equation 1 enter it by their two moments. Errors that last therefore count once, and a beacon beside good
 //! anchors is calibrated as the tag walks. `docs/architecture.md` has the reasons.
 mod bank;
+pub mod bench;
 mod hypothesis;
 mod likelihood;
 mod node;
@@ -43,10 +44,10 @@ pub use settings::{DelayErrors, PowerErrors, Settings, Sources};
 
 use heapless::Vec;
 
-use crate::Real;
-use crate::ble::particles::Random;
 use hypothesis::Hypothesis;
 use node::Node;
+use positioning_core::Real;
+use positioning_core::ble::particles::Random;
 
 /// Hypotheses on a node.
 pub const ON_NODE: usize = 24;
@@ -155,7 +156,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
             self.nodes.iter_mut().for_each(|node| node.known = false);
             self.start();
         } else {
-            self.update_track(dt);
+            self.go_on(dt);
         }
         if fresh > 0 {
             self.weigh();
@@ -238,7 +239,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
     }
 
     /// The next step of a track.
-    fn update_track(&mut self, dt: T) {
+    fn go_on(&mut self, dt: T) {
         self.predict(dt);
         let delays = self.nodes.iter().filter(|node| !node.channel.is_power()).count();
         // Links take turns in changing.

@@ -9,7 +9,7 @@
 
 use rand::Rng;
 
-use crate::files::random::normal;
+use crate::random::normal;
 
 /// Between two samples, nanoseconds.
 const SAMPLE_NS: f64 = 0.2;

@@ -2,7 +2,7 @@
 //! product, marginalised over the bias, as a table.
 
 use super::window::Mixture;
-use crate::Real;
+use positioning_core::Real;
 
 /// Knots of a table.
 pub(super) const KNOTS: usize = 64;

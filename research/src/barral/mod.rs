@@ -9,6 +9,7 @@
 pub mod hall;
 mod table;
 
+use baliza_report::Statistics;
 use positioning_core::engine::{Dimensions, Engine, Measurement, Range, Settings, Solvers};
 use positioning_core::{Blocked, Method, Motion};
 
@@ -91,7 +92,7 @@ pub fn run(halls: u32, seed: u64) -> Vec<Row> {
     ROWS.into_iter()
         .map(|(algorithm, configuration, printed)| {
             let errors: Vec<f64> = halls.iter().flat_map(|rounds| errors_m(rounds, algorithm, configuration)).collect();
-            let figures = crate::Statistics::of(&errors);
+            let figures = Statistics::of(&errors);
             let score = Score {
                 algorithm,
                 configuration,
