@@ -7,7 +7,7 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
-use csv_core::{ReadRecordResult, Reader};
+use csv::{ReaderBuilder, StringRecord, Trim};
 
 use crate::UserError;
 
@@ -22,7 +22,7 @@ pub struct Table {
     header: Vec<String>,
     line: u64,
     text: Vec<u8>,
-    fields: Fields,
+    fields: StringRecord,
 }
 
 /// A column, found by its name; an optional one may be absent, and all its fields are empty then.
@@ -44,7 +44,7 @@ impl Column {
 pub struct Row<'a> {
     file: &'a Path,
     line: u64,
-    fields: &'a Fields,
+    fields: &'a StringRecord,
 }
 
 impl Table {
@@ -60,7 +60,7 @@ impl Table {
             header: Vec::new(),
             line: 0,
             text: Vec::new(),
-            fields: Fields { parser: Reader::new(), text: String::new(), ends: Vec::new() },
+            fields: StringRecord::new(),
         };
         if !table.advance()? {
             return Err(UserError::line(file, 1, "the file is empty; a header is expected"));
@@ -142,8 +142,11 @@ impl Table {
             if text.trim().is_empty() {
                 continue;
             }
-            return match self.fields.split(text) {
-                Ok(()) => Ok(true),
+            return match split(text) {
+                Ok(fields) => {
+                    self.fields = fields;
+                    Ok(true)
+                }
                 Err(what) => Err(self.wrong(what)),
             };
         }
@@ -162,7 +165,7 @@ impl<'a> Row<'a> {
 
     /// The text of a field, without blanks around it; empty where it is unknown.
     pub fn text(&self, column: Column) -> &'a str {
-        column.index.map_or("", |index| self.fields.get(index))
+        column.index.and_then(|index| self.fields.get(index)).unwrap_or("")
     }
 
     /// The text of a field that must not be empty.
@@ -227,47 +230,17 @@ pub(crate) fn quoted(text: &str) -> String {
     }
 }
 
-/// The fields of one line, one after the other in one buffer.
-#[derive(Debug)]
-struct Fields {
-    parser: Reader,
-    text: String,
-    ends: Vec<usize>,
-}
-
-impl Fields {
-    /// Splits a line that has no line end, without its byte order mark; says what is wrong with it.
-    fn split(&mut self, line: &str) -> Result<(), &'static str> {
-        // Fields are never longer than their line, and one more than the commas; the parser wants a byte to spare.
-        let mut text = std::mem::take(&mut self.text).into_bytes();
-        text.resize(line.len() + 1, 0);
-        self.ends.resize(line.len() + 2, 0);
-        self.parser.reset();
-        let (begun, read, written, ends) = self.parser.read_record(line.as_bytes(), &mut text, &mut self.ends);
-        if begun != ReadRecordResult::InputEmpty || read != line.len() {
-            return Err("a carriage return within the line");
-        }
-        let (ended, _, more, last) = self.parser.read_record(b"\n", &mut text[written..], &mut self.ends[ends..]);
-        if ended != ReadRecordResult::Record {
-            return Err("a quote is not closed on its line");
-        }
-        text.truncate(written + more);
-        self.ends.truncate(ends + last);
-        self.text = String::from_utf8(text).map_err(|_| "not UTF-8")?;
-        Ok(())
-    }
-
-    fn len(&self) -> usize {
-        self.ends.len()
-    }
-
-    fn get(&self, index: usize) -> &str {
-        let begin = index.checked_sub(1).and_then(|before| self.ends.get(before)).copied().unwrap_or(0);
-        let end = self.ends.get(index).copied().unwrap_or(begin);
-        self.text.get(begin..end).unwrap_or("").trim()
-    }
-
-    fn iter(&self) -> impl Iterator<Item = &str> {
-        (0..self.len()).map(|index| self.get(index))
+/// The fields of a line that has no line end, without blanks around them and without a byte order mark; or what is wrong with it.
+fn split(line: &str) -> Result<StringRecord, &'static str> {
+    // A record behind the line: an open quote swallows it, and a line end within the line comes before it.
+    const BEHIND: &str = "\n.\n";
+    let text = [line, BEHIND].concat();
+    let mut builder = ReaderBuilder::new();
+    builder.has_headers(false).flexible(true).trim(Trim::All).buffer_capacity(text.len());
+    let mut records = builder.from_reader(text.as_bytes()).into_records().map_while(Result::ok);
+    match (records.next(), records.next()) {
+        (Some(fields), Some(behind)) if behind == ["."][..] && records.next().is_none() => Ok(fields),
+        (Some(_), Some(_)) => Err("a carriage return within the line"),
+        (None, _) | (_, None) => Err("a quote is not closed on its line"),
     }
 }
