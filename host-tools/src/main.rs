@@ -9,8 +9,8 @@ mod cli;
 use std::io::Write;
 use std::process::ExitCode;
 
+use clap::Parser;
 use clap::error::ErrorKind;
-use clap::{Parser, Subcommand};
 use host_tools::UserError;
 
 /// Positions from UWB ranges and the levels of Bluetooth beacons, with honest uncertainty.
@@ -18,65 +18,18 @@ use host_tools::UserError;
 #[command(name = "baliza", version, max_term_width = 120, after_help = EXIT_CODES)]
 struct Arguments {
     #[command(subcommand)]
-    command: Command,
+    command: cli::Command,
 }
 
 const EXIT_CODES: &str = "Exit code: 0 done; 2 the input or the arguments are wrong, one line on standard error says where and \
                           how; 1 anything else.";
-
-#[derive(Subcommand)]
-enum Command {
-    Solve(cli::solve::Arguments),
-    Track(cli::track::Arguments),
-    #[command(subcommand)]
-    Bench(cli::bench::Command),
-    Plot(cli::plot::Arguments),
-    #[command(subcommand)]
-    Nlos(cli::nlos::Command),
-    #[command(subcommand)]
-    Survey(cli::survey::Command),
-    Coverage(cli::coverage::Arguments),
-    Coordinates(cli::place::Arguments),
-    RoomHysteresis(cli::presence::Arguments),
-    #[command(subcommand)]
-    Ble(cli::ble::Command),
-    #[command(subcommand)]
-    Calibrate(cli::calibrate::Command),
-    Simulate(cli::simulate::Arguments),
-    Example(cli::example::Arguments),
-    Provision(cli::provision::Arguments),
-    Monitor(cli::monitor::Arguments),
-    Decode(cli::decode::Arguments),
-    Record(cli::record::Arguments),
-    Replay(cli::replay::Arguments),
-}
 
 fn main() -> ExitCode {
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,
         Err(error) => return refuse(&error),
     };
-    let done = match arguments.command {
-        Command::Solve(arguments) => cli::solve::run(&arguments),
-        Command::Track(arguments) => cli::track::run(&arguments),
-        Command::Bench(command) => cli::bench::run(&command),
-        Command::Nlos(command) => cli::nlos::run(&command),
-        Command::Survey(command) => cli::survey::run(&command),
-        Command::Coverage(arguments) => cli::coverage::run(&arguments),
-        Command::Coordinates(arguments) => cli::place::run(&arguments),
-        Command::RoomHysteresis(arguments) => cli::presence::run(&arguments),
-        Command::Ble(command) => cli::ble::run(&command),
-        Command::Calibrate(command) => cli::calibrate::run(&command),
-        Command::Plot(arguments) => cli::plot::run(&arguments),
-        Command::Simulate(arguments) => cli::simulate::run(&arguments),
-        Command::Example(arguments) => cli::example::run(&arguments),
-        Command::Provision(arguments) => cli::provision::run(&arguments),
-        Command::Monitor(arguments) => cli::monitor::run(&arguments),
-        Command::Decode(arguments) => cli::decode::run(&arguments),
-        Command::Record(arguments) => cli::record::run(&arguments),
-        Command::Replay(arguments) => cli::replay::run(&arguments),
-    };
-    match done {
+    match cli::run(&arguments.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => match error.downcast_ref::<UserError>() {
             Some(wrong) => complain(2, &wrong.to_string()),

@@ -12,7 +12,7 @@ use host_tools::survey::coverage::bound::{Noise, Station};
 use host_tools::survey::coverage::{Fitted, Grid, Map, USUAL_WALL_DB, errors_m, fitted, walls_of};
 use host_tools::survey::fingerprint::{Average, Survey};
 
-use super::recorded::{CornersM, finite};
+use super::recording_args::{CornersM, finite};
 use super::{PictureFile, note, print, print_json, write};
 
 /// Map what is heard where: measured from fingerprints, simulated from beacons and walls, or both side by side

@@ -1,29 +1,81 @@
-//! The subcommands, one module each: arguments, and what is printed.
+//! The subcommands, one module each: its arguments, and `run`, which reads, computes and reports.
+//!
+//! One more command is four files: its module; its `mod` line and its line in [`Command`] here; its test, and the `mod` line of that in
+//! `tests/baliza/main.rs`.
 
-mod answers;
-pub mod bench;
-pub mod ble;
-pub mod calibrate;
-pub mod coverage;
-pub mod decode;
-pub mod example;
-pub mod monitor;
-pub mod nlos;
-pub mod place;
-pub mod plot;
-pub mod presence;
+mod bench;
+mod ble;
+mod calibrate;
+mod coverage;
+mod decode;
+mod example;
+mod monitor;
+mod nlos;
+mod place;
+mod plot;
+mod presence;
 mod progress;
-pub mod provision;
-pub mod record;
-mod recorded;
-pub mod replay;
-pub mod simulate;
-pub mod solve;
+mod provision;
+mod record;
+mod recording_args;
+mod replay;
+mod report;
+mod simulate;
+mod solve;
 mod stream;
-pub mod survey;
-pub mod track;
+mod survey;
+mod track;
 
 use std::path::Path;
+
+/// The subcommands of one level as one list: each variant is a module with `Arguments`, which clap reads, and `run`, which does what
+/// they ask for.
+macro_rules! commands {
+    ($(#[$about:meta])* enum $name:ident { $($(#[$kind:meta])* $variant:ident($module:ident),)* }) => {
+        $(#[$about])*
+        #[derive(clap::Subcommand)]
+        pub enum $name {
+            $($(#[$kind])* $variant($module::Arguments),)*
+        }
+
+        /// Runs the command that was given.
+        pub fn run(command: &$name) -> anyhow::Result<()> {
+            match command {
+                $($name::$variant(arguments) => $module::run(arguments),)*
+            }
+        }
+    };
+}
+use commands;
+
+commands! {
+    /// What `baliza` can do.
+    enum Command {
+        Solve(solve),
+        Track(track),
+        #[command(subcommand)]
+        Bench(bench),
+        Plot(plot),
+        #[command(subcommand)]
+        Nlos(nlos),
+        #[command(subcommand)]
+        Survey(survey),
+        Coverage(coverage),
+        Coordinates(place),
+        RoomHysteresis(presence),
+        #[command(subcommand)]
+        Ble(ble),
+        #[command(subcommand)]
+        Calibrate(calibrate),
+        Simulate(simulate),
+        Example(example),
+        Provision(provision),
+        Monitor(monitor),
+        Decode(decode),
+        Record(record),
+        Replay(replay),
+    }
+}
 
 use anyhow::{Context, Result};
 use host_tools::UserError;

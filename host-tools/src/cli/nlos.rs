@@ -14,7 +14,7 @@ use crate::cli::progress::Progress;
 
 /// Classifiers of line of sight: train them, score them
 #[derive(clap::Subcommand)]
-pub enum Command {
+pub enum Arguments {
     Train(Train),
     Eval(Eval),
     Mitigation(Mitigation),
@@ -141,11 +141,11 @@ impl Row {
     }
 }
 
-pub fn run(command: &Command) -> Result<()> {
-    match command {
-        Command::Train(arguments) => train(arguments),
-        Command::Eval(arguments) => eval(arguments),
-        Command::Mitigation(arguments) => mitigate(arguments),
+pub fn run(arguments: &Arguments) -> Result<()> {
+    match arguments {
+        Arguments::Train(arguments) => train(arguments),
+        Arguments::Eval(arguments) => eval(arguments),
+        Arguments::Mitigation(arguments) => mitigate(arguments),
     }
 }
 

@@ -6,14 +6,14 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::ValueEnum;
 use host_tools::UserError;
-use host_tools::files::beacons::{Beacon, read_beacons};
+use host_tools::files::beacons::{Beacon, Wall, read_beacons};
 use host_tools::plot::{Heat, heat};
 use host_tools::survey::coverage::bound::{Information, Noise, Station};
 use host_tools::survey::coverage::{Grid, USUAL_WALL_DB};
 use host_tools::survey::plan::{Found, Problem};
 
 use super::coverage::{barriers, positive};
-use super::recorded::{CornersM, finite};
+use super::recording_args::{CornersM, finite};
 use super::{PictureFile, print, print_json};
 use crate::cli::progress::Progress;
 
@@ -111,74 +111,103 @@ struct Document {
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let picture = PictureFile::plot(arguments.plot.as_deref())?;
-    let fixed = arguments.fixed.as_deref().map(read_beacons).transpose()?.unwrap_or_default();
-    let listed = arguments.candidates.as_deref().map(read_beacons).transpose()?;
-    let (walls, walls_core) = barriers(arguments.walls.as_deref(), arguments.wall_db)?;
-    let corners = match arguments.area {
-        Some(CornersM(corners)) => Some(corners),
-        None => {
-            let places = fixed.iter().chain(listed.iter().flatten()).map(|beacon| beacon.position_m);
-            Grid::about(places.chain(walls.iter().flat_map(|wall| wall.ends_m)), 0.0)
-        }
-    };
-    let corners =
-        corners.ok_or_else(|| UserError::flag("--area", "say where tags are, or give --walls or --candidates"))?;
-    let grid = Grid::over("--cell-m", corners, arguments.cell_m)?;
-    let candidates = match listed {
-        Some(listed) => listed,
-        None => lattice(corners, arguments.spacing_m)?,
-    };
-    let noise = match arguments.kind {
-        Kind::Beacons => Noise::Level { sensitivity_dbm: arguments.sensitivity_dbm },
-        Kind::Anchors => Noise::Range {
-            deviation_m: arguments.range_sigma_m,
-            wall_m: arguments.wall_sigma_m,
-            reach_m: arguments.reach_m,
-        },
-    };
-    let [least, greatest] = corners;
-    let area = Information::of_area([greatest[0] - least[0], greatest[1] - least[1]]);
-    let standing: Vec<_> = fixed.iter().map(Station::of).collect();
-    let known = |at: [f64; 2]| {
-        let told = standing.iter().filter_map(|station| station.information(at, &walls_core, noise));
-        told.fold(area, Information::and)
-    };
-    let told = |beacon: &Beacon| {
-        let station = Station::of(beacon);
-        grid.middles().map(|at| station.information(at, &walls_core, noise)).collect()
-    };
-    let problem =
-        Problem { known: grid.middles().map(known).collect(), candidates: candidates.iter().map(told).collect() };
+    let site = Site::read(arguments)?;
+    let problem = site.problem(arguments);
     let count = arguments.count as usize;
     // Adding all, and one round of exchanges.
-    let progress = Progress::new(2 * count * candidates.len());
+    let progress = Progress::new(2 * count * site.candidates.len());
     let found = problem.solve(count, || progress.step());
     drop(progress);
 
     let errors = problem.errors_m(&found.chosen);
-    let chosen: Vec<&Beacon> = found.chosen.iter().filter_map(|index| candidates.get(*index)).collect();
-    let document = document(arguments.kind, &errors, &found, &chosen, candidates.len());
+    let chosen: Vec<&Beacon> = found.chosen.iter().filter_map(|index| site.candidates.get(*index)).collect();
+    let document = document(arguments.kind, &errors, &found, &chosen, site.candidates.len());
     if arguments.json {
         print_json(&document)?;
     } else {
         print(table(&document, &found).as_bytes())?;
     }
-    if let Some(picture) = picture {
-        let stations = fixed.iter().chain(chosen).map(|beacon| (beacon.name.clone(), beacon.position_m));
-        picture.write_and_note(heat(&[Heat {
+    match picture {
+        Some(picture) => picture.write_and_note(heat(&[site.heat(&chosen, errors)])?),
+        None => Ok(()),
+    }
+}
+
+/// What the files and flags say of the place.
+struct Site {
+    fixed: Vec<Beacon>,
+    candidates: Vec<Beacon>,
+    walls: Vec<Wall>,
+    barriers: Vec<positioning_core::ble::path_loss::Wall<f64>>,
+    corners: [[f64; 2]; 2],
+    grid: Grid,
+}
+
+impl Site {
+    fn read(arguments: &Arguments) -> Result<Self, UserError> {
+        let fixed = arguments.fixed.as_deref().map(read_beacons).transpose()?.unwrap_or_default();
+        let listed = arguments.candidates.as_deref().map(read_beacons).transpose()?;
+        let (walls, barriers) = barriers(arguments.walls.as_deref(), arguments.wall_db)?;
+        let corners = match arguments.area {
+            Some(CornersM(corners)) => Some(corners),
+            None => {
+                let places = fixed.iter().chain(listed.iter().flatten()).map(|beacon| beacon.position_m);
+                Grid::about(places.chain(walls.iter().flat_map(|wall| wall.ends_m)), 0.0)
+            }
+        };
+        let corners =
+            corners.ok_or_else(|| UserError::flag("--area", "say where tags are, or give --walls or --candidates"))?;
+        let grid = Grid::over("--cell-m", corners, arguments.cell_m)?;
+        let candidates = match listed {
+            Some(listed) => listed,
+            None => lattice(corners, arguments.spacing_m)?,
+        };
+        Ok(Self { fixed, candidates, walls, barriers, corners, grid })
+    }
+
+    /// What is known in each cell, and what each candidate would add.
+    fn problem(&self, arguments: &Arguments) -> Problem {
+        let noise = match arguments.kind {
+            Kind::Beacons => Noise::Level { sensitivity_dbm: arguments.sensitivity_dbm },
+            Kind::Anchors => Noise::Range {
+                deviation_m: arguments.range_sigma_m,
+                wall_m: arguments.wall_sigma_m,
+                reach_m: arguments.reach_m,
+            },
+        };
+        let [least, greatest] = self.corners;
+        let area = Information::of_area([greatest[0] - least[0], greatest[1] - least[1]]);
+        let fixed: Vec<_> = self.fixed.iter().map(Station::of).collect();
+        let known = |at: [f64; 2]| {
+            let informed = fixed.iter().filter_map(|station| station.information(at, &self.barriers, noise));
+            informed.fold(area, Information::and)
+        };
+        let added = |beacon: &Beacon| {
+            let station = Station::of(beacon);
+            self.grid.middles().map(|at| station.information(at, &self.barriers, noise)).collect()
+        };
+        Problem {
+            known: self.grid.middles().map(known).collect(),
+            candidates: self.candidates.iter().map(added).collect(),
+        }
+    }
+
+    /// The errors over the area.
+    fn heat(&self, chosen: &[&Beacon], errors_m: Vec<f64>) -> Heat {
+        let stations = self.fixed.iter().chain(chosen.iter().copied());
+        Heat {
             title: "least error of a position".to_owned(),
-            least_m: grid.least_m,
-            cell_m: grid.cell_m,
-            columns: grid.columns,
-            values: errors.into_iter().map(Some).collect(),
+            least_m: self.grid.least_m,
+            cell_m: self.grid.cell_m,
+            columns: self.grid.columns,
+            values: errors_m.into_iter().map(Some).collect(),
             unit: "metres".to_owned(),
             low_is_good: true,
-            walls_m: walls.iter().map(|wall| wall.ends_m).collect(),
-            stations: stations.collect(),
+            walls_m: self.walls.iter().map(|wall| wall.ends_m).collect(),
+            stations: stations.map(|beacon| (beacon.name.clone(), beacon.position_m)).collect(),
             points_m: Vec::new(),
-        }])?)?;
+        }
     }
-    Ok(())
 }
 
 /// Candidates everywhere, from border to border.

@@ -4,8 +4,8 @@ use anyhow::Result;
 use host_tools::{Recording, Setup, Solver};
 use positioning_core::Method;
 
-use super::answers::ByMethod;
-use super::recorded::Recorded;
+use super::recording_args::RecordingArgs;
+use super::report::ByMethod;
 use crate::cli::progress::Progress;
 
 /// Solve every epoch of a recording on its own, as the tag's first fix does
@@ -16,7 +16,7 @@ use crate::cli::progress::Progress;
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
     #[command(flatten)]
-    recorded: Recorded,
+    recording: RecordingArgs,
     /// How ranges become a position: a name, several with commas, or all
     #[arg(long, value_name = "METHOD", default_value = "robust", value_parser = Methods::parse, long_help = methods_help())]
     method: Methods,
@@ -47,7 +47,9 @@ fn methods_help() -> String {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    arguments.recorded.run(false, |recording, setup| solve(recording, &arguments.method.0, setup))
+    let input = arguments.recording.read()?;
+    let solved = solve(&input.recording, &arguments.method.0, input.setup);
+    input.report(&solved, false)
 }
 
 fn solve(recording: &Recording, methods: &[Method], setup: Setup) -> ByMethod {

@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::ValueEnum;
-use host_tools::by_time;
 use host_tools::locate::track::{Tracker, Weighting, settings};
 use host_tools::train::{Chosen, features_of};
+use host_tools::{Recording, Setup, Solved, by_time};
 use positioning_core::nlos::{Classifier, Features, Model};
 
-use super::recorded::Recorded;
+use super::recording_args::RecordingArgs;
 use crate::cli::progress::Progress;
 
 /// Follow a tag through a recording, as the tag itself does: weighting, gates, filter
@@ -20,7 +20,7 @@ use crate::cli::progress::Progress;
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
     #[command(flatten)]
-    recorded: Recorded,
+    recording: RecordingArgs,
     /// What to make of the probability that a link is without line of sight, which comes from rx_power_dbm and fp_power_dbm,
     /// or from --model
     #[arg(long, value_name = "HOW", default_value = "weigh")]
@@ -70,25 +70,31 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let chosen =
         arguments.model.as_ref().map(|file| Chosen::read(file, arguments.classifier.as_deref())).transpose()?;
     let model = chosen.as_ref().map(Chosen::model).transpose()?;
-    arguments.recorded.run(arguments.consistency, |recording, setup| {
-        if let Some(model) = &model
-            && recording
-                .epochs
-                .iter()
-                .flat_map(|epoch| &epoch.ranges)
-                .all(|range| !could_tell(model, &range.diagnostics.features))
-        {
-            let asked = features_of(model);
-            super::note(&format!("no range of the recording tells what the classifier asks for: {asked}\n"));
-        }
-        let mut tracker =
-            Tracker::new(&recording.anchors, setup, settings(&setup, weighting, model.is_some()), model.as_ref());
-        let progress = Progress::new(recording.epochs.len());
-        let mut solved = vec![None; recording.epochs.len()];
-        for at in by_time(recording.epochs.iter().map(|epoch| epoch.t_s)) {
-            solved[at] = Some(tracker.follow(&recording.epochs[at]));
-            progress.step();
-        }
-        vec![("track".to_owned(), solved.into_iter().flatten().collect())]
-    })
+    let input = arguments.recording.read()?;
+    if let Some(model) = &model
+        && !input
+            .recording
+            .epochs
+            .iter()
+            .flat_map(|epoch| &epoch.ranges)
+            .any(|range| could_tell(model, &range.diagnostics.features))
+    {
+        let asked = features_of(model);
+        super::note(&format!("no range of the recording tells what the classifier asks for: {asked}\n"));
+    }
+    let solved = track(&input.recording, input.setup, weighting, model.as_ref());
+    input.report(&vec![("track".to_owned(), solved)], arguments.consistency)
+}
+
+/// Positions of the epochs, in the order of the file; the tracker gets them in the order of time.
+fn track(recording: &Recording, setup: Setup, weighting: Weighting, model: Option<&Model<'_>>) -> Vec<Solved> {
+    let settings = settings(&setup, weighting, model.is_some());
+    let mut tracker = Tracker::new(&recording.anchors, setup, settings, model);
+    let progress = Progress::new(recording.epochs.len());
+    let mut solved = vec![None; recording.epochs.len()];
+    for at in by_time(recording.epochs.iter().map(|epoch| epoch.t_s)) {
+        solved[at] = Some(tracker.follow(&recording.epochs[at]));
+        progress.step();
+    }
+    solved.into_iter().flatten().collect()
 }

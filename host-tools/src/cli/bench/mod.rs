@@ -12,23 +12,14 @@ use anyhow::Result;
 
 use super::PictureFile;
 
-/// Benchmarks on simulated ranges and levels
-#[derive(clap::Subcommand)]
-pub enum Command {
-    Thesis(thesis::Arguments),
-    Garcia(garcia::Arguments),
-    Barral(barral::Arguments),
-    Fusion(fusion::Arguments),
-    Linde(linde::Arguments),
-}
-
-pub fn run(command: &Command) -> Result<()> {
-    match command {
-        Command::Thesis(arguments) => thesis::run(arguments),
-        Command::Garcia(arguments) => garcia::run(arguments),
-        Command::Barral(arguments) => barral::run(arguments),
-        Command::Fusion(arguments) => fusion::run(arguments),
-        Command::Linde(arguments) => linde::run(arguments),
+super::commands! {
+    /// Benchmarks on simulated ranges and levels
+    enum Arguments {
+        Thesis(thesis),
+        Garcia(garcia),
+        Barral(barral),
+        Fusion(fusion),
+        Linde(linde),
     }
 }
 

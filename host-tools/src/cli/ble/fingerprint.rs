@@ -9,8 +9,8 @@ use host_tools::{Solved, UserError};
 use positioning_core::ble::fingerprint::Map;
 
 use super::{Names, PlanArguments, epoch, read_bytes, survey_of};
-use crate::cli::answers::{Answers, ByMethod, Told};
 use crate::cli::progress::Progress;
+use crate::cli::report::{ByMethod, OutputArgs, Report};
 
 /// Positions by a survey of RSSI values: k nearest neighbours, and Gaussian processes
 ///
@@ -71,7 +71,7 @@ pub struct Arguments {
     #[command(flatten)]
     place: PlanArguments,
     #[command(flatten)]
-    answers: Answers,
+    output: OutputArgs,
 }
 
 /// Whose positions are asked for.
@@ -120,7 +120,7 @@ impl From<Averages> for Average {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let answers = arguments.answers.check()?;
+    let output = arguments.output.check()?;
     let comparisons = arguments.comparisons()?;
     let plan = arguments.place.read()?;
     let particles_s = arguments.particle_filter.then(|| f64::from(arguments.window_ms) / 1000.0);
@@ -158,7 +158,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         (None, None) => return Err(UserError::flag("--fingerprints", "a survey or --map is needed").into()),
     };
     let solved: ByMethod = comparisons.iter().map(|comparison| arguments.name(*comparison)).zip(solved).collect();
-    answers.give(&Told {
+    Report {
         epochs: &captures.iter().map(epoch).collect::<Vec<_>>(),
         anchors: plan.beacons.iter().map(|beacon| (beacon.name.clone(), beacon.position_m)).collect(),
         walls_m: plan.walls.iter().map(|wall| wall.ends_m).collect(),
@@ -166,7 +166,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         consistency: true,
         neighbours: Some(comparisons.iter().map(|comparison| comparison.k()).collect()),
         solved: &solved,
-    })
+    }
+    .write(&output)
 }
 
 /// Captures by maps, method by method.

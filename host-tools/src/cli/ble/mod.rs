@@ -8,27 +8,18 @@ mod solve;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
 use host_tools::files::beacons::{Beacon, Capture, Dwell, read_beacons, read_walls};
 use host_tools::survey::fingerprint::{Average, Plan, Survey};
 use host_tools::{Epoch, UserError};
 use positioning_core::ble::fingerprint::MAX_BEACONS;
 
-/// Positions from the RSSI values of Bluetooth beacons
-#[derive(clap::Subcommand)]
-pub enum Command {
-    Rooms(rooms::Arguments),
-    Solve(solve::Arguments),
-    Fingerprint(fingerprint::Arguments),
-    Map(map::Arguments),
-}
-
-pub fn run(command: &Command) -> Result<()> {
-    match command {
-        Command::Rooms(arguments) => rooms::run(arguments),
-        Command::Solve(arguments) => solve::run(arguments),
-        Command::Fingerprint(arguments) => fingerprint::run(arguments),
-        Command::Map(arguments) => map::run(arguments),
+super::commands! {
+    /// Positions from the RSSI values of Bluetooth beacons
+    enum Arguments {
+        Rooms(rooms),
+        Solve(solve),
+        Fingerprint(fingerprint),
+        Map(map),
     }
 }
 

@@ -8,9 +8,9 @@ use host_tools::files::beacons::{read_beacons, read_captures, read_walls};
 use host_tools::locate::ble::{RssiMethod, Setup, Solver};
 use positioning_core::ble::beacon_monitor::{BeaconHealth, HealthChange};
 
-use crate::cli::answers::{Answers, ByMethod, Told};
+use crate::cli::recording_args::{CornersM, finite};
+use crate::cli::report::{ByMethod, OutputArgs, Report};
 use crate::cli::note;
-use crate::cli::recorded::{CornersM, finite};
 
 /// Positions by path loss: least squares, the posterior mean, a particle filter, the tag's engine
 ///
@@ -56,7 +56,7 @@ pub struct Arguments {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     #[command(flatten)]
-    answers: Answers,
+    output: OutputArgs,
 }
 
 /// Methods asked for.
@@ -78,7 +78,7 @@ impl RssiMethods {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let answers = arguments.answers.check()?;
+    let output = arguments.output.check()?;
     let beacons = read_beacons(&arguments.beacons)?;
     let captures = read_captures(&arguments.rssi, arguments.truth.as_deref())?;
     let walls = arguments.walls.as_deref().map(read_walls).transpose()?.unwrap_or_default();
@@ -103,7 +103,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         news.extend(told);
     }
     let epochs: Vec<Epoch> = captures.iter().map(super::epoch).collect();
-    answers.give(&Told {
+    Report {
         epochs: &epochs,
         anchors: beacons.iter().map(|beacon| (beacon.name.clone(), beacon.position_m)).collect(),
         walls_m: walls.iter().map(|wall| wall.ends_m).collect(),
@@ -111,7 +111,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         consistency: true,
         neighbours: Some(vec![None; solved.len()]),
         solved: &solved,
-    })?;
+    }
+    .write(&output)?;
     for HealthChange { beacon, health, seconds } in news {
         let name = beacons.get(beacon).map_or("?", |beacon| &beacon.name);
         let found = match health {

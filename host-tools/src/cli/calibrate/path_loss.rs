@@ -13,7 +13,7 @@ use host_tools::survey::calibration::{
 use host_tools::{UserError, plot};
 
 use crate::cli::progress::Progress;
-use crate::cli::recorded::finite;
+use crate::cli::recording_args::finite;
 use crate::cli::{PictureFile, note, print, print_json, write};
 
 /// RSSI at one metre and path loss exponent of every beacon, from fingerprints or a walk: by regression, and as a node learns it

@@ -2,16 +2,9 @@
 
 mod fingerprints;
 
-use anyhow::Result;
-
-/// Surveys: a person is led from point to point
-#[derive(clap::Subcommand)]
-pub enum Command {
-    Fingerprints(fingerprints::Arguments),
-}
-
-pub fn run(command: &Command) -> Result<()> {
-    match command {
-        Command::Fingerprints(arguments) => fingerprints::run(arguments),
+super::commands! {
+    /// Surveys: a person is led from point to point
+    enum Arguments {
+        Fingerprints(fingerprints),
     }
 }

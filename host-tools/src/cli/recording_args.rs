@@ -1,4 +1,4 @@
-//! What `solve` and `track` have in common: the recording to go over, and the space.
+//! What `solve` and `track` have in common: the recording to read, and the space.
 
 use std::path::PathBuf;
 
@@ -6,11 +6,11 @@ use anyhow::Result;
 use clap::ValueEnum;
 use host_tools::{Files, Half, Height, Recording, Setup, Space, UserError};
 
-use super::answers::{Answers, ByMethod, Told, flat};
+use super::report::{ByMethod, Output, OutputArgs, Report, flat};
 
 /// The arguments of a command that makes positions of a recording.
 #[derive(clap::Args)]
-pub struct Recorded {
+pub struct RecordingArgs {
     /// LoadedModels anchors: CSV with anchor,x_m,y_m,z_m
     #[arg(long, value_name = "FILE")]
     anchors: PathBuf,
@@ -37,7 +37,7 @@ pub struct Recorded {
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = CornersM::parse)]
     area: Option<CornersM>,
     #[command(flatten)]
-    answers: Answers,
+    output: OutputArgs,
 }
 
 /// `--dims`.
@@ -82,7 +82,7 @@ pub fn finite(text: &str) -> Result<f64, String> {
     }
 }
 
-impl Recorded {
+impl RecordingArgs {
     /// What the flags say of space; flags that do not go together are refused.
     fn space(&self) -> Result<Space, UserError> {
         match self.dims {
@@ -101,11 +101,13 @@ impl Recorded {
         }
     }
 
-    /// Reads the recording, has it solved, and gives the answers. With `consistency` they tell how the errors go with the
-    /// uncertainties.
-    pub fn run(&self, consistency: bool, solve: impl FnOnce(&Recording, Setup) -> ByMethod) -> Result<()> {
+    /// Checks where the report goes, and reads the recording.
+    ///
+    /// # Errors
+    /// Flags do not go together, an output cannot be written, or the first line of a file that is wrong.
+    pub fn read(&self) -> Result<Input<'_>, UserError> {
         let setup = Setup { space: self.space()?, area_m: self.area.map(|CornersM(corners)| corners) };
-        let answers = self.answers.check()?;
+        let output = self.output.check()?;
         let recording = Recording::read(&Files {
             anchors: &self.anchors,
             ranges: &self.ranges,
@@ -113,16 +115,27 @@ impl Recorded {
             anchor_heights: setup.space != Space::Plane(Height::Unknown),
             truth_heights: setup.space == Space::Plane(Height::FromTruth),
         })?;
+        Ok(Input { recording, setup, with_errors: self.truth.is_some(), output })
+    }
+}
 
-        let solved = solve(&recording, setup);
-        answers.give(&Told {
-            epochs: &recording.epochs,
-            anchors: recording.anchors.iter().map(|anchor| (anchor.name.clone(), flat(&anchor.place))).collect(),
-            walls_m: Vec::new(),
-            with_errors: self.truth.is_some(),
-            consistency,
-            neighbours: None,
-            solved: &solved,
-        })
+/// A recording, how it is to be solved, and where the report goes.
+pub struct Input<'a> {
+    pub recording: Recording,
+    pub setup: Setup,
+    with_errors: bool,
+    output: Output<'a>,
+}
+
+impl Input<'_> {
+    /// Reports positions of the recording's epochs; with `consistency` their errors are compared with the uncertainties.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    pub fn report(&self, solved: &ByMethod, consistency: bool) -> Result<()> {
+        let Self { recording: Recording { anchors, epochs }, with_errors, .. } = self;
+        let anchors = anchors.iter().map(|anchor| (anchor.name.clone(), flat(&anchor.place))).collect();
+        let (walls_m, neighbours, with_errors) = (Vec::new(), None, *with_errors);
+        Report { epochs, anchors, walls_m, with_errors, consistency, neighbours, solved }.write(&self.output)
     }
 }

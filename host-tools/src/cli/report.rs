@@ -1,4 +1,4 @@
-//! What a command that makes positions does with them: a file, a picture, a summary.
+//! What a command that makes positions reports: a file of them, a picture, a summary.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -13,9 +13,9 @@ use host_tools::{Coordinates, Epoch, Solved, UserError};
 
 use super::PictureFile;
 
-/// Where positions go.
+/// Where a report goes.
 #[derive(clap::Args)]
-pub struct Answers {
+pub struct OutputArgs {
     /// Write the positions here and not to standard output
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -28,11 +28,27 @@ pub struct Answers {
     json: bool,
 }
 
+/// Outputs that can be written.
+pub struct Output<'a> {
+    arguments: &'a OutputArgs,
+    picture: Option<PictureFile<'a>>,
+}
+
+impl OutputArgs {
+    /// Refuses files that could not be written, before any work is done for them.
+    pub fn check(&self) -> Result<Output<'_>, UserError> {
+        if let Some(file) = &self.out {
+            output::check("--out", file)?;
+        }
+        Ok(Output { arguments: self, picture: PictureFile::plot(self.plot.as_deref())? })
+    }
+}
+
 /// Positions of all epochs, by a method.
 pub type ByMethod = Vec<(String, Vec<Solved>)>;
 
-/// What there is to tell.
-pub struct Told<'a> {
+/// What a command that makes positions reports.
+pub struct Report<'a> {
     /// The epochs, one a position.
     pub epochs: &'a [Epoch],
     /// Names and places of what stands on the map.
@@ -41,7 +57,7 @@ pub struct Told<'a> {
     pub walls_m: Vec<[[f64; 2]; 2]>,
     /// Whether there was a truth.
     pub with_errors: bool,
-    /// Whether to tell how the errors go with the uncertainties.
+    /// Whether to compare the errors with the uncertainties.
     pub consistency: bool,
     /// Of positions by beacons: how many neighbours each method has, where it has some.
     pub neighbours: Option<Vec<Option<usize>>>,
@@ -49,43 +65,22 @@ pub struct Told<'a> {
     pub solved: &'a ByMethod,
 }
 
-/// Files that can be written.
-pub struct Checked<'a> {
-    answers: &'a Answers,
-    picture: Option<PictureFile<'a>>,
-}
-
-impl Answers {
-    /// Refuses files that could not be written, before any work is done for them.
-    pub fn check(&self) -> Result<Checked<'_>, UserError> {
-        if let Some(file) = &self.out {
-            output::check("--out", file)?;
-        }
-        let picture = PictureFile::plot(self.plot.as_deref())?;
-        Ok(Checked { answers: self, picture })
-    }
-}
-
-impl Checked<'_> {
-    /// Writes and prints it all.
-    pub fn give(&self, told: &Told) -> Result<()> {
-        let Answers { out, plot, json } = self.answers;
-        let mut summaries: Vec<_> = told
-            .solved
-            .iter()
-            .map(|(method, solved)| Summary::of(method, solved, told.consistency.then_some(told.epochs)))
-            .collect();
-        for (summary, k) in summaries.iter_mut().zip(told.neighbours.iter().flatten()) {
-            summary.by_beacons = Some(ByBeacons { k: *k, points: summary.epochs });
-        }
-        let picture = match self.picture {
-            Some(PictureFile { file, format }) => Some((file, format.encode(draw(told).to_svg()?)?)),
+impl Report<'_> {
+    /// Writes positions and picture, and prints the summary.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    pub fn write(&self, output: &Output) -> Result<()> {
+        let OutputArgs { out, plot, json } = output.arguments;
+        let summaries = self.summaries();
+        // Drawn before anything is written: a picture that fails leaves no file.
+        let picture = match output.picture {
+            Some(PictureFile { file, format }) => Some((file, format.encode(self.picture().to_svg()?)?)),
             None => None,
         };
-
         if out.is_some() || !json {
-            let by_method = told.solved.iter().map(|(method, solved)| (method.as_str(), solved.as_slice()));
-            let csv = positions::to_csv(told.epochs, by_method, told.with_errors)?;
+            let by_method = self.solved.iter().map(|(method, solved)| (method.as_str(), solved.as_slice()));
+            let csv = positions::to_csv(self.epochs, by_method, self.with_errors)?;
             match out {
                 Some(file) => super::write(file, &csv)?,
                 None => super::print(&csv)?,
@@ -97,7 +92,7 @@ impl Checked<'_> {
         if *json {
             return super::print_json(&summaries);
         }
-        let mut said = table(&summaries, told.solved);
+        let mut said = table(&summaries, self.solved);
         for (what, file) in [("positions", out), ("picture", plot)] {
             if let Some(file) = file {
                 let _ = writeln!(said, "{what}: {}", file.display());
@@ -106,33 +101,37 @@ impl Checked<'_> {
         super::note(&said);
         Ok(())
     }
+
+    fn summaries(&self) -> Vec<Summary> {
+        let epochs = self.consistency.then_some(self.epochs);
+        let neighbours = self.neighbours.iter().flatten().copied().map(Some).chain(std::iter::repeat(None));
+        let by_method = self.solved.iter().zip(neighbours);
+        by_method.map(|((method, solved), neighbours)| Summary::of(method, solved, epochs, neighbours)).collect()
+    }
+
+    fn picture(&self) -> Picture {
+        let tracks = self.solved.iter().map(|(method, solved)| Track {
+            method: method.clone(),
+            dots: solved
+                .iter()
+                .filter_map(|solved| solved.outcome.as_ref().ok())
+                .map(|position| Dot { at_m: flat(&position.place), sigma_m: Some(flat(&position.sigma)) })
+                .collect(),
+            errors_m: solved.iter().filter_map(|solved| solved.error_m).collect(),
+        });
+        Picture {
+            anchors: self.anchors.clone(),
+            beacons: Vec::new(),
+            walls_m: self.walls_m.clone(),
+            truth_m: vec![self.epochs.iter().filter_map(|epoch| epoch.truth.as_ref().map(flat)).collect()],
+            tracks: tracks.collect(),
+        }
+    }
 }
 
 /// A place as seen from above, metres.
 pub fn flat(place: &Coordinates) -> [f64; 2] {
     [place.x_m, place.y_m]
-}
-
-fn draw(told: &Told) -> Picture {
-    Picture {
-        anchors: told.anchors.clone(),
-        beacons: Vec::new(),
-        walls_m: told.walls_m.clone(),
-        truth_m: vec![told.epochs.iter().filter_map(|epoch| epoch.truth.as_ref().map(flat)).collect()],
-        tracks: told
-            .solved
-            .iter()
-            .map(|(method, solved)| Track {
-                method: method.clone(),
-                dots: solved
-                    .iter()
-                    .filter_map(|solved| solved.outcome.as_ref().ok())
-                    .map(|position| Dot { at_m: flat(&position.place), sigma_m: Some(flat(&position.sigma)) })
-                    .collect(),
-                errors_m: solved.iter().filter_map(|solved| solved.error_m).collect(),
-            })
-            .collect(),
-    }
 }
 
 /// What `--json` prints of a method.
@@ -182,13 +181,13 @@ impl Consistency {
 }
 
 impl Summary {
-    fn of(method: &str, solved: &[Solved], epochs: Option<&[Epoch]>) -> Self {
+    fn of(method: &str, solved: &[Solved], epochs: Option<&[Epoch]>, neighbours: Option<Option<usize>>) -> Self {
         let errors: Vec<f64> = solved.iter().filter_map(|solved| solved.error_m).collect();
         let figures = Statistics::of(&errors);
         let of = |figure: fn(&Statistics) -> f64| figures.as_ref().map(figure);
         Self {
             method: method.to_owned(),
-            by_beacons: None,
+            by_beacons: neighbours.map(|k| ByBeacons { k, points: solved.len() }),
             epochs: solved.len(),
             fixed: solved.iter().filter(|solved| solved.outcome.is_ok()).count(),
             rmse_m: of(|figures| figures.rmse),
