@@ -1,6 +1,8 @@
-//! What a result is reported with: [`Statistics`] of errors.
+//! What a result is reported with: [`Statistics`] of errors, and a Markdown [`Table`].
 #![forbid(unsafe_code)]
 
+mod markdown;
 mod statistics;
 
-pub use statistics::{Statistics, percentile};
+pub use markdown::Table;
+pub use statistics::{Statistics, mean, percentile, rms};

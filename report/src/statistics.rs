@@ -1,4 +1,4 @@
-//! Errors of many positions in four figures.
+//! Errors of many positions in four figures, and the figures by themselves.
 
 /// Figures of a set of errors, in their unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,32 +16,41 @@ pub struct Statistics {
 impl Statistics {
     /// The figures of errors that are not negative, in any order; `None` where there is none.
     pub fn of(errors: &[f64]) -> Option<Self> {
-        if errors.is_empty() {
-            return None;
-        }
-        let count = errors.len() as f64;
         let mut sorted = errors.to_vec();
         sorted.sort_by(f64::total_cmp);
-        Some(Self {
-            rmse: (errors.iter().map(|error| error * error).sum::<f64>() / count).sqrt(),
-            mae: errors.iter().sum::<f64>() / count,
+        (!errors.is_empty()).then(|| Self {
+            rmse: rms(errors.iter().copied()),
+            mae: mean(errors.iter().copied()),
             p50: percentile(&sorted, 0.5),
             p90: percentile(&sorted, 0.9),
         })
     }
 }
 
-/// The `share`th of a sorted, not empty set: between two neighbours it is interpolated linearly (Hyndman and Fan, The American
-/// Statistician 50(4), 1996, definition 7; NumPy's default).
+/// The arithmetic mean; NaN of none.
+pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
+    let (sum, count) = values.into_iter().fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
+    sum / count
+}
+
+/// √ of the mean square; NaN of none.
+pub fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
+    mean(values.into_iter().map(|value| value * value)).sqrt()
+}
+
+/// The value of a sorted set below which `share` of it lies, between two neighbours interpolated linearly (Hyndman and Fan, The American
+/// Statistician 50(4), 1996, definition 7; NumPy's default); NaN of none.
 pub fn percentile(sorted: &[f64], share: f64) -> f64 {
-    let place = share * (sorted.len() - 1) as f64;
-    let (below, above) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
-    below + place.fract() * (above - below)
+    let index = share * sorted.len().saturating_sub(1) as f64;
+    match (sorted.get(index.floor() as usize), sorted.get(index.ceil() as usize)) {
+        (Some(below), Some(above)) => below + index.fract() * (above - below),
+        (None, _) | (_, None) => f64::NAN,
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::Statistics;
+    use super::{Statistics, mean, percentile, rms};
 
     #[test]
     fn figures_are_those_of_a_hand_calculation() {
@@ -55,5 +64,9 @@ mod tests {
     fn one_error_is_all_four_figures_and_none_is_nothing() {
         assert_eq!(Statistics::of(&[0.5]), Some(Statistics { rmse: 0.5, mae: 0.5, p50: 0.5, p90: 0.5 }));
         assert_eq!(Statistics::of(&[]), None);
+    }
+    #[test]
+    fn figures_of_nothing_are_no_numbers() {
+        assert!(mean([]).is_nan() && rms([]).is_nan() && percentile(&[], 0.5).is_nan());
     }
 }

@@ -15,5 +15,10 @@ pub mod barral;
 pub mod fusion;
 pub mod garcia;
 pub mod linde;
-mod random;
 pub mod thesis;
+
+/// A standard normal number, by Box and Muller: recorded figures are drawn from this stream.
+fn normal(random: &mut impl rand::Rng) -> f64 {
+    let (u, v): (f64, f64) = (random.random_range(f64::MIN_POSITIVE..1.0), random.random());
+    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+}

@@ -1,6 +1,7 @@
 //! How accurate the methods are: runs `baliza` on the thesis' simulation, on recordings, on recorded impulse responses and on a recorded
 //! floor's rooms, and makes tables of it.
 
+use baliza_report::Table;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
@@ -63,21 +64,16 @@ fn solve(folder: &Path) -> Result<Vec<Score>> {
 
 /// A row a method, a column a recording.
 fn side_by_side(recordings: &[(String, Vec<Score>)]) -> String {
-    let mut table = String::from("| RMSE (P90), m |");
-    for (name, scores) in recordings {
-        table += &format!(" {name}, {} epochs |", scores.first().map_or(0, |score| score.epochs));
-    }
-    table += &format!("\n|---|{}\n", "---:|".repeat(recordings.len()));
+    let epochs = |scores: &[Score]| scores.first().map_or(0, |score| score.epochs);
+    let titles = recordings.iter().map(|(name, scores)| format!("{name}, {} epochs:", epochs(scores)));
+    let mut table = Table::new(std::iter::once("RMSE (P90), m".to_owned()).chain(titles));
     let methods = recordings.first().into_iter().flat_map(|(_, scores)| scores).map(|score| &score.method);
     for method in methods {
-        table += &format!("| `{method}` |");
-        for (_, scores) in recordings {
-            let cell = scores.iter().find(|score| score.method == *method).map_or_else(String::new, cell);
-            table += &format!(" {cell} |");
-        }
-        table.push('\n');
+        let of = |scores: &[Score]| scores.iter().find(|score| score.method == *method).map_or_else(String::new, cell);
+        let cells: Vec<_> = recordings.iter().map(|(_, scores)| of(scores)).collect();
+        table.row(format_args!("`{method}` | {}", cells.join(" | ")));
     }
-    table
+    table.into_text()
 }
 
 fn cell(score: &Score) -> String {

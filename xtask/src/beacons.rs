@@ -1,7 +1,7 @@
 //! How good positions by the levels of Bluetooth beacons are: runs `baliza bench linde`, and `baliza calibrate path-loss` and `baliza ble solve` on
 //! the room of A. Linde Cerezo's thesis, and makes tables of it.
 
-use std::fmt::Write;
+use baliza_report::Table;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
@@ -44,17 +44,18 @@ pub fn by_path_loss() -> Result<Option<Made>> {
             .chain(file("--beacons", calibrated))
             .chain(file("--rssi", room.join("targets.csv"))),
     )?;
-    Ok(Made::one("beacons by path loss", format!("{losses}\n{}", table(&scores)?)))
+    Ok(Made::one("beacons by path loss", format!("{losses}\n{}", table(&scores))))
 }
 
-fn table(scores: &[Score]) -> Result<String> {
-    let mut table = String::from("| method | MAE, m | RMSE, m | P90, m | NEES |\n|---|---:|---:|---:|---:|\n");
+fn table(scores: &[Score]) -> String {
+    let mut table = Table::new(["method", "MAE, m:", "RMSE, m:", "P90, m:", "NEES:"]);
     for Score { method, mae_m, rmse_m, p90_m, nees } in scores {
         let nees = nees.map_or_else(|| "–".to_owned(), |nees| format!("{nees:.2}"));
-        writeln!(table, "| `{method}` | {mae_m:.2} | {rmse_m:.2} | {p90_m:.2} | {nees} |")?;
+        table.row(format_args!("`{method}` | {mae_m:.2} | {rmse_m:.2} | {p90_m:.2} | {nees}"));
     }
-    table += "| thesis, multilateration | 1.20 | 1.33 | | |\n| thesis, with its particle filter | 1.15 | 1.31 | | |\n";
-    Ok(table)
+    table.row(format_args!("thesis, multilateration | 1.20 | 1.33 | |"));
+    table.row(format_args!("thesis, with its particle filter | 1.15 | 1.31 | |"));
+    table.into_text()
 }
 
 #[cfg(test)]
@@ -64,7 +65,7 @@ mod tests {
     #[test]
     fn methods_are_rows_above_the_thesis() {
         let score = Score { method: "posterior".to_owned(), mae_m: 1.064, rmse_m: 1.156, p90_m: 1.6, nees: Some(0.95) };
-        let text = table(&[score]).expect("a table");
+        let text = table(&[score]);
         assert_eq!(text.lines().nth(2), Some("| `posterior` | 1.06 | 1.16 | 1.60 | 0.95 |"));
         assert!(text.ends_with("| 1.15 | 1.31 | | |\n"));
     }

@@ -1,6 +1,7 @@
 //! How good comparisons with fingerprints are: runs `baliza ble fingerprint` and `baliza ble map` on recorded surveys, and makes tables
 //! of it.
 
+use baliza_report::Table;
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 
@@ -54,26 +55,24 @@ pub fn comparisons() -> Result<Option<Made>> {
     if !are_there(COLUMNS.iter().map(|(_, folder, _)| *folder)) {
         return Ok(None);
     }
-    let mut table = String::from("| MAE (RMSE), m | the thesis |");
+    let titles = COLUMNS.map(|(title, ..)| format!("{title}:"));
+    let mut table = Table::new(["MAE (RMSE), m", "the thesis:"].into_iter().map(String::from).chain(titles));
     let mut scores: Vec<BTreeMap<String, String>> = Vec::new();
-    for (title, folder, arguments) in COLUMNS {
-        table += &format!(" {title} |");
+    for (_, folder, arguments) in COLUMNS {
         let rows: Vec<Score> = run("fingerprint --kernel all --json", folder, arguments)?;
         // What goes through the particle filter has a name that says so.
         let named = rows.iter().map(|row| (row.method.trim_start_matches("fp_").to_owned(), cell(row)));
         scores.push(named.collect());
     }
-    table += &format!("\n|---|{}\n", "---:|".repeat(1 + COLUMNS.len()));
     for method in THESIS.iter().map(|(method, ..)| *method).chain(["gp", "gp-walk"]) {
         let thesis = THESIS.iter().find(|(name, ..)| *name == method);
         let thesis = thesis.map_or_else(|| "–".to_owned(), |(_, mae, rmse)| format!("{mae:.2} ({rmse:.2})"));
-        table += &format!("| `{method}` | {thesis} |");
-        for score in &scores {
-            table += &format!(" {} |", score.get(method).with_context(|| format!("no {method}"))?);
-        }
-        table.push('\n');
+        let cell =
+            |score: &BTreeMap<String, String>| score.get(method).cloned().with_context(|| format!("no {method}"));
+        let cells = scores.iter().map(cell).collect::<Result<Vec<_>>>()?;
+        table.row(format_args!("`{method}` | {thesis} | {}", cells.join(" | ")));
     }
-    Ok(Made::one("fingerprints", table))
+    Ok(Made::one("fingerprints", table.into_text()))
 }
 
 /// A recorded walk with its floor plan and without.
@@ -82,7 +81,7 @@ pub fn barriers() -> Result<Option<Made>> {
     if !are_there([walk]) {
         return Ok(None);
     }
-    let mut table = String::from("| MAE (RMSE), m | walls unknown | walls are barriers |\n|---|---:|---:|\n");
+    let mut table = Table::new(["MAE (RMSE), m", "walls unknown:", "walls are barriers:"]);
     for kernel in ["gp-walk", "gp --particle-filter", "knn --weighted --particle-filter"] {
         let command = format!("fingerprint --json --hold-out 5 --block 100 --kernel {kernel}");
         let score = |walls| -> Result<String> {
@@ -90,9 +89,9 @@ pub fn barriers() -> Result<Option<Made>> {
             Ok(cell(rows.first().context("no score")?))
         };
         let (open, walled) = (score("")?, score("--walls {walls.csv")?);
-        table += &format!("| `--kernel {kernel}` | {open} | {walled} |\n");
+        table.row(format_args!("`--kernel {kernel}` | {open} | {walled}"));
     }
-    Ok(Made::one("walls as barriers", table))
+    Ok(Made::one("walls as barriers", table.into_text()))
 }
 
 /// Maps of few points.
@@ -100,7 +99,7 @@ pub fn maps() -> Result<Option<Made>> {
     if !are_there(MAPS.iter().map(|(folder, ..)| *folder)) {
         return Ok(None);
     }
-    let mut table = String::from("| recording | known beside | MAE of the others (RMSE), m |\n|---|---|---|\n");
+    let mut table = Table::new(["recording", "known beside", "MAE of the others (RMSE), m"]);
     let out = scratch("few.map")?;
     for (folder, known, points) in MAPS {
         let beside = match known.matches("--").count() {
@@ -113,9 +112,9 @@ pub fn maps() -> Result<Option<Made>> {
             Ok(format!("{count} points: {}", cell(&run(&map, folder, known)?)))
         });
         let cells = cells.into_iter().collect::<Result<Vec<_>>>()?;
-        table += &format!("| {folder} | {beside} | {} |\n", cells.join("; "));
+        table.row(format_args!("{folder} | {beside} | {}", cells.join("; ")));
     }
-    Ok(Made::one("predicted maps", table))
+    Ok(Made::one("predicted maps", table.into_text()))
 }
 
 fn are_there(folders: impl IntoIterator<Item = &'static str>) -> bool {

@@ -3,6 +3,7 @@
 //! Code counts for the source that it was written in: of what the compiler has put into each other, the innermost that is not a library
 //! of use to all. What has no source is the makers' Bluetooth controllers.
 
+use baliza_report::Table;
 use std::path::Path;
 
 use addr2line::Loader;
@@ -144,15 +145,17 @@ fn of_file(path: &str) -> &'static str {
 
 fn table(names: &[String], weighed: &[Vec<u64>]) -> String {
     let kib = |bytes: u64| if bytes == 0 { String::new() } else { format!("{:.1}", bytes as f64 / 1024.0) };
-    let line = |row: &str, of: &dyn Fn(&Vec<u64>) -> u64| {
-        let cells: String = weighed.iter().map(|weights| format!(" {} |", kib(of(weights)))).collect();
-        format!("| {row} |{cells}\n")
+    let titles = names.iter().map(|name| format!("{name}:"));
+    let mut table = Table::new(std::iter::once("KiB of flash".to_owned()).chain(titles));
+    let mut line = |row: &str, of: &dyn Fn(&Vec<u64>) -> u64| {
+        let cells: Vec<_> = weighed.iter().map(|weights| kib(of(weights))).collect();
+        table.row(format_args!("{row} | {}", cells.join(" | ")));
     };
-    let mut text = format!("| KiB of flash | {} |\n|---|{}\n", names.join(" | "), "---:|".repeat(names.len()));
-    for (place, row) in rows().enumerate() {
-        text += &line(row, &|weights| weights[place]);
+    for (index, row) in rows().enumerate() {
+        line(row, &|weights| weights[index]);
     }
-    text + &line("all", &|weights| weights.iter().sum())
+    line("all", &|weights| weights.iter().sum());
+    table.into_text()
 }
 
 #[cfg(test)]

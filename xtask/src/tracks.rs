@@ -1,5 +1,6 @@
 //! How good tracks are: runs `baliza track`, `bench garcia`, `bench barral` and `bench fusion`, and makes tables of it.
 
+use baliza_report::Table;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -58,14 +59,13 @@ pub fn recorded() -> Result<Option<Made>> {
     if folders.is_empty() {
         return Ok(None);
     }
-    let mut table = String::from("| RMSE (P90), m; inside 1σ; NEES |");
-    let columns = folders.iter().map(|folder| format!(" {} |", name(folder))).collect::<String>();
-    table += &format!("{columns}\n|---|{}\n", "---:|".repeat(folders.len()));
+    let titles = folders.iter().map(|folder| format!("{}:", name(folder)));
+    let mut table = Table::new(std::iter::once("RMSE (P90), m; inside 1σ; NEES".to_owned()).chain(titles));
     for (title, arguments, space) in ROWS {
-        let cells = folders.iter().map(|folder| Ok(format!(" {} |", cell(&score(folder, arguments, space)?))));
-        table += &format!("| {title} |{}\n", cells.collect::<Result<String>>()?);
+        let cells = folders.iter().map(|folder| Ok(cell(&score(folder, arguments, space)?)));
+        table.row(format_args!("{title} | {}", cells.collect::<Result<Vec<_>>>()?.join(" | ")));
     }
-    Ok(Made::one("tracks", table))
+    Ok(Made::one("tracks", table.into_text()))
 }
 
 /// One command on one recording.

@@ -1,5 +1,6 @@
 //! `baliza coverage`: what is heard where.
 
+use baliza_report::{mean, percentile};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -187,11 +188,11 @@ fn summary(source: &Source, fits: &[Fitted]) -> Summary {
     let count = heard.len().max(1) as f64;
     let mut errors: Vec<f64> = source.errors_m.clone().unwrap_or_default();
     errors.sort_by(f64::total_cmp);
-    let percentile = |share: f64| errors.get(((errors.len().max(1) - 1) as f64 * share).round() as usize).copied();
+    let percentile = |share: f64| (!errors.is_empty()).then(|| percentile(&errors, share));
     let beacons = source.map.beacons.iter().enumerate().map(|(index, beacon)| {
         let rssis: Vec<f64> =
             source.map.values(|rssis| rssis.get(index).copied().flatten()).into_iter().flatten().collect();
-        let mean = rssis.iter().sum::<f64>() / rssis.len() as f64;
+        let mean = mean(rssis.iter().copied());
         let fit = fits.iter().find(|fit| fit.beacon == *beacon && source.name == "simulated");
         Row {
             beacon: beacon.clone(),

@@ -1,7 +1,7 @@
 //! `baliza nlos`: what tells blocked ranges from direct ones, trained and scored.
 
+use baliza_report::Table;
 use std::collections::HashMap;
-use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use anyhow::Result;
@@ -276,14 +276,14 @@ fn mitigate(arguments: &Mitigation) -> Result<()> {
             .collect();
         return super::print_json(&rows);
     }
-    let mut text = String::from("| regressor | ranges | from | MAE as measured, m | as corrected, m | receptions |\n");
-    text += "|---|---|---|---:|---:|---:|\n";
+    let titles = ["regressor", "ranges", "from", "MAE as measured, m:", "as corrected, m:", "receptions:"];
+    let mut table = Table::new(titles);
     for outcome in &outcomes {
         let (regressor, ranges, whence) = (outcome.regressor.as_str(), ranges_of(outcome), outcome.whence.as_str());
         let (before, after, count) = (outcome.before_m, outcome.after_m, outcome.count);
-        let _ = writeln!(text, "| {regressor} | {ranges} | {whence} | {before:.3} | {after:.3} | {count} |");
+        table.row(format_args!("{regressor} | {ranges} | {whence} | {before:.3} | {after:.3} | {count}"));
     }
-    super::print(text.as_bytes())
+    super::print(table.into_text().as_bytes())
 }
 
 fn ranges_of(outcome: &mitigation::Outcome) -> &'static str {
@@ -308,17 +308,15 @@ fn recipes(names: &[String]) -> Result<Vec<&'static Recipe>, UserError> {
 /// The rows in Markdown, as docs/performance.md has them.
 fn table(rows: &[Row]) -> String {
     let sizes = rows.iter().any(|row| row.bytes.is_some());
-    let mut text = String::from("| classifier | features | AUC | accuracy | Brier | receptions |");
-    text += if sizes { " bytes |\n|---|---|---:|---:|---:|---:|---:|\n" } else { "\n|---|---|---:|---:|---:|---:|\n" };
+    let titles = ["classifier", "features", "AUC:", "accuracy:", "Brier:", "receptions:"];
+    let mut table = Table::new(titles.into_iter().chain(sizes.then_some("bytes:")));
     for row in rows {
         let figure = |figure: Option<f64>| figure.map_or_else(|| "-".to_owned(), |figure| format!("{figure:.3}"));
         let [auc, accuracy, brier] = [row.auc, row.accuracy, row.brier].map(figure);
         let features = row.features.replace('+', ", ");
-        let _ = write!(text, "| `{}` | {features} | {auc} | {accuracy} | {brier} | {} |", row.classifier, row.n);
-        if let Some(bytes) = row.bytes {
-            let _ = write!(text, " {bytes} |");
-        }
-        text.push('\n');
+        let bytes = row.bytes.map_or_else(String::new, |bytes| format!(" | {bytes}"));
+        let (classifier, n) = (&row.classifier, row.n);
+        table.row(format_args!("`{classifier}` | {features} | {auc} | {accuracy} | {brier} | {n}{bytes}"));
     }
-    text
+    table.into_text()
 }

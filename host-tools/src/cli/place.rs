@@ -1,5 +1,6 @@
 //! `baliza place`: where to put beacons or anchors.
 
+use baliza_report::percentile;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
@@ -234,10 +235,6 @@ fn lattice([least, greatest]: [[f64; 2]; 2], spacing_m: f64) -> Result<Vec<Beaco
 fn document(kind: Kind, errors: &[f64], found: &Found, chosen: &[&Beacon], candidates: usize) -> Document {
     let mut sorted = errors.to_vec();
     sorted.sort_by(f64::total_cmp);
-    let percentile = |share: f64| {
-        let at = ((sorted.len().max(1) - 1) as f64 * share).round() as usize;
-        sorted.get(at).copied().unwrap_or(f64::NAN)
-    };
     Document {
         kind: match kind {
             Kind::Beacons => "beacons",
@@ -247,9 +244,9 @@ fn document(kind: Kind, errors: &[f64], found: &Found, chosen: &[&Beacon], candi
         candidates,
         before_m: found.added_m.first().copied().unwrap_or(f64::NAN),
         error_mean_m: found.error_m,
-        error_p50_m: percentile(0.5),
-        error_p90_m: percentile(0.9),
-        error_worst_m: percentile(1.0),
+        error_p50_m: percentile(&sorted, 0.5),
+        error_p90_m: percentile(&sorted, 0.9),
+        error_worst_m: percentile(&sorted, 1.0),
         exchanged: found.exchanged,
         places: chosen
             .iter()

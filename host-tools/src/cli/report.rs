@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use anyhow::Result;
-use baliza_report::Statistics;
+use baliza_report::{Statistics, mean};
 use host_tools::files::output;
 use host_tools::files::positions;
 use host_tools::plot::{Dot, Picture, Track};
@@ -175,8 +175,7 @@ impl Consistency {
             .collect();
         let count = squares.len() as f64;
         let inside = squares.iter().filter(|square| **square <= 1.0).count() as f64;
-        (!squares.is_empty())
-            .then(|| Self { inside_1_sigma: inside / count, nees: squares.iter().sum::<f64>() / count })
+        (!squares.is_empty()).then(|| Self { inside_1_sigma: inside / count, nees: mean(squares.iter().copied()) })
     }
 }
 

@@ -4,6 +4,7 @@
 //! every beacon by regression on (1), robust against points in a shadow (Huber's weights), with a prior so wide that it matters for a
 //! handful of points alone. Beside it stands what a node learns that knows where it is, point by point in their order ([`OnlinePathLoss`]).
 
+use baliza_report::mean;
 use positioning_core::ble::path_loss::{OnlinePathLoss, PathLoss, Wall, attenuation};
 use positioning_core::ble::signal::rssi;
 
@@ -166,7 +167,7 @@ fn heard(
     let [x, y] = [0, 1].map(|axis: usize| stay.position_m[axis] - beacon.position_m[axis]);
     let distance_m = (x * x + y * y + up * up).sqrt().max(NEAREST_M);
     let taken = attenuation(walls, beacon.position_m, stay.position_m);
-    let mean = rssis.iter().sum::<f64>() / rssis.len() as f64;
+    let mean = mean(rssis.iter().copied());
     (!rssis.is_empty()).then_some(RssiAtDistance { distance_m, rssi_dbm: mean + taken, distance_sigma_m })
 }
 

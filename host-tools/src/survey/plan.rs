@@ -5,6 +5,7 @@
 //! others while that helps. The second seed asks for such a search before a deployment (future work 5).
 
 use crate::survey::coverage::bound::Information;
+use baliza_report::mean;
 
 /// What candidates would tell in every cell; `None`: the cell does not hear it.
 #[derive(Clone, Debug, Default)]
@@ -34,7 +35,8 @@ const GAIN: f64 = 1e-6;
 impl Problem {
     /// Chooses `count` candidates, or all where there are fewer; `step` is called for each mean error that is looked at.
     pub fn solve(&self, count: usize, step: impl Fn()) -> Found {
-        let mut found = Found { chosen: Vec::new(), added_m: Vec::new(), error_m: mean(&self.known), exchanged: 0 };
+        let mut found =
+            Found { chosen: Vec::new(), added_m: Vec::new(), error_m: mean_error_m(&self.known), exchanged: 0 };
         found.added_m.push(found.error_m);
         let mut sum = self.known.clone();
         while found.chosen.len() < count.min(self.candidates.len()) {
@@ -88,8 +90,8 @@ impl Problem {
     }
 }
 
-fn mean(known: &[Information]) -> f64 {
-    known.iter().map(|known| known.error_m()).sum::<f64>() / known.len() as f64
+fn mean_error_m(known: &[Information]) -> f64 {
+    mean(known.iter().map(|known| known.error_m()))
 }
 
 #[cfg(test)]

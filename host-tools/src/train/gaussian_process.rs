@@ -1,8 +1,10 @@
 //! Gaussian-process regression with the exponential kernel and one length an input (Barral et al., 3.1.1, equations 2
 //! to 4).
 
+use baliza_report::mean;
+
 use super::backpropagation::Example;
-use crate::train::cholesky::Root;
+use crate::train::regression::Regression;
 
 /// The kernel's numbers.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,30 +30,22 @@ impl Kernel {
 pub struct GaussianProcess {
     kernel: Kernel,
     points: Vec<Vec<f64>>,
-    /// (K + σ²I)⁻¹y.
-    weights: Vec<f64>,
+    regression: Regression,
     /// What is predicted far from every point.
     mean: f64,
-    /// Logarithm of the marginal likelihood, without its constant.
-    likelihood: f64,
 }
 
 impl GaussianProcess {
     /// The process with this kernel; `None` where its matrix has no root or there is no example.
     pub fn new(examples: &[Example], kernel: Kernel) -> Option<Self> {
-        let count = examples.len();
-        let mean = examples.iter().map(|(_, target)| target).sum::<f64>() / count as f64;
-        let row = |i: usize| -> Vec<f64> {
-            let noise = |j| if i == j { kernel.noise.powi(2) } else { 0.0 };
-            (0..count).map(|j| kernel.covariance(&examples[i].0, &examples[j].0) + noise(j)).collect()
-        };
-        let root = Root::of(&(0..count).map(row).collect())?;
+        let mean = mean(examples.iter().map(|(_, target)| *target));
         let targets: Vec<f64> = examples.iter().map(|(_, target)| target - mean).collect();
-        let z = root.half_solve(&targets);
-        let likelihood = -z.iter().map(|z| z * z).sum::<f64>() / 2.0 - root.half_ln_determinant();
-        let weights = root.other_half(z);
+        let regression = Regression::new(&targets, |i, j| {
+            let noise = if i == j { kernel.noise.powi(2) } else { 0.0 };
+            kernel.covariance(&examples[i].0, &examples[j].0) + noise
+        })?;
         let points = examples.iter().map(|(point, _)| point.clone()).collect();
-        likelihood.is_finite().then_some(Self { kernel, points, weights, mean, likelihood })
+        (!examples.is_empty()).then_some(Self { kernel, points, regression, mean })
     }
 
     /// The process whose kernel makes the examples likeliest: lengths and deviation from a grid, one length each where
@@ -67,13 +61,13 @@ impl GaussianProcess {
         let kernels =
             (0..kinds).flat_map(|kind| [0.05, 0.2, 0.8].map(|signal| Kernel { signal, lengths: lengths(kind), noise }));
         let processes = kernels.filter_map(|kernel| Self::new(examples, kernel));
-        processes.max_by(|a, b| a.likelihood.total_cmp(&b.likelihood))
+        processes.max_by(|a, b| a.regression.log_likelihood.total_cmp(&b.regression.log_likelihood))
     }
 
     /// The expected value at a point.
     pub fn predict(&self, point: &[f64]) -> f64 {
-        let pull = |(near, weight): (&Vec<f64>, &f64)| self.kernel.covariance(point, near) * weight;
-        self.mean + self.points.iter().zip(&self.weights).map(pull).sum::<f64>()
+        let near: Vec<f64> = self.points.iter().map(|near| self.kernel.covariance(point, near)).collect();
+        self.mean + self.regression.mean(&near)
     }
 }
 
@@ -94,7 +88,8 @@ mod tests {
             assert!((found - expected).abs() < 1e-6, "{point:?}: {found}");
         }
         // log_marginal_likelihood_value_ + 6 ln 2π.
-        assert!((process.likelihood - -5.869819731).abs() < 1e-6, "{}", process.likelihood);
+        let found = process.regression.log_likelihood;
+        assert!((found - -5.869819731).abs() < 1e-6, "{found}");
     }
 
     #[test]

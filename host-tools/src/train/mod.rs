@@ -5,7 +5,6 @@
 //! `positioning_core::nlos`, the same on the node.
 
 mod backpropagation;
-pub(crate) mod cholesky;
 mod chosen;
 mod conjugate_gradient;
 mod diagnostics;
@@ -14,6 +13,7 @@ mod gaussian_process;
 pub mod mitigation;
 mod platt;
 mod recipe;
+pub(crate) mod regression;
 mod samples;
 mod score;
 

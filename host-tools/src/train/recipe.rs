@@ -4,6 +4,7 @@
 //! a signal is, so that what is learnt in one flat means something in the next. One pair gets what Barral et al. took,
 //! range and received power, to show the difference.
 
+use baliza_report::mean;
 use positioning_core::nlos::{
     Feature, Features, Input, Inputs, Kind, Logistic, MAX_NEIGHBOURS, Model, Nearest, Neuron, Perceptron, Platt,
     PowerDifference, Quantised, Skewness,
@@ -206,7 +207,7 @@ fn centres(points: Vec<Vec<f64>>, seed: u64) -> Vec<Vec<f64>> {
         .filter_map(|cluster| {
             let own: Vec<&Vec<f64>> =
                 points.iter().zip(&members).filter(|(_, member)| **member == cluster).map(|(point, _)| point).collect();
-            let mean = |i: usize| own.iter().map(|point| point[i]).sum::<f64>() / own.len() as f64;
+            let mean = |i: usize| mean(own.iter().map(|point| point[i]));
             own.first().map(|point| (0..point.len()).map(mean).collect())
         })
         .collect()

@@ -12,7 +12,7 @@
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use crate::random::normal;
+use crate::normal;
 
 /// Places of the anchors, metres.
 pub const ANCHORS_M: [[f64; 3]; 5] =

@@ -1,6 +1,6 @@
 //! Our figures beside the tables', in Markdown.
 
-use std::fmt::Write as _;
+use baliza_report::Table;
 
 use super::{Algorithm, Configuration, Row};
 
@@ -32,22 +32,25 @@ impl Configuration {
 
 /// A row an algorithm and configuration.
 pub fn to_markdown(rows: &[Row]) -> String {
-    let mut text = String::from(
-        "| algorithm | blocked ranges | MAE, m | P90, m | as printed, measured | as printed, simulated |\n\
-         |---|---|---:|---:|---:|---:|\n",
-    );
+    let mut table = Table::new([
+        "algorithm",
+        "blocked ranges",
+        "MAE, m:",
+        "P90, m:",
+        "as printed, measured:",
+        "as printed, simulated:",
+    ]);
     for (score, _) in rows {
         let printed = |figure: Option<f64>| figure.map_or_else(String::new, |metres| format!("{metres:.3}"));
-        let _ = writeln!(
-            text,
-            "| {} | {} | {:.3} | {:.3} | {} | {} |",
+        table.row(format_args!(
+            "{} | {} | {:.3} | {:.3} | {} | {}",
             score.algorithm.as_str(),
             score.configuration.as_str(),
             score.mae_m,
             score.p90_m,
             printed(score.printed_measured_m),
             printed(score.printed_simulated_m)
-        );
+        ));
     }
-    text
+    table.into_text()
 }

@@ -54,7 +54,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
         let Self { nodes, settings, random, bank, .. } = self;
         let mut seen = heapless::Vec::<Seen<'_, T>, N>::new();
         seen.extend(nodes.iter().filter_map(|node| Seen::new(node, settings, width)));
-        let again = *random;
+        let again = random.clone();
         let (mut greatest, mut sum) = (T::of(-1e30), T::ZERO);
         for number in 0..PLACES {
             let draw = draw(&place(number), &seen, nodes, settings, random);

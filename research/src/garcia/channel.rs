@@ -7,9 +7,10 @@
 //! Arrivals of reflections are Poisson's with exponentially falling power (A. Saleh and R. Valenzuela, IEEE JSAC 5(2), 1987, a single
 //! cluster).
 
+use baliza_report::mean;
 use rand::Rng;
 
-use crate::random::normal;
+use crate::normal;
 
 /// Between two samples, nanoseconds.
 const SAMPLE_NS: f64 = 0.2;
@@ -123,9 +124,8 @@ fn reflections(random: &mut impl Rng) -> Vec<Path> {
 
 /// E[(c − µ)³] ⁄ E[(c − µ)²]^(3⁄2) (equation 2).
 fn skewness(window: &[f64]) -> f64 {
-    let count = window.len() as f64;
-    let mean = window.iter().sum::<f64>() / count;
-    let moment = |power| window.iter().map(|sample| (sample - mean).powi(power)).sum::<f64>() / count;
+    let middle = mean(window.iter().copied());
+    let moment = |power| mean(window.iter().map(|sample| (sample - middle).powi(power)));
     moment(3) / moment(2).powf(1.5)
 }
 

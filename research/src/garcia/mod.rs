@@ -10,6 +10,7 @@
 pub mod channel;
 mod table;
 
+use baliza_report::{mean, rms};
 use positioning_core::engine::{Dimensions, Engine, Measurement, Settings, Tdoa};
 use positioning_core::nlos::{Classifier, Feature, Features, Skewness};
 use positioning_core::{Area, Blocked, Motion, Noise, TdoaSample, hyperbolic};
@@ -134,7 +135,7 @@ pub fn run(rooms: usize, seed: u64) -> Outcome {
         f64::from(u8::from(blocked == reception.blocked))
     });
     let (told, all) = right.fold((0.0, 0.0), |(told, all), right| (told + right, all + 1.0));
-    let bare = errors_m.first().map_or(f64::NAN, |(_, errors)| rmse(errors.iter().flatten().copied()));
+    let bare = errors_m.first().map_or(f64::NAN, |(_, errors)| rms(errors.iter().flatten().copied()));
     let scores = errors_m.iter().map(|(way, errors)| Score::of(*way, errors, bare)).collect();
     Outcome { scores, threshold: detector.threshold().into(), detected: told / all, errors_m }
 }
@@ -146,7 +147,7 @@ fn places() -> impl Iterator<Item = [f64; 2]> {
 
 impl Score {
     fn of(way: Way, errors: &[[f64; 2]], bare: f64) -> Self {
-        let [x, y] = [0, 1].map(|axis| rmse(errors.iter().map(|error| error[axis])));
+        let [x, y] = [0, 1].map(|axis| rms(errors.iter().map(|error| error[axis])));
         let printed = way.printed_m();
         Self {
             way,
@@ -154,16 +155,11 @@ impl Score {
             rmse_x_m: x,
             rmse_y_m: y,
             rmse_m: x.hypot(y),
-            reduction: 1.0 - rmse(errors.iter().flatten().copied()) / bare,
+            reduction: 1.0 - rms(errors.iter().flatten().copied()) / bare,
             printed_x_m: printed.map(|[x, _]| x),
             printed_y_m: printed.map(|[_, y]| y),
         }
     }
-}
-
-fn rmse(errors: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = errors.fold((0.0, 0.0), |(sum, count), error| (sum + error * error, count + 1.0));
-    (sum / count).sqrt()
 }
 
 /// Learns the skewness of direct and of blocked receptions, each from responses that are used for nothing else.
@@ -175,7 +171,7 @@ fn learn(random: &mut impl Rng) -> Skewness {
                 link.receive(random, 0.0, blocked).skewness
             })
             .collect();
-        let mean = skewness.iter().sum::<f64>() / LEARNT as f64;
+        let mean = mean(skewness.iter().copied());
         let variance = skewness.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / LEARNT as f64;
         (mean, variance)
     };

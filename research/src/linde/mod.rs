@@ -11,7 +11,7 @@
 pub mod room;
 mod table;
 
-use baliza_report::Statistics;
+use baliza_report::{Statistics, mean};
 use positioning_core::ble::fingerprint::{Map, MapError, Nearest, Point, encode};
 use positioning_core::ble::multilateration::{self, Heard};
 use positioning_core::ble::path_loss::{PathLoss, Wall};
@@ -19,7 +19,7 @@ use positioning_core::{Area, Constraints, Method, RangeSample, Side};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use crate::random::normal;
+use crate::normal;
 use room::BEACONS_M;
 
 pub use table::{name, to_markdown};
@@ -154,7 +154,7 @@ pub fn blocked() -> f64 {
 /// RMSE and MAE of the mean of all receivers, metres: what a measurement must beat.
 pub fn unmeasured() -> [f64; 2] {
     let receivers = room::receivers();
-    let middle = [0, 1].map(|axis| receivers.iter().map(|at| at[axis]).sum::<f64>() / receivers.len() as f64);
+    let middle = [0, 1].map(|axis| mean(receivers.iter().map(|at| at[axis])));
     let errors: Vec<f64> = receivers.iter().map(|at| (at[0] - middle[0]).hypot(at[1] - middle[1])).collect();
     Statistics::of(&errors).map_or([f64::NAN; 2], |figures| [figures.rmse, figures.mae])
 }

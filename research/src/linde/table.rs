@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use baliza_report::Table;
+
 use super::{Algorithm, PRINTED_MOST_M, Parameter, ROWS, Scored, blocked, unmeasured};
 
 impl Algorithm {
@@ -33,24 +35,30 @@ pub fn name(parameter: Parameter, algorithm: Algorithm) -> String {
 
 /// A row a parameter, noise and algorithm.
 pub fn to_markdown(rows: &[Scored]) -> String {
-    let mut text = String::from(
-        "| parameter | noise | algorithm | RMSE, m | as printed | MAE, m | as printed | with a position |\n\
-         |---|---|---|---:|---:|---:|---:|---:|\n",
-    );
+    let mut table = Table::new([
+        "parameter",
+        "noise",
+        "algorithm",
+        "RMSE, m:",
+        "as printed:",
+        "MAE, m:",
+        "as printed:",
+        "with a position:",
+    ]);
     for ((score, _), (parameter, ..)) in rows.iter().zip(ROWS) {
         let [measured, noise] = parameter.words();
-        let _ = writeln!(
-            text,
-            "| {measured} | {noise} | {} | {} | {} | {} | {} | {:.0} % |",
+        table.row(format_args!(
+            "{measured} | {noise} | {} | {} | {} | {} | {} | {:.0} %",
             score.algorithm.as_str(),
             metres(score.rmse_m),
             printed(score.printed_rmse_m),
             metres(score.mae_m),
             printed(score.printed_mae_m),
             100.0 * score.answered,
-        );
+        ));
     }
     let [rmse, mae] = unmeasured();
+    let mut text = table.into_text();
     let _ = writeln!(
         text,
         "\n{:.1} % of the links are blocked. Who measures nothing and always answers the receivers' middle errs by {rmse:.2} m (RMSE) and \

@@ -4,6 +4,7 @@
 pub mod inspect;
 mod matrix;
 
+use baliza_report::Table;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -144,12 +145,12 @@ fn lint(image: &Image) -> Result<()> {
 }
 
 fn table(rows: &[Row<'_>]) -> String {
-    let mut text = "| image | target | flash | budget | RAM | budget | heap | stack left |\n".to_owned();
-    text += "|---|---|---:|---:|---:|---:|---:|---:|\n";
+    let titles = ["image", "target", "flash:", "budget:", "RAM:", "budget:", "heap:", "stack left:"];
+    let mut table = Table::new(titles);
     for row in rows {
         let Row { image, takes, .. } = row;
-        text += &format!(
-            "| {}{} | {} | {} | {} | {} | {} | {} | {} |\n",
+        table.row(format_args!(
+            "{}{} | {} | {} | {} | {} | {} | {} | {}",
             image.name(),
             if row.is_within() { "" } else { " **over**" },
             image.board.target().triple(),
@@ -159,9 +160,9 @@ fn table(rows: &[Row<'_>]) -> String {
             kib(image.budget.ram),
             kib(takes.heap),
             kib(Some(takes.stack)),
-        );
+        ));
     }
-    text
+    table.into_text()
 }
 
 fn flash_budget(budget: &Budget) -> String {

@@ -1,6 +1,7 @@
 //! What a node's code costs, instruction by instruction: the image `costs` on every kind of processor, the table `sim/src/costs.csv` that
 //! simulations charge by, and the same in the document.
 
+use baliza_report::Table;
 use std::fmt::Write as _;
 use std::fs;
 
@@ -56,22 +57,21 @@ const ROWS: [(&str, &str); 32] = [
 pub fn made() -> Result<Option<Made>> {
     let columns = Chip::SIMULATED.into_iter().map(measure).collect::<Result<Vec<_>>>()?;
     let mut table = String::from("what");
-    let mut document = String::from("| instructions |");
     for chip in Chip::SIMULATED {
         write!(table, ",{}", column(chip))?;
-        write!(document, " {} |", chip.title())?;
     }
-    write!(document, "\n|---|{}\n", "---:|".repeat(columns.len()))?;
+    let titles = Chip::SIMULATED.into_iter().map(|chip| format!("{}:", chip.title()));
+    let mut document = Table::new(std::iter::once("instructions".to_owned()).chain(titles));
     for (name, title) in ROWS {
         write!(table, "\n{name}")?;
-        write!(document, "| {title} |")?;
+        let mut cells = Vec::new();
         for costs in &columns {
             let (_, instructions) =
                 costs.iter().find(|(what, _)| what == name).with_context(|| format!("no {name} was measured"))?;
             write!(table, ",{instructions}")?;
-            write!(document, " {} |", grouped(u64::from(*instructions)))?;
+            cells.push(grouped(u64::from(*instructions)));
         }
-        document.push('\n');
+        document.row(format_args!("{title} | {}", cells.join(" | ")));
     }
     table.push('\n');
     for costs in &columns {
@@ -79,7 +79,7 @@ pub fn made() -> Result<Option<Made>> {
     }
     let file = root().join(FILE);
     fs::write(&file, table).with_context(|| format!("cannot write {}", file.display()))?;
-    Ok(Made::one("costs", document))
+    Ok(Made::one("costs", document.into_text()))
 }
 
 /// Builds and runs the image.

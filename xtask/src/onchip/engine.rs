@@ -1,6 +1,7 @@
 //! The engine's steps on the chip: compared with the desktop's, and their table.
 
 use anyhow::{Result, ensure};
+use baliza_report::Table;
 use onchip_bench::walk::{ANCHORS, Step, WARM_UP, walk};
 
 use super::Measured;
@@ -54,11 +55,9 @@ pub fn worst(steps: &[EngineStep], what: &str, dims: usize, anchors: u16) -> (u6
 
 /// The table of one chip.
 pub fn table(measured: &Measured) -> String {
-    let links = ANCHORS.map(|anchors| format!("instructions, {anchors} links")).join(" | ");
-    let stacks = ANCHORS.map(|anchors| format!("stack, {anchors}")).join(" | ");
-    let mut table = format!("### {}\n\n| step | {links} | {stacks} |\n|---|", measured.chip.title());
-    table += &"---:|".repeat(2 * ANCHORS.len());
-    table.push('\n');
+    let links = ANCHORS.map(|anchors| format!("instructions, {anchors} links:"));
+    let stacks = ANCHORS.map(|anchors| format!("stack, {anchors}:"));
+    let mut table = Table::new(std::iter::once("step".to_owned()).chain(links).chain(stacks));
     for (what, title) in [
         ("range", "a range"),
         ("round-end", "the end of a round"),
@@ -68,9 +67,8 @@ pub fn table(measured: &Measured) -> String {
             let costs = ANCHORS.map(|anchors| worst(&measured.engine.engine, what, dims, anchors));
             let instructions = costs.map(|(instructions, _)| grouped(instructions)).join(" | ");
             let stack = costs.map(|(_, stack)| grouped(stack)).join(" | ");
-            table += &format!("| {title}, {dims}D | {instructions} | {stack} |\n");
+            table.row(format_args!("{title}, {dims}D | {instructions} | {stack}"));
         }
     }
-    table.push('\n');
-    table
+    format!("### {}\n\n{}\n", measured.chip.title(), table.into_text())
 }

@@ -1,8 +1,7 @@
 //! The tables of `docs/performance.md`, in Markdown.
 
-use std::fmt::Write;
-
 use anyhow::{Context, Result, ensure};
+use baliza_report::Table;
 use onchip_bench::cases::ANCHORS;
 use onchip_bench::{cases, step};
 use positioning_core::Method;
@@ -14,7 +13,7 @@ use crate::chip::Chip;
 
 /// Every method with every number of anchors.
 pub fn costs(measured: &Measured) -> String {
-    let mut table = format!(
+    let mut text = format!(
         "### {}\n\n{}, {}. Chip and desktop differ by {} mm at most.\n\n",
         measured.chip.title(),
         measured.chip.target().triple(),
@@ -22,86 +21,84 @@ pub fn costs(measured: &Measured) -> String {
         measured.disagreement_m * 1.0e3
     );
     for dims in [2, 3] {
-        let instructions = ANCHORS.map(|anchors| format!("instructions, {anchors} anchors")).join(" | ");
-        let stack = ANCHORS.map(|anchors| format!("stack, {anchors}")).join(" | ");
-        table += &format!("| method, {dims}D | {instructions} | {stack} | code, bytes |\n");
-        table += &format!("|---|{}\n", "---:|".repeat(2 * ANCHORS.len() + 1));
+        let instructions = ANCHORS.map(|anchors| format!("instructions, {anchors} anchors:"));
+        let stack = ANCHORS.map(|anchors| format!("stack, {anchors}:"));
+        let (first, last) = ([format!("method, {dims}D")], ["code, bytes:".to_owned()]);
+        let mut table = Table::new(first.into_iter().chain(instructions).chain(stack).chain(last));
         for method in Method::ALL {
             let worst = ANCHORS.map(|anchors| measured.solvers.worst(method, dims, anchors));
             let instructions = worst.map(|(instructions, _)| grouped(u64::from(instructions))).join(" | ");
             let stack = worst.map(|(_, stack)| grouped(stack as u64)).join(" | ");
             let code = measured.sizes.of(method, dims).map_or_else(String::new, grouped);
-            table += &format!("| `{method}` | {instructions} | {stack} | {code} |\n");
+            table.row(format_args!("`{method}` | {instructions} | {stack} | {code}"));
         }
         let all = grouped(measured.sizes.of_all(dims));
-        table += &format!("| all together | {}{all} |\n\n", "| ".repeat(2 * ANCHORS.len()));
+        table.row(format_args!("all together | {}{all}", "| ".repeat(2 * ANCHORS.len())));
+        text += &table.into_text();
+        text.push('\n');
     }
-    table
+    text
 }
 
 /// The budgets beside what was measured, and whether all are kept.
 pub fn budgets(measured: &[Measured]) -> Result<(String, bool)> {
     let chip = measured.iter().find(|measured| measured.chip == Chip::CortexM4F).context("no Cortex-M4F")?;
-    let mut table = String::from("| what, Cortex-M4F | measured | budget | |\n|---|---:|---:|---|\n");
+    let mut table = Table::new(["what, Cortex-M4F", "measured:", "budget:", ""]);
     let mut within = true;
     let mut row = |what: String, figure: u64, budget: u64| {
         let verdict = if figure <= budget { "within" } else { "OVER" };
         within &= figure <= budget;
-        writeln!(table, "| {what} | {} | {} | {verdict} |", grouped(figure), grouped(budget))
+        table.row(format_args!("{what} | {} | {} | {verdict}", grouped(figure), grouped(budget)));
     };
     for budget in &CALLS {
         let case = format!("`{}`, {} anchors, {}D", budget.method, budget.anchors, budget.dims);
         let (instructions, stack) = chip.solvers.worst(budget.method, budget.dims, budget.anchors);
-        row(format!("{case}: instructions"), u64::from(instructions), u64::from(budget.instructions))?;
-        row(format!("{case}: bytes of stack"), stack as u64, budget.stack as u64)?;
+        row(format!("{case}: instructions"), u64::from(instructions), u64::from(budget.instructions));
+        row(format!("{case}: bytes of stack"), stack as u64, budget.stack as u64);
     }
     let features = chip.sight.sights.iter().find(|sight| sight.what == "features").context("no features")?;
     row(
         "features of an impulse response of 152 samples: instructions".to_owned(),
         features.instructions.into(),
         FEATURES,
-    )?;
+    );
     for (what, title, budget) in BEACONS {
         let call = chip.beacons.beacons.iter().find(|call| call.what == what).with_context(|| format!("no {what}"))?;
-        row(format!("{title}: instructions"), call.instructions.into(), budget)?;
+        row(format!("{title}: instructions"), call.instructions.into(), budget);
     }
     let (instructions, stack) = engine::worst(&chip.engine.engine, "range", 2, engine::BUDGET_ANCHORS);
     let case = format!("engine, a range, {} links followed", engine::BUDGET_ANCHORS);
-    row(format!("{case}: instructions"), instructions, engine::STEP_INSTRUCTIONS)?;
-    row(format!("{case}: bytes of stack"), stack, engine::STEP_STACK)?;
-    row("all methods in 2D: bytes of code".to_owned(), chip.sizes.of_all(2), ALL_METHODS_2D)?;
-    Ok((table, within))
+    row(format!("{case}: instructions"), instructions, engine::STEP_INSTRUCTIONS);
+    row(format!("{case}: bytes of stack"), stack, engine::STEP_STACK);
+    row("all methods in 2D: bytes of code".to_owned(), chip.sizes.of_all(2), ALL_METHODS_2D);
+    Ok((table.into_text(), within))
 }
 
 /// Square roots and the step of weighted least squares, library by library.
 pub fn algebra(measured: &Measured) -> Result<String> {
     let printed = &measured.algebra;
-    let mut table = format!(
-        "### {}\n\n| square root | instructions, worst | error, worst |\n|---|---:|---:|\n",
-        measured.chip.title()
-    );
+    let mut roots = Table::new(["square root", "instructions, worst:", "error, worst:"]);
     for library in ["core", "libm", "micromath"] {
-        let roots: Vec<_> = printed.roots.iter().filter(|root| root.library == library).collect();
-        let instructions = roots.iter().map(|root| root.instructions).max().context("no square root")?;
-        let error = roots.iter().map(|root| (root.root / root.argument.sqrt() - 1.0).abs()).fold(0.0, f32::max);
-        table += &format!("| {} | {instructions} | {:.2} % |\n", title(library), error * 100.0);
+        let of_it: Vec<_> = printed.roots.iter().filter(|root| root.library == library).collect();
+        let instructions = of_it.iter().map(|root| root.instructions).max().context("no square root")?;
+        let error = of_it.iter().map(|root| (root.root / root.argument.sqrt() - 1.0).abs()).fold(0.0, f32::max);
+        roots.row(format_args!("{} | {instructions} | {:.2} %", title(library), error * 100.0));
     }
     let epoch = cases::Epoch::<2>::new(step::ANCHORS, 0);
     let exact = step::by_hand(epoch.samples(), &step::weights(), step::START, f32::sqrt);
-    table += "\n| weighted step | square root | instructions | stack, bytes | off by |\n|---|---|---:|---:|---:|\n";
+    let mut steps = Table::new(["weighted step", "square root", "instructions:", "stack, bytes:", "off by:"]);
     for step in &printed.steps {
         let [x, y] = [step.position[0] - exact[0], step.position[1] - exact[1]];
-        table += &format!(
-            "| {} | {} | {} | {} | {:.3} m |\n",
+        steps.row(format_args!(
+            "{} | {} | {} | {} | {:.3} m",
             step.variant,
             title(&step.library),
             grouped(u64::from(step.instructions)),
             grouped(step.stack as u64),
             x.hypot(y)
-        );
+        ));
     }
-    table.push('\n');
-    Ok(table)
+    Ok(format!("### {}\n\n{}\n{}\n", measured.chip.title(), roots.into_text(), steps.into_text()))
 }
 
 /// Native mode frame by frame: the machines' steps, and what the driver's sending or receiving of the frame takes on the bus.
@@ -110,10 +107,8 @@ pub fn frames(measured: &Measured) -> Result<String> {
     // The image's tag is ten metres from each of four anchors.
     let near = printed.ranges.iter().filter(|metres| (*metres - 10.0).abs() < 0.02).count();
     ensure!(near == 4, "the exchange's ranges are {:?}", printed.ranges);
-    let mut table = format!(
-        "### {}\n\n| step | frame, bytes | instructions | stack | SPI transactions | SPI bytes |\n|---|---:|---:|---:|---:|---:|\n",
-        measured.chip.title()
-    );
+    let titles = ["step", "frame, bytes:", "instructions:", "stack:", "SPI transactions:", "SPI bytes:"];
+    let mut table = Table::new(titles);
     // Transactions and bytes beside the frame's: `ranging::dw1000`, held by its test `costs_are_those_of_the_table`.
     for (name, title, (transactions, beside)) in [
         ("poll", "tag makes the poll; sent at its instant", (5, 13)),
@@ -124,15 +119,14 @@ pub fn frames(measured: &Measured) -> Result<String> {
         let length = frames().map(|frame| frame.length).max().with_context(|| format!("no {name}"))?;
         let instructions = frames().map(|frame| frame.instructions).max().unwrap_or_default();
         let stack = frames().map(|frame| frame.stack).max().unwrap_or_default();
-        table += &format!(
-            "| {title} | {length} | {} | {} | {transactions} | {} |\n",
+        table.row(format_args!(
+            "{title} | {length} | {} | {} | {transactions} | {}",
             grouped(u64::from(instructions)),
             grouped(stack as u64),
             length + beside
-        );
+        ));
     }
-    table.push('\n');
-    Ok(table)
+    Ok(format!("### {}\n\n{}\n", measured.chip.title(), table.into_text()))
 }
 
 /// The features of an impulse response and every classifier, chip by chip.
@@ -175,20 +169,17 @@ pub fn beacons(measured: &[Measured]) -> Result<String> {
 
 /// Calls whose answer is a number, chip by chip.
 fn calls(measured: &[Measured], of: impl Fn(&Measured) -> &[Call], title: impl Fn(&str) -> String) -> Result<String> {
-    let mut table = String::from("| what |");
-    for chip in measured {
-        table += &format!(" {}: instructions | stack, bytes |", chip.chip.title());
-    }
-    table += &format!("\n|---|{}\n", "---:|".repeat(2 * measured.len()));
+    let titles =
+        measured.iter().flat_map(|of| [format!("{}: instructions:", of.chip.title()), "stack, bytes:".to_owned()]);
+    let mut table = Table::new(std::iter::once("what".to_owned()).chain(titles));
     for (at, row) in measured.first().map_or(&[][..], &of).iter().enumerate() {
-        table += &format!("| {} |", title(&row.what));
-        for chip in measured {
+        let cells = measured.iter().map(|chip| {
             let cell = of(chip).get(at).context("a chip left something out")?;
-            table += &format!(" {} | {} |", grouped(u64::from(cell.instructions)), grouped(cell.stack as u64));
-        }
-        table.push('\n');
+            Ok(format!("{} | {}", grouped(u64::from(cell.instructions)), grouped(cell.stack as u64)))
+        });
+        table.row(format_args!("{} | {}", title(&row.what), cells.collect::<Result<Vec<_>>>()?.join(" | ")));
     }
-    Ok(table)
+    Ok(table.into_text())
 }
 
 fn title(library: &str) -> &str {

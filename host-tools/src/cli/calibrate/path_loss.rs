@@ -1,6 +1,6 @@
 //! `baliza calibrate path-loss`: RSSI at one metre and path loss exponent of every beacon.
 
-use std::fmt::Write as _;
+use baliza_report::Table;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
@@ -160,9 +160,8 @@ fn points(arguments: &Arguments) -> Result<(Vec<Placed>, &Path), UserError> {
 
 /// The rows in Markdown; below each what was learnt on line, where that is asked for.
 fn table(rows: &[Row], on_line: bool) -> String {
-    let mut text = String::from(
-        "| beacon | points | level at 1 m, dBm | path loss exponent | deviation, dB |\n|---|---:|---:|---:|---:|\n",
-    );
+    let titles = ["beacon", "points:", "level at 1 m, dBm:", "path loss exponent:", "deviation, dB:"];
+    let mut table = Table::new(titles);
     for row in rows {
         let figure = |value: Option<f64>, sigma: Option<f64>| match (value, sigma) {
             (Some(value), Some(sigma)) => format!("{value:.2} ± {sigma:.2}"),
@@ -172,13 +171,13 @@ fn table(rows: &[Row], on_line: bool) -> String {
         let rssi = figure(row.rssi_1m_dbm, row.rssi_1m_sigma_db);
         let exponent = figure(row.path_loss_exponent, row.path_loss_exponent_sigma);
         let deviation = figure(row.deviation_db, None);
-        let _ = writeln!(text, "| {} | {} | {rssi} | {exponent} | {deviation} |", row.beacon, row.points);
+        table.row(format_args!("{} | {} | {rssi} | {exponent} | {deviation}", row.beacon, row.points));
         if on_line {
             let rssi = figure(row.online_rssi_1m_dbm, row.online_rssi_1m_sigma_db);
             let exponent = figure(row.online_path_loss_exponent, row.online_path_loss_exponent_sigma);
             let deviation = figure(row.online_deviation_db, None);
-            let _ = writeln!(text, "| {}, on line | {} | {rssi} | {exponent} | {deviation} |", row.beacon, row.points);
+            table.row(format_args!("{}, on line | {} | {rssi} | {exponent} | {deviation}", row.beacon, row.points));
         }
     }
-    text
+    table.into_text()
 }

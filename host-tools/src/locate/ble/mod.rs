@@ -6,6 +6,7 @@
 
 mod follow;
 
+use baliza_report::mean;
 use positioning_core::ble::beacon_monitor::HealthChange;
 use positioning_core::ble::multilateration::{Heard, nonlinear, weighted_linear};
 use positioning_core::ble::path_loss::{PathLoss, Wall};
@@ -222,7 +223,7 @@ pub fn means(beacons: &[Beacon], samples: &[Sample]) -> Vec<Option<f32>> {
     let mean = |beacon: &Beacon| {
         let of_it = samples.iter().filter(|sample| sample.beacon == beacon.name);
         let rssis: Vec<f64> = of_it.filter_map(|sample| rssi(sample.rssi_dbm).ok()).collect();
-        (!rssis.is_empty()).then(|| (rssis.iter().sum::<f64>() / rssis.len() as f64) as f32)
+        (!rssis.is_empty()).then(|| mean(rssis.iter().copied()) as f32)
     };
     beacons.iter().map(mean).collect()
 }

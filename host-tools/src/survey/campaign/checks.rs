@@ -2,6 +2,7 @@
 //!
 //! Bounds are such that of 74 stays recorded in a flat (10 and 5 s, phone in hand) three are refused.
 
+use baliza_report::mean;
 use std::fmt;
 
 use super::dwell::Dwell;
@@ -91,7 +92,7 @@ pub fn biases(stay: &Dwell) -> Vec<Bias> {
     let mut shifts = Vec::new();
     for (beacon, adverts) in beacons.iter().filter(|(_, adverts)| adverts.len() >= LEAST_JUDGED) {
         let beacon = || (*beacon).to_owned();
-        let mean = adverts.iter().map(|(_, rssi)| rssi).sum::<f64>() / adverts.len() as f64;
+        let mean = mean(adverts.iter().map(|(_, rssi)| *rssi));
         if let Some((from_s, for_s)) = silence(adverts, stay.length_s).filter(|_| mean >= STEADY_DBM) {
             biases.push(Bias::Silent { beacon: beacon(), from_s, for_s });
         }
@@ -128,8 +129,8 @@ fn silence(adverts: &[(f64, f64)], length_s: f64) -> Option<(f64, f64)> {
 /// By how much the mean RSSI of the second half is higher, dB; `None` where a half has too few.
 fn shift(adverts: &[(f64, f64)], middle_s: f64) -> Option<f64> {
     let (early, late) = adverts.split_at(adverts.partition_point(|(t_s, _)| *t_s < middle_s));
-    let mean = |half: &[(f64, f64)]| half.iter().map(|(_, rssi)| rssi).sum::<f64>() / half.len() as f64;
-    (early.len().min(late.len()) >= LEAST_JUDGED / 2).then(|| mean(late) - mean(early))
+    let rssi = |half: &[(f64, f64)]| mean(half.iter().map(|(_, rssi)| *rssi));
+    (early.len().min(late.len()) >= LEAST_JUDGED / 2).then(|| rssi(late) - rssi(early))
 }
 
 /// The slope of the straight line through the RSSI values, dB a second.

@@ -1,5 +1,6 @@
 //! What is heard at a point, from the first message there until the stay is long enough, in the node's own time.
 
+use baliza_report::mean;
 use std::collections::BTreeMap;
 
 use positioning_core::ble::signal::rssi;
@@ -67,7 +68,7 @@ impl Dwell {
     pub fn status(&self) -> String {
         let mut text = format!("{:.0} of {:.0} s", self.now_s.min(self.length_s), self.length_s);
         for (beacon, adverts) in self.by_beacon() {
-            let mean = adverts.iter().map(|(_, rssi)| rssi).sum::<f64>() / adverts.len() as f64;
+            let mean = mean(adverts.iter().map(|(_, rssi)| *rssi));
             text += &format!(", {beacon}: {} at {mean:.0} dBm", adverts.len());
         }
         text

@@ -1,5 +1,6 @@
 //! RSSI values over a grid: interpolated between fingerprints, or simulated from beacons and walls.
 
+use baliza_report::{mean, rms};
 use positioning_core::ble::path_loss::{PathLoss, Wall};
 
 use super::bound::{Information, Noise, Station};
@@ -130,11 +131,10 @@ pub fn fitted(beacons: &[Beacon], walls: &[Wall<f64>], stays: &[Dwell]) -> Vec<F
             .iter()
             .filter_map(|(at, rssis)| Some(station.rssi(*at, walls) - f64::from((*rssis.get(index)?)?)))
             .collect();
-        let count = errors.len() as f64;
         (!errors.is_empty()).then(|| Fitted {
             beacon: beacon.name.clone(),
-            bias_db: errors.iter().sum::<f64>() / count,
-            rms_db: (errors.iter().map(|error| error * error).sum::<f64>() / count).sqrt(),
+            bias_db: mean(errors.iter().copied()),
+            rms_db: rms(errors.iter().copied()),
             points: errors.len(),
         })
     };

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 use super::survey::Survey;
 use super::trend::Trend;
-use crate::train::cholesky::Root;
+use crate::train::regression::Regression;
 
 /// The side of a cell, metres, and how many there may be before they grow: the work is cubic in them.
 const CELL_M: f64 = 0.3;
@@ -59,9 +59,8 @@ struct Cell {
 struct Field {
     /// The cells that heard it.
     places_m: Vec<[f64; 2]>,
-    root: Root,
-    /// (K + noise)⁻¹ (RSSI values − trend).
-    weights: Vec<f64>,
+    /// Of RSSI values less the trend.
+    rssis: Regression,
 }
 
 /// The processes of all beacons.
@@ -113,12 +112,10 @@ impl Process {
     pub fn predict(&self, beacon: usize, at_m: [f64; 2]) -> (f64, f64) {
         let (field, trend) = (&self.fields[beacon], &self.trends[beacon]);
         let near: Vec<f64> = field.places_m.iter().map(|place_m| self.kernel.at(apart(*place_m, at_m))).collect();
-        let rssi = near.iter().zip(&field.weights).map(|(near, weight)| near * weight).sum::<f64>();
-        let known: f64 = field.root.half_solve(&near).iter().map(|z| z * z).sum();
-        let variance = (self.kernel.at(0.0) - known).max(0.0)
+        let variance = (self.kernel.at(0.0) - field.rssis.explained(&near)).max(0.0)
             + VISITS * self.kernel.noise_db.powi(2)
             + self.scatter_db[beacon].powi(2);
-        (trend.at(at_m) + rssi, variance.sqrt())
+        (trend.at(at_m) + field.rssis.mean(&near), variance.sqrt())
     }
 }
 
@@ -146,19 +143,12 @@ impl Beacon {
 
     /// The field with this kernel, and the negative logarithm of its likelihood without the constant.
     fn field(&self, kernel: &Kernel) -> Option<(Field, f64)> {
-        let mut matrix: Vec<Vec<f64>> =
-            self.apart_m.iter().map(|row| row.iter().map(|apart_m| kernel.at(*apart_m)).collect()).collect();
-        for (at, variance) in self.variances.iter().enumerate() {
-            matrix[at][at] += kernel.noise_db.powi(2) + variance;
-        }
-        if matrix.is_empty() {
-            return Some((Field { places_m: Vec::new(), root: Root::default(), weights: Vec::new() }, 0.0));
-        }
-        let root = Root::of(&matrix)?;
-        let z = root.half_solve(&self.residuals);
-        let cost = z.iter().map(|z| z * z).sum::<f64>() / 2.0 + root.half_ln_determinant();
-        let weights = root.other_half(z);
-        Some((Field { places_m: self.places_m.clone(), root, weights }, cost))
+        let rssis = Regression::new(&self.residuals, |i, j| {
+            let noise = if i == j { kernel.noise_db.powi(2) + self.variances[i] } else { 0.0 };
+            kernel.at(self.apart_m[i][j]) + noise
+        })?;
+        let cost = -rssis.log_likelihood;
+        Some((Field { places_m: self.places_m.clone(), rssis }, cost))
     }
 }
 

@@ -1,5 +1,6 @@
 //! A survey: what the RSSI values were at known points, one number a beacon.
 
+use baliza_report::{mean, percentile};
 use std::collections::BTreeSet;
 
 use positioning_core::ble::fingerprint::{MAX_BEACONS, MapError, Point, encode};
@@ -25,22 +26,16 @@ pub enum Average {
 impl Average {
     /// The average of RSSI values, dBm; `None` of none.
     pub fn of(self, levels_dbm: &[f64]) -> Option<f64> {
-        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         if levels_dbm.is_empty() {
             return None;
         }
         Some(match self {
-            Self::Power => dbm(mean(&levels_dbm.iter().map(|rssi| milliwatts(*rssi)).collect::<Vec<_>>())),
+            Self::Power => dbm(mean(levels_dbm.iter().map(|rssi| milliwatts(*rssi)))),
             Self::Trimmed => {
                 let mut sorted = levels_dbm.to_vec();
                 sorted.sort_by(f64::total_cmp);
-                let percentile = |share: f64| {
-                    let at = share * (sorted.len() - 1) as f64;
-                    let (below, above) = (sorted[at.floor() as usize], sorted[at.ceil() as usize]);
-                    below + at.fract() * (above - below)
-                };
-                let (low, high) = (percentile(0.1), percentile(0.9));
-                mean(&sorted.iter().copied().filter(|rssi| (low..=high).contains(rssi)).collect::<Vec<_>>())
+                let (low, high) = (percentile(&sorted, 0.1), percentile(&sorted, 0.9));
+                mean(sorted.into_iter().filter(|rssi| (low..=high).contains(rssi)))
             }
         })
     }

@@ -1,5 +1,6 @@
 //! What RSSI values are about before any is measured nearby: their mean, or path loss through walls (1), (2).
 
+use baliza_report::mean;
 use positioning_core::ble::path_loss::{PathLoss, Wall, attenuation};
 
 use super::process::apart;
@@ -68,7 +69,7 @@ impl Trend {
         let fallbacks = survey.fallbacks();
         let mean = |(beacon, fallback): (usize, f64)| {
             let rssis: Vec<f64> = survey.spots.iter().filter_map(|spot| spot.rssis[beacon]).collect();
-            Self::Level(if rssis.is_empty() { fallback } else { rssis.iter().sum::<f64>() / rssis.len() as f64 })
+            Self::Level(if rssis.is_empty() { fallback } else { mean(rssis.iter().copied()) })
         };
         fallbacks.into_iter().enumerate().map(mean).collect()
     }

@@ -1,5 +1,6 @@
 //! A capture as a tag hears it: window by window, smoothed (sections 3.4 and 3.4.1.2).
 
+use baliza_report::mean;
 use positioning_core::ble::signal::{Kalman, Smoothing, rssi};
 
 use super::survey::{Average, dbm, milliwatts};
@@ -42,7 +43,7 @@ pub fn windows(beacons: &[String], capture: &Capture, window_s: f64, average: Av
             let inside: Vec<f64> =
                 way[..until].iter().filter(|(t_s, _)| *t_s >= begin_s).map(|(_, rssi)| *rssi).collect();
             let kept = way[..until].last().filter(|(t_s, _)| begin_s - t_s < KEPT * window_s).map(|(_, rssi)| *rssi);
-            let mean = inside.iter().sum::<f64>() / inside.len() as f64;
+            let mean = mean(inside.iter().copied());
             if inside.is_empty() { kept } else { Some(mean) }.map(|rssi| match average {
                 Average::Power => dbm(rssi),
                 Average::Trimmed => rssi,

@@ -1,5 +1,6 @@
 //! What a survey says of its points: each beacon's RSSI and deviation, and the scans of short windows.
 
+use baliza_report::{mean, rms};
 use std::path::Path;
 
 use positioning_core::ble::rooms::{MAX_BEACONS, MAX_ROOMS};
@@ -127,9 +128,8 @@ fn heard(samples: &[Sample], beacons: &[String]) -> Vec<Option<MeanRssi>> {
     let deviation_db = |beacon: &String| {
         let of_it = samples.iter().filter(|sample| sample.beacon == *beacon);
         let rssis: Vec<f64> = of_it.filter_map(|sample| rssi(sample.rssi_dbm).ok()).collect();
-        let count = rssis.len() as f64;
-        let middle = rssis.iter().sum::<f64>() / count;
-        (rssis.iter().map(|rssi| (rssi - middle).powi(2)).sum::<f64>() / count).sqrt()
+        let middle = mean(rssis.iter().copied());
+        rms(rssis.iter().map(|rssi| rssi - middle))
     };
     let heard = |(mean, beacon): (Option<f64>, &String)| {
         mean.map(|mean_dbm| MeanRssi { mean_dbm, deviation_db: deviation_db(beacon) })

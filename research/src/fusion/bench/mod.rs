@@ -7,7 +7,7 @@
 mod table;
 pub mod world;
 
-use baliza_report::Statistics;
+use baliza_report::{Statistics, mean};
 use positioning_core::Area;
 use positioning_core::ble::beacon_monitor::{BeaconMonitor, Level, Site};
 use positioning_core::ble::multilateration;
@@ -202,7 +202,7 @@ fn score(algorithm: Algorithm, heard: Heard, conditions: &Conditions, walks: &[V
         mae_m: figures.map(|figures| figures.mae),
         p90_m: figures.map(|figures| figures.p90),
         answered: answers / f64::from(rounds_counted.max(1)),
-        nees: figures.map(|_| squares.iter().sum::<f64>() / answers),
+        nees: figures.map(|_| mean(squares.iter().copied())),
         inside_1_sigma: figures.map(|_| squares.iter().filter(|square| **square < 1.0).count() as f64 / answers),
     };
     (score, errors)

@@ -1,6 +1,6 @@
 //! The figures in Markdown.
 
-use std::fmt::Write as _;
+use baliza_report::Table;
 
 use super::{Algorithm, Heard, Scored, Swept};
 
@@ -39,10 +39,17 @@ fn consistency(inside_1_sigma: Option<f64>, nees: Option<f64>) -> String {
 
 /// A row an algorithm and what it hears.
 pub fn to_markdown(scores: &[Scored]) -> String {
-    let mut text = String::from(
-        "| algorithm | heard | RMSE, m | MAE, m | P90, m | rounds with a position | inside 1σ | NEES | both against the better one |\n\
-         |---|---|---:|---:|---:|---:|---:|---:|---:|\n",
-    );
+    let mut table = Table::new([
+        "algorithm",
+        "heard",
+        "RMSE, m:",
+        "MAE, m:",
+        "P90, m:",
+        "rounds with a position:",
+        "inside 1σ:",
+        "NEES:",
+        "both against the better one:",
+    ]);
     for (score, _) in scores {
         let of = |heard| {
             let one = scores.iter().find(|(other, _)| other.algorithm == score.algorithm && other.heard == heard);
@@ -52,9 +59,8 @@ pub fn to_markdown(scores: &[Scored]) -> String {
             (Heard::Both, Some(both)) => format!("{:+.0} %", 100.0 * (both / of(Heard::Uwb).min(of(Heard::Ble)) - 1.0)),
             (Heard::Both, None) | (Heard::Uwb | Heard::Ble, _) => String::new(),
         };
-        let _ = writeln!(
-            text,
-            "| {} | {} | {} | {} | {} | {:.0} % | {} | {against} |",
+        table.row(format_args!(
+            "{} | {} | {} | {} | {} | {:.0} % | {} | {against}",
             score.algorithm.as_str(),
             score.heard.as_str(),
             metres(score.rmse_m),
@@ -62,31 +68,38 @@ pub fn to_markdown(scores: &[Scored]) -> String {
             metres(score.p90_m),
             100.0 * score.answered,
             consistency(score.inside_1_sigma, score.nees),
-        );
+        ));
     }
-    text
+    table.into_text()
 }
 
 /// A row a set of conditions.
 pub fn sweep_to_markdown(rows: &[Swept]) -> String {
-    let mut text = String::from(
-        "| anchors | blocked, mean excess | σ of a range, m | beacons | UWB, m | BLE, m | both, m | inside 1σ | NEES | both against the better one |\n\
-         |---:|---|---:|---:|---:|---:|---:|---:|---:|---:|\n",
-    );
+    let mut table = Table::new([
+        "anchors:",
+        "blocked, mean excess",
+        "σ of a range, m:",
+        "beacons:",
+        "UWB, m:",
+        "BLE, m:",
+        "both, m:",
+        "inside 1σ:",
+        "NEES:",
+        "both against the better one:",
+    ]);
     for row in rows {
         let blocked = if row.blocked == 0 { "none".to_owned() } else { format!("{}, {} m", row.blocked, row.excess_m) };
         let [uwb, ble, both] = row.rmse_m.map(metres);
         let against = row.ratio.map_or_else(String::new, |ratio| format!("{:+.0} %", 100.0 * (ratio - 1.0)));
-        let _ = writeln!(
-            text,
-            "| {} | {blocked} | {} | {} | {uwb} | {ble} | {both} | {} | {against} |",
+        table.row(format_args!(
+            "{} | {blocked} | {} | {} | {uwb} | {ble} | {both} | {} | {against}",
             row.anchors,
             row.range_sigma_m,
             row.beacons,
             consistency(row.inside_1_sigma, row.nees)
-        );
+        ));
     }
-    text
+    table.into_text()
 }
 
 #[cfg(test)]

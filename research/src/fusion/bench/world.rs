@@ -12,7 +12,7 @@
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use crate::random::normal;
+use crate::normal;
 
 /// The hall, metres.
 pub const HALL_M: [f64; 2] = [12.0, 8.0];

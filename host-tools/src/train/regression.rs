@@ -1,0 +1,54 @@
+//! Regression by a Gaussian process, whatever its kernel (C. Rasmussen and C. Williams, *Gaussian Processes for Protocol Learning*, 2006,
+//! algorithm 2.1): covariances of the points and their targets in, means and variances elsewhere out.
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+/// A process of mean zero, given targets at points.
+#[derive(Clone, Debug)]
+pub struct Regression {
+    root: Cholesky<f64, Dyn>,
+    /// K⁻¹ y.
+    weights: DVector<f64>,
+    /// Logarithm of the marginal likelihood of the targets, without its constant −n ⁄ 2 ln 2π.
+    pub log_likelihood: f64,
+}
+
+impl Regression {
+    /// The process whose points have these targets, y, and these covariances, K(i, j), the noise of the targets on its diagonal included;
+    /// `None` where K has no Cholesky root.
+    pub fn new(targets: &[f64], covariance: impl FnMut(usize, usize) -> f64) -> Option<Self> {
+        let (count, targets) = (targets.len(), DVector::from_column_slice(targets));
+        let root = Cholesky::new(DMatrix::from_fn(count, count, covariance))?;
+        let weights = root.solve(&targets);
+        let half_ln_determinant: f64 = root.l_dirty().diagonal().iter().map(|entry| entry.ln()).sum();
+        let log_likelihood = -targets.dot(&weights) / 2.0 - half_ln_determinant;
+        log_likelihood.is_finite().then_some(Self { root, weights, log_likelihood })
+    }
+
+    /// The expected value where the covariances with the points are `near`.
+    pub fn mean(&self, near: &[f64]) -> f64 {
+        self.weights.iter().zip(near).map(|(weight, near)| weight * near).sum()
+    }
+
+    /// By how much the points lessen the variance there: nearᵀ K⁻¹ near.
+    pub fn explained(&self, near: &[f64]) -> f64 {
+        let near = DVector::from_column_slice(near);
+        self.root.l_dirty().solve_lower_triangular(&near).map_or(0.0, |half| half.norm_squared())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Regression;
+
+    #[test]
+    fn two_points_are_those_of_a_hand_calculation() {
+        // K = [[4, 2], [2, 5]]: |K| = 16; K (1, 1) = (6, 7); yᵀ K⁻¹ y = 13. K⁻¹ (4, 2) = (1, 0), since it is the first column.
+        let k = [[4.0, 2.0], [2.0, 5.0]];
+        let process = Regression::new(&[6.0, 7.0], |i, j| k[i][j]).expect("a root");
+        assert!((process.mean(&[1.0, 2.0]) - 3.0).abs() < 1e-12);
+        assert!((process.explained(&[4.0, 2.0]) - 4.0).abs() < 1e-12);
+        assert!((process.log_likelihood + 6.5 + 4.0_f64.ln()).abs() < 1e-12);
+        assert!(Regression::new(&[1.0, 1.0], |i, j| [[1.0, 2.0], [2.0, 1.0]][i][j]).is_none());
+    }
+}
