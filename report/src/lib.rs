@@ -1,8 +1,10 @@
-//! What a result is reported with: [`Statistics`] of errors, and a Markdown [`Table`].
+//! What a result is reported with: [`Statistics`] of errors, a Markdown [`Table`], and what is wrong with a TOML file ([`explain`]).
 #![forbid(unsafe_code)]
 
+mod explain;
 mod markdown;
 mod statistics;
 
+pub use explain::{Explained, explain, line_of, nearest};
 pub use markdown::Table;
 pub use statistics::{Statistics, mean, percentile, rms};

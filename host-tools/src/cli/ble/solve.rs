@@ -8,9 +8,9 @@ use host_tools::files::beacons::{read_beacons, read_captures, read_walls};
 use host_tools::locate::ble::{RssiMethod, Setup, Solver};
 use positioning_core::ble::beacon_monitor::{BeaconHealth, HealthChange};
 
+use crate::cli::note;
 use crate::cli::recording_args::{CornersM, finite};
 use crate::cli::report::{ByMethod, OutputArgs, Report};
-use crate::cli::note;
 
 /// Positions by path loss: least squares, the posterior mean, a particle filter, the tag's engine
 ///

@@ -4,7 +4,6 @@ use std::path::Path;
 
 use wire::config::Beacon;
 
-use super::document::Field;
 use crate::UserError;
 use crate::files::beacons::read_beacons;
 
@@ -15,17 +14,15 @@ pub(super) struct Calibrated {
     pub(super) height_is_known: bool,
 }
 
-/// Reads the file that the field names, beside the document `site`.
+/// Reads the file.
 ///
 /// # Errors
 /// The file is wrong, or a name does not end in major and minor number.
-pub(super) fn read(field: &Field<'_>, site: &Path) -> Result<Vec<Calibrated>, UserError> {
-    let name = field.text("the name of a file, in quotation marks")?;
-    let file = site.parent().unwrap_or(Path::new("")).join(name);
+pub(super) fn read(file: &Path) -> Result<Vec<Calibrated>, UserError> {
     let beacon = |beacon: crate::files::beacons::Beacon| {
         let Some((major, minor)) = numbers(&beacon.name) else {
             let what = "is not named by its numbers: major-minor, or network-major-minor as decode has it";
-            return Err(UserError::file(&file, format!("beacon {:?} {what}", beacon.name)));
+            return Err(UserError::file(file, format!("beacon {:?} {what}", beacon.name)));
         };
         let [x, y] = beacon.position_m;
         let position_m = [x, y, beacon.height_m.unwrap_or(0.0)].map(|metres| metres as f32);
@@ -36,7 +33,7 @@ pub(super) fn read(field: &Field<'_>, site: &Path) -> Result<Vec<Calibrated>, Us
             height_is_known: beacon.height_m.is_some(),
         })
     };
-    read_beacons(&file)?.into_iter().map(beacon).collect()
+    read_beacons(file)?.into_iter().map(beacon).collect()
 }
 
 /// Major and minor number at the end of a name.

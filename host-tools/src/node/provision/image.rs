@@ -163,8 +163,8 @@ impl Image {
     /// The pages, and what of beacons' levels is before or behind them.
     fn parts(&self) -> ([&[u8]; 2], &[u8]) {
         let (first, rest) = self.bytes.split_at_checked(MODELS_BYTES).unwrap_or((&self.bytes, &[]));
-        let levels_first = !rest.is_empty() && (first.starts_with(b"BLZB") || rest.starts_with(b"BLZR"));
-        let (pages, site_models) = if levels_first { (rest, first) } else { (first, rest) };
+        let models_first = !rest.is_empty() && (first.starts_with(b"BLZB") || rest.starts_with(b"BLZR"));
+        let (pages, site_models) = if models_first { (rest, first) } else { (first, rest) };
         // A file of at most 4096 bytes has pages of 2048, or a single one.
         let size = if pages.len() > 4096 { 4096 } else { 2048 };
         let (first, second) = pages.split_at_checked(size).unwrap_or((pages, &[]));

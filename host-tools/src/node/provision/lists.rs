@@ -2,13 +2,41 @@
 
 use wire::config::{Anchor, Anchors, Beacon, Beacons, MAX_ANCHORS, MAX_BEACONS};
 
-use super::calibrated::Calibrated;
-use super::document::Section;
-use super::network::Lines;
-use crate::UserError;
+use serde::Deserialize;
 
-const ANCHOR_KEYS: [&str; 2] = ["address", "position_m"];
-const BEACON_KEYS: [&str; 5] = ["major", "minor", "position_m", "rssi_1m_dbm", "path_loss_exponent"];
+use super::calibrated::Calibrated;
+
+/// `[[anchor]]`.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct AnchorTable {
+    address: u16,
+    position_m: [f32; 3],
+}
+
+/// `[[beacon]]`.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct BeaconTable {
+    major: u16,
+    minor: u16,
+    position_m: [f32; 3],
+    rssi_1m_dbm: Option<f32>,
+    path_loss_exponent: Option<f32>,
+}
+
+impl From<&AnchorTable> for Anchor {
+    fn from(table: &AnchorTable) -> Self {
+        Self { address: table.address, position_m: table.position_m }
+    }
+}
+
+impl From<&BeaconTable> for Beacon {
+    fn from(table: &BeaconTable) -> Self {
+        let BeaconTable { major, minor, position_m, rssi_1m_dbm, path_loss_exponent } = *table;
+        Self { major, minor, position_m, rssi_1m_dbm, path_loss_exponent }
+    }
+}
 
 /// Anchors and beacons with the lines that they come from.
 #[derive(Clone, Debug, Default)]
@@ -18,16 +46,6 @@ pub(super) struct Lists {
 }
 
 impl Lists {
-    /// Those that the file lists.
-    pub(super) fn read(root: &Section<'_>) -> Result<Self, UserError> {
-        let anchors = root.tables("anchor")?;
-        let beacons = root.tables("beacon")?;
-        Ok(Self {
-            anchors: anchors.into_iter().map(anchor).collect::<Result<_, _>>()?,
-            beacons: beacons.into_iter().map(beacon).collect::<Result<_, _>>()?,
-        })
-    }
-
     /// Adds an anchor that is a node, where it is not listed: what the list says counts.
     pub(super) fn add_anchor(&mut self, anchor: Anchor, line: u64) {
         if self.anchors.iter().all(|(listed, _)| listed.address != anchor.address) {
@@ -65,44 +83,26 @@ impl Lists {
         Ok(())
     }
 
-    /// The lists of a record, and the lines of their elements. The error is of the first line that has no room.
-    pub(super) fn of_record(&self, lines: &mut Lines) -> Result<RecordLists, (u64, String)> {
-        let mut lists = RecordLists::default();
-        for (index, (anchor, line)) in self.anchors.iter().enumerate() {
-            lines.insert(format!("anchors[{index}]"), *line);
+    /// The lists of a record. The error is of the first line that has no room.
+    pub(super) fn of_record(&self) -> Result<(Anchors, Beacons), (u64, String)> {
+        let (mut anchors, mut beacons) = (Anchors::default(), Beacons::default());
+        for (anchor, line) in &self.anchors {
             let full = |_| (*line, format!("a tag can be told of {MAX_ANCHORS} anchors, this is one more"));
-            lists.anchors.push(*anchor).map_err(full)?;
+            anchors.push(*anchor).map_err(full)?;
         }
-        for (index, (beacon, line)) in self.beacons.iter().enumerate() {
-            lines.insert(format!("beacons[{index}]"), *line);
+        for (beacon, line) in &self.beacons {
             let full = |_| (*line, format!("a tag can be told of {MAX_BEACONS} beacons, this is one more"));
-            lists.beacons.push(*beacon).map_err(full)?;
+            beacons.push(*beacon).map_err(full)?;
         }
-        Ok(lists)
+        Ok((anchors, beacons))
     }
-}
 
-/// The lists as the record has them.
-#[derive(Clone, Debug, Default)]
-pub(super) struct RecordLists {
-    pub(super) anchors: Anchors,
-    pub(super) beacons: Beacons,
-}
-
-fn anchor(section: Section<'_>) -> Result<(Anchor, u64), UserError> {
-    section.with_keys(&ANCHOR_KEYS, |_| None)?;
-    let address = section.required("address")?.integer("a short address, 0 to 0xFFFD")?;
-    Ok((Anchor { address, position_m: section.required("position_m")?.place()? }, section.line))
-}
-
-fn beacon(section: Section<'_>) -> Result<(Beacon, u64), UserError> {
-    section.with_keys(&BEACON_KEYS, |_| None)?;
-    let beacon = Beacon {
-        major: section.required("major")?.integer("a whole number, 0 to 65535")?,
-        minor: section.required("minor")?.integer("a whole number, 0 to 65535")?,
-        position_m: section.required("position_m")?.place()?,
-        rssi_1m_dbm: section.optional("rssi_1m_dbm").map(|field| field.real()).transpose()?,
-        path_loss_exponent: section.optional("path_loss_exponent").map(|field| field.real()).transpose()?,
-    };
-    Ok((beacon, section.line))
+    /// The line of an element of a record's list.
+    pub(super) fn line(&self, list: &str, index: usize) -> Option<u64> {
+        match list {
+            "anchors" => self.anchors.get(index).map(|(_, line)| *line),
+            "beacons" => self.beacons.get(index).map(|(_, line)| *line),
+            _ => None,
+        }
+    }
 }

@@ -3,51 +3,134 @@
 use std::path::PathBuf;
 
 use positioning_core::nlos::{Classifier, NodeModel};
+use serde::Deserialize;
+use serde::de::{Deserializer, Error as _, Unexpected};
 use wire::config::{Advertiser, Board, Calibration, Identity, Invalid, Pins, Record, Role, Scan, Scheme, Solver, Tag};
 
-use super::document::{Field, Section, nearest};
-use super::network::{Lines, centihertz};
+use super::document::{Document, Hex, Lines, choice};
+use super::lists::Lists;
+use super::network::centihertz;
 use super::site_models::{self, Files};
 use crate::UserError;
 use crate::train::Chosen;
 
-const COMMON_KEYS: [&str; 9] =
-    ["name", "board", "role", "eui", "address", "antenna_delay_ticks", "crystal_trim", "uwb_tx_power", "pins"];
-const ANCHOR_KEYS: [&str; 1] = ["position_m"];
-const TAG_KEYS: [&str; 15] = [
-    "height_m",
-    "solver",
-    "scheme",
-    "rate_hz",
-    "still_rate_hz",
-    "sleep",
-    "anchors_per_round",
-    "tell_distances",
-    "report_ranges",
-    "scan_interval_ms",
-    "scan_window_ms",
-    "nlos_model",
-    "nlos_classifier",
-    site_models::KEYS[0],
-    site_models::KEYS[1],
+/// The keys of anchors, tags and beacons alone.
+const ROLE_KEYS: [(RoleName, &[&str]); 3] = [
+    (RoleName::Anchor, &["position_m"]),
+    (
+        RoleName::Tag,
+        &[
+            "height_m",
+            "solver",
+            "scheme",
+            "rate_hz",
+            "still_rate_hz",
+            "sleep",
+            "anchors_per_round",
+            "tell_distances",
+            "report_ranges",
+            "scan_interval_ms",
+            "scan_window_ms",
+            "nlos_model",
+            "nlos_classifier",
+            site_models::KEYS[0],
+            site_models::KEYS[1],
+        ],
+    ),
+    (
+        RoleName::Beacon,
+        &[
+            "position_m",
+            "uuid",
+            "major",
+            "minor",
+            "measured_power_dbm",
+            "interval_ms",
+            "tx_power_dbm",
+            "channels",
+            "rotate_s",
+        ],
+    ),
 ];
-const BEACON_KEYS: [&str; 9] = [
-    "position_m",
-    "uuid",
-    "major",
-    "minor",
-    "measured_power_dbm",
-    "interval_ms",
-    "tx_power_dbm",
-    "channels",
-    "rotate_s",
-];
-const PIN_KEYS: [&str; 6] = ["sck", "mosi", "miso", "cs", "irq", "reset"];
 
-/// The roles with their keys.
-const ROLES: [(&str, &[&str]); 3] = [("anchor", &ANCHOR_KEYS), ("tag", &TAG_KEYS), ("beacon", &BEACON_KEYS)];
+/// `role`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum RoleName {
+    Anchor,
+    Tag,
+    Beacon,
+}
 
-const WHOLE: &str = "a whole number, 0 to 65535";
+impl RoleName {
+    const fn as_str(self) -> &'static str {
+        match self {
+            Self::Anchor => "anchor",
+            Self::Tag => "tag",
+            Self::Beacon => "beacon",
+        }
+    }
+}
+
+/// `[[node]]`: what all nodes may have, then what tags may, then what beacons may.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct NodeTable {
+    role: RoleName,
+    #[serde(default, deserialize_with = "name")]
+    name: Option<String>,
+    #[serde(default, deserialize_with = "board")]
+    board: Option<Board>,
+    eui: Option<Hex<8>>,
+    address: Option<u16>,
+    antenna_delay_ticks: Option<u16>,
+    crystal_trim: Option<u8>,
+    uwb_tx_power: Option<u32>,
+    pins: Option<PinTable>,
+    position_m: Option<[f32; 3]>,
+
+    pub(super) height_m: Option<f32>,
+    #[serde(default, deserialize_with = "solver")]
+    pub(super) solver: Option<Solver>,
+    #[serde(default, deserialize_with = "scheme")]
+    scheme: Option<Scheme>,
+    rate_hz: Option<f32>,
+    still_rate_hz: Option<f32>,
+    #[serde(default)]
+    sleep: bool,
+    anchors_per_round: Option<u8>,
+    #[serde(default)]
+    tell_distances: bool,
+    report_ranges: Option<bool>,
+    pub(super) scan_interval_ms: Option<u16>,
+    scan_window_ms: Option<u16>,
+    nlos_model: Option<PathBuf>,
+    nlos_classifier: Option<String>,
+    pub(super) fingerprint_map: Option<PathBuf>,
+    pub(super) room_model: Option<PathBuf>,
+
+    uuid: Option<Hex<16>>,
+    major: Option<u16>,
+    minor: Option<u16>,
+    measured_power_dbm: Option<i8>,
+    interval_ms: Option<u16>,
+    tx_power_dbm: Option<i8>,
+    #[serde(default, deserialize_with = "channels")]
+    channels: Option<u8>,
+    rotate_s: Option<u16>,
+}
+
+/// `pins`.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PinTable {
+    sck: u8,
+    mosi: u8,
+    miso: u8,
+    cs: u8,
+    irq: u8,
+    reset: u8,
+}
 
 /// A node with its record.
 #[derive(Clone, Debug)]
@@ -63,8 +146,10 @@ pub struct Node {
     /// What it knows of beacons' levels on the spot, as `wire::config::decode_models` reads it.
     pub site_models: Option<Vec<u8>>,
     pub(super) file: PathBuf,
-    pub(super) line: u64,
+    /// The lines of `[network]`, of this node's table, and of what it is told of.
+    pub(super) network_lines: Lines,
     pub(super) lines: Lines,
+    pub(super) lists: Lists,
 }
 
 /// What `[[node]]` itself says.
@@ -80,7 +165,6 @@ pub(super) struct Own {
     pub(super) site_models: Files,
     /// Where it stands, for those that list it.
     pub(super) position_m: Option<[f32; 3]>,
-    pub(super) line: u64,
     pub(super) lines: Lines,
 }
 
@@ -100,11 +184,14 @@ impl Node {
     /// In the file's words.
     fn wrong(&self, invalid: &Invalid) -> UserError {
         let Invalid { within, field, value, must } = invalid;
-        let (place, key) = match within {
-            Some((list, index)) => (format!("{list}[{index}]"), *field),
-            None => ((*field).to_owned(), key_of(field)),
+        let (line, key) = match within {
+            Some((list, index)) => (self.lists.line(list, usize::from(*index)).unwrap_or(self.lines.line), *field),
+            None => {
+                let lines = if field.starts_with("network.") { &self.network_lines } else { &self.lines };
+                let key = key_of(field);
+                (lines.of(if field.starts_with("pins.") { "pins" } else { key }), key)
+            }
         };
-        let line = self.lines.get(&place).copied().unwrap_or(self.line);
         UserError::line(&self.file, line, format!("{key} is {value}: it must be {must}"))
     }
 }
@@ -114,209 +201,141 @@ fn key_of(field: &'static str) -> &'static str {
     match field {
         "network.phy.preamble" => "preamble_symbols",
         "network.phy.code" => "preamble_code",
+        "calibration.antenna_delay" => "antenna_delay_ticks",
+        "calibration.tx_power" => "uwb_tx_power",
         "tag.scan.interval_ms" => "scan_interval_ms",
         "tag.scan.window_ms" => "scan_window_ms",
         other => other.rsplit('.').next().unwrap_or(other),
     }
 }
 
-impl Own {
-    pub(super) fn read(section: &Section<'_>) -> Result<Self, UserError> {
-        let role_field = section.required("role")?;
-        let must = "\"anchor\", \"tag\" or \"beacon\"";
-        let said = role_field.text(must)?;
-        let (role, own_keys) =
-            ROLES.into_iter().find(|(role, _)| *role == said).ok_or_else(|| role_field.refuse(must))?;
-        let known = [COMMON_KEYS.as_slice(), own_keys].concat();
-        section.with_keys(&known, |key| {
-            let of = ROLES.iter().find(|(_, keys)| keys.contains(&key))?.0;
-            Some(format!("{key} is a key of a node whose role is {of}, this one's is {role}"))
-        })?;
-
-        let mut lines = Lines::new();
-        let mut reader = Reader { section, lines: &mut lines };
-        let identity = reader.identity()?;
-        let calibration = reader.calibration()?;
-        let pins = reader.pins()?;
-        let position_m = reader.field("position_m", "anchor.position_m").map(|field| field.place()).transpose()?;
-        let model = reader.model()?;
-        let site_models = Files::read(section)?;
-        let role = match role {
-            "anchor" => Role::Anchor { position_m },
-            "tag" => Role::Tag(reader.tag()?),
-            _ => Role::Advertiser(reader.advertiser()?),
+impl NodeTable {
+    /// What the table says, with the files that it names.
+    ///
+    /// # Errors
+    /// A key is of another role, keys do not go together, or a file is wrong.
+    pub(super) fn read(&self, document: Document<'_>, lines: &Lines) -> Result<Own, UserError> {
+        let is_of = |role: RoleName, key: &str| ROLE_KEYS.iter().any(|(of, keys)| *of == role && keys.contains(&key));
+        let foreign = lines.keys.iter().filter(|(key, _)| !is_of(self.role, key));
+        let foreign = foreign.filter_map(|(key, line)| {
+            let (of, _) = ROLE_KEYS.iter().find(|(_, keys)| keys.contains(&key.as_str()))?;
+            Some((
+                line,
+                format!("{key} is a key of a node whose role is {}, this one's is {}", of.as_str(), self.role.as_str()),
+            ))
+        });
+        if let Some((line, what)) = foreign.min_by_key(|(line, _)| **line) {
+            return Err(document.wrong(*line, what));
+        }
+        let model = self.model(document, lines)?;
+        let site_models = Files::read(self, document, lines)?;
+        let role = match self.role {
+            RoleName::Anchor => Role::Anchor { position_m: self.position_m },
+            RoleName::Tag => Role::Tag(self.tag().map_err(|what| document.wrong(lines.line, what))?),
+            RoleName::Beacon => Role::Advertiser(self.advertiser().map_err(|what| document.wrong(lines.line, what))?),
         };
-        let name = section.optional("name").map(name).transpose()?;
-        let board = section.optional("board").map(board).transpose()?;
-        Ok(Self {
-            name,
-            board,
-            identity,
+        let pins = |PinTable { sck, mosi, miso, cs, irq, reset }| Pins { sck, mosi, miso, cs, irq, reset };
+        Ok(Own {
+            name: self.name.clone(),
+            board: self.board,
+            identity: Identity { eui: self.eui.map(|Hex(eui)| u64::from_be_bytes(eui)), address: self.address },
             role,
-            calibration,
-            pins,
+            calibration: Calibration {
+                antenna_delay: self.antenna_delay_ticks,
+                crystal_trim: self.crystal_trim,
+                tx_power: self.uwb_tx_power,
+            },
+            pins: self.pins.map(pins),
             model,
             site_models,
-            position_m,
-            line: section.line,
-            lines,
-        })
-    }
-}
-
-/// Names are those of files, too.
-fn name(field: Field<'_>) -> Result<String, UserError> {
-    let must = "letters, digits, - and _";
-    let text = field.text(must)?;
-    let plain = text.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_'));
-    if plain && !text.is_empty() { Ok(text.to_owned()) } else { Err(field.refuse(must)) }
-}
-
-fn board(field: Field<'_>) -> Result<Board, UserError> {
-    let names = Board::ALL.map(Board::name);
-    let must = names.join(", ");
-    let text = field.text(&must)?;
-    Board::from_name(text).ok_or_else(|| match nearest(text, &names) {
-        Some(near) => field.refuse(&format!("one of {must}; {near} is near it")),
-        None => field.refuse(&format!("one of {must}")),
-    })
-}
-
-/// Reads fields and notes their lines by the record's names.
-struct Reader<'s, 'd> {
-    section: &'s Section<'d>,
-    lines: &'s mut Lines,
-}
-
-impl<'d> Reader<'_, 'd> {
-    fn field(&mut self, key: &'static str, name: &str) -> Option<Field<'d>> {
-        let field = self.section.optional(key)?;
-        self.lines.insert(name.to_owned(), field.line);
-        Some(field)
-    }
-
-    fn integer<T: TryFrom<i128>>(&mut self, key: &'static str, name: &str, must: &str) -> Result<Option<T>, UserError> {
-        self.field(key, name).map(|field| field.integer(must)).transpose()
-    }
-
-    fn choice<T: Copy>(
-        &mut self,
-        key: &'static str,
-        name: &str,
-        all: &[T],
-        name_of: impl Fn(T) -> &'static str,
-    ) -> Result<Option<T>, UserError> {
-        self.field(key, name).map(|field| field.choice(all, name_of)).transpose()
-    }
-
-    fn boolean(&mut self, key: &'static str, default: bool) -> Result<bool, UserError> {
-        self.section.optional(key).map_or(Ok(default), |field| field.boolean())
-    }
-
-    fn identity(&mut self) -> Result<Identity, UserError> {
-        let eui = self.field("eui", "identity.eui").map(|field| field.bytes().map(u64::from_be_bytes)).transpose()?;
-        Ok(Identity { eui, address: self.integer("address", "identity.address", "a short address, 0 to 0xFFFD")? })
-    }
-
-    fn calibration(&mut self) -> Result<Calibration, UserError> {
-        Ok(Calibration {
-            antenna_delay: self.integer("antenna_delay_ticks", "calibration.antenna_delay", WHOLE)?,
-            crystal_trim: self.integer("crystal_trim", "calibration.crystal_trim", "0 to 31")?,
-            tx_power: self.integer("uwb_tx_power", "calibration.tx_power", "a register of 32 bits")?,
+            position_m: self.position_m,
+            lines: lines.clone(),
         })
     }
 
-    fn pins(&mut self) -> Result<Option<Pins>, UserError> {
-        let Some(field) = self.field("pins", "pins") else { return Ok(None) };
-        let table = field.table()?.with_keys(&PIN_KEYS, |_| None)?;
-        let mut pin = |key: &'static str| {
-            let given = table.required(key)?;
-            self.lines.insert(format!("pins.{key}"), given.line);
-            given.integer("the number of a pin")
-        };
-        Ok(Some(Pins {
-            sck: pin("sck")?,
-            mosi: pin("mosi")?,
-            miso: pin("miso")?,
-            cs: pin("cs")?,
-            irq: pin("irq")?,
-            reset: pin("reset")?,
-        }))
-    }
-
-    /// A rate in Hz as hundredths.
-    fn rate(&mut self, key: &'static str, name: &str) -> Result<Option<u32>, UserError> {
-        let Some(field) = self.field(key, name) else { return Ok(None) };
-        field.real().map(|hertz| Some(centihertz(hertz)))
-    }
-
-    fn tag(&mut self) -> Result<Tag, UserError> {
-        let interval: Option<u16> = self.integer("scan_interval_ms", "tag.scan.interval_ms", WHOLE)?;
-        let window: Option<u16> = self.integer("scan_window_ms", "tag.scan.window_ms", WHOLE)?;
-        let scan = match (interval, window) {
+    fn tag(&self) -> Result<Tag, String> {
+        let scan = match (self.scan_interval_ms, self.scan_window_ms) {
             (Some(interval_ms), window) => Some(Scan { interval_ms, window_ms: window.unwrap_or(interval_ms) }),
             (None, None) => None,
-            (None, Some(_)) => {
-                return Err(self.section.wrong("scan_window_ms without scan_interval_ms: both make a scan"));
-            }
+            (None, Some(_)) => return Err("scan_window_ms without scan_interval_ms: both make a scan".to_owned()),
         };
         Ok(Tag {
-            height_m: self.field("height_m", "tag.height_m").map(|field| field.real()).transpose()?,
-            rate_chz: self.rate("rate_hz", "tag.rate_hz")?,
-            still_rate_chz: self.rate("still_rate_hz", "tag.still_rate_hz")?,
-            sleep: self.boolean("sleep", false)?,
-            anchors_per_round: self.integer("anchors_per_round", "tag.anchors_per_round", "1 to 8")?.unwrap_or(8),
-            tell_distances: self.boolean("tell_distances", false)?,
+            height_m: self.height_m,
+            rate_chz: self.rate_hz.map(centihertz),
+            still_rate_chz: self.still_rate_hz.map(centihertz),
+            sleep: self.sleep,
+            anchors_per_round: self.anchors_per_round.unwrap_or(8),
+            tell_distances: self.tell_distances,
             scan,
-            report_ranges: self.boolean("report_ranges", true)?,
-            solver: self.choice("solver", "tag.solver", &Solver::ALL, Solver::name)?.unwrap_or_default(),
-            scheme: self.choice("scheme", "tag.scheme", &Scheme::ALL, Scheme::name)?,
+            report_ranges: self.report_ranges.unwrap_or(true),
+            solver: self.solver.unwrap_or_default(),
+            scheme: self.scheme,
         })
     }
 
-    fn advertiser(&mut self) -> Result<Advertiser, UserError> {
+    fn advertiser(&self) -> Result<Advertiser, String> {
+        let missing = |key: &str| format!("{key} is missing");
+        let Hex(uuid) = self.uuid.ok_or_else(|| missing("uuid"))?;
         Ok(Advertiser {
-            uuid: self.section.required("uuid")?.bytes()?,
-            major: self.section.required("major")?.integer(WHOLE)?,
-            minor: self.section.required("minor")?.integer(WHOLE)?,
-            measured_power_dbm: self.integer("measured_power_dbm", "", "-128 to 127")?.unwrap_or(-59),
-            interval_ms: self.integer("interval_ms", "beacon.interval_ms", WHOLE)?.unwrap_or(100),
-            tx_power_dbm: self.integer("tx_power_dbm", "beacon.tx_power_dbm", "-40 to 20")?.unwrap_or(0),
-            channels: self.channels()?,
-            rotate_s: self.integer("rotate_s", "beacon.rotate_s", WHOLE)?.unwrap_or(0),
+            uuid,
+            major: self.major.ok_or_else(|| missing("major"))?,
+            minor: self.minor.ok_or_else(|| missing("minor"))?,
+            measured_power_dbm: self.measured_power_dbm.unwrap_or(-59),
+            interval_ms: self.interval_ms.unwrap_or(100),
+            tx_power_dbm: self.tx_power_dbm.unwrap_or(0),
+            channels: self.channels.unwrap_or(0b111),
+            rotate_s: self.rotate_s.unwrap_or(0),
         })
     }
 
     /// The classifier of a file, whose path counts from the site's.
-    fn model(&mut self) -> Result<Option<Chosen>, UserError> {
-        let classifier = self.section.optional("nlos_classifier");
-        let Some(field) = self.section.optional("nlos_model") else {
-            let alone =
-                classifier.map(|field| field.wrong("nlos_classifier without nlos_model: it names one of the file's"));
+    fn model(&self, document: Document<'_>, lines: &Lines) -> Result<Option<Chosen>, UserError> {
+        let Some(file) = &self.nlos_model else {
+            let what = "nlos_classifier without nlos_model: it names one of the file's";
+            let alone = self.nlos_classifier.as_ref().map(|_| document.wrong(lines.of("nlos_classifier"), what));
             return alone.map_or(Ok(None), Err);
         };
-        let name = classifier.map(|field| field.text("the name of a classifier")).transpose()?;
-        let chosen = Chosen::read(&field.path("the name of a file of `baliza nlos train`")?, name)
-            .map_err(|wrong| field.wrong(format!("nlos_model: {wrong}")))?;
+        let wrong = |what: String| document.wrong(lines.of("nlos_model"), what);
+        let chosen = Chosen::read(&document.beside(file), self.nlos_classifier.as_deref())
+            .map_err(|error| wrong(format!("nlos_model: {error}")))?;
         let (bytes, room) = (chosen.bytes().len(), wire::config::MODEL_BYTES);
         if bytes > room {
-            return Err(field.wrong(format!("nlos_model has {bytes} bytes: a node has room for {room}")));
+            return Err(wrong(format!("nlos_model has {bytes} bytes: a node has room for {room}")));
         }
         if NodeModel::decode(chosen.bytes()).is_err() {
             let name = chosen.model().map_or("", |model| model.name());
             let kinds = "power-difference, skewness, logistic or quantised";
-            return Err(field.wrong(format!("nlos_model is {name}, which nodes do not hold: it must be {kinds}")));
+            return Err(wrong(format!("nlos_model is {name}, which nodes do not hold: it must be {kinds}")));
         }
         Ok(Some(chosen))
     }
+}
 
-    fn channels(&mut self) -> Result<u8, UserError> {
-        let Some(field) = self.field("channels", "beacon.channels") else { return Ok(0b111) };
-        let must = "a list of 37, 38, 39 or some of them";
-        let channels: Vec<u8> = field.integers(must)?;
-        channels.iter().try_fold(0, |bits, channel| match channel {
-            37..=39 => Ok(bits | 1 << (channel - 37)),
-            _ => Err(field.wrong(format!("channels has {channel}: it must be {must}"))),
-        })
-    }
+/// Names are those of files, too.
+fn name<'de, D: Deserializer<'de>>(from: D) -> Result<Option<String>, D::Error> {
+    let text = String::deserialize(from)?;
+    let plain = text.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_'));
+    let wrong = || D::Error::invalid_value(Unexpected::Str(&text), &"letters, digits, - and _");
+    if plain && !text.is_empty() { Ok(Some(text)) } else { Err(wrong()) }
+}
+
+fn board<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Board>, D::Error> {
+    choice(from, &Board::ALL, Board::name)
+}
+
+fn solver<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Solver>, D::Error> {
+    choice(from, &Solver::ALL, Solver::name)
+}
+
+fn scheme<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Scheme>, D::Error> {
+    choice(from, &Scheme::ALL, Scheme::name)
+}
+
+/// Bits of the channels 37, 38 and 39.
+fn channels<'de, D: Deserializer<'de>>(from: D) -> Result<Option<u8>, D::Error> {
+    let bits = Vec::<u8>::deserialize(from)?.into_iter().try_fold(0, |bits, channel| match channel {
+        37..=39 => Ok(bits | 1 << (channel - 37)),
+        _ => Err(format!("channels has {channel}: it must be a list of 37, 38, 39 or some of them")),
+    });
+    bits.map(Some).map_err(D::Error::custom)
 }

@@ -1,18 +1,32 @@
 //! A site: the nodes of a network, in one file.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use wire::config::{Anchor, Beacon, Mode, Record, Role};
+use baliza_report::nearest;
+use serde::Deserialize;
+use wire::config::{Anchor, Beacon, Mode, Network, Record, Role};
 
 use super::calibrated;
-use super::document::{Document, Section, nearest};
-use super::lists::{Lists, RecordLists};
-use super::network::Shared;
-use super::node::{Node, Own};
+use super::document::{Document, Lines};
+use super::lists::{AnchorTable, BeaconTable, Lists};
+use super::network::NetworkTable;
+use super::node::{Node, NodeTable, Own};
 use crate::UserError;
 
-const KEYS: [&str; 5] = ["network", "node", "anchor", "beacon", "beacons_csv"];
+/// The file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SiteFile {
+    network: NetworkTable,
+    #[serde(default)]
+    node: Vec<NodeTable>,
+    #[serde(default)]
+    anchor: Vec<AnchorTable>,
+    #[serde(default)]
+    beacon: Vec<BeaconTable>,
+    beacons_csv: Option<PathBuf>,
+}
 
 /// The nodes of a network.
 #[derive(Clone, Debug)]
@@ -38,25 +52,28 @@ impl Site {
     /// nodes are the same, or a node could not do as it is told.
     pub fn parse(file: &Path, text: &str) -> Result<Self, UserError> {
         let document = Document { file, text };
-        let root = document.parse()?;
-        let root = Section::root(document, &root).with_keys(&KEYS, |_| None)?;
-        let shared = match root.tables("network")?.as_slice() {
-            [network] => Shared::read(network)?,
-            [] => return Err(UserError::file(file, "[network] is missing")),
-            [_, second, ..] => return Err(second.wrong("[network] is there twice")),
-        };
-        let listed = Lists::read(&root)?;
-        let sections = root.tables("node")?;
-        let owns = sections.iter().map(Own::read).collect::<Result<Vec<_>, _>>()?;
+        let site: SiteFile = document.read()?;
+        let (root, tables) = document.lines();
+        let lines = |key: &str| tables.get(key).map_or(&[][..], Vec::as_slice);
+        let network_lines = lines("network").first().cloned().unwrap_or_default();
+        let (network, beacon_key) = site.network.network(document, &network_lines)?;
+        let owns = site.node.iter().zip(lines("node")).map(|(table, lines)| table.read(document, lines));
+        let owns = owns.collect::<Result<Vec<_>, _>>()?;
         if owns.is_empty() {
             return Err(UserError::file(file, "there is no [[node]]"));
         }
 
-        let mut told = told(listed, &owns, shared.network.mode);
-        if let Some(field) = root.optional("beacons_csv") {
-            let calibrated = calibrated::read(&field, file)?;
-            told.calibrate(&calibrated, field.line).map_err(|what| field.wrong(what))?;
+        let line = |lines: &Lines| lines.line;
+        let listed = Lists {
+            anchors: site.anchor.iter().map(Into::into).zip(lines("anchor").iter().map(line)).collect(),
+            beacons: site.beacon.iter().map(Into::into).zip(lines("beacon").iter().map(line)).collect(),
+        };
+        let mut told = told(listed, &owns, network.mode);
+        if let Some(name) = &site.beacons_csv {
+            let (calibrated, line) = (calibrated::read(&document.beside(name))?, root.of("beacons_csv"));
+            told.calibrate(&calibrated, line).map_err(|what| document.wrong(line, what))?;
         }
+        let shared = Shared { network, beacon_key, lines: network_lines };
         let mut nodes = Vec::with_capacity(owns.len());
         for own in &owns {
             let node = node(document, own, &shared, &told, owns.len())?;
@@ -88,6 +105,13 @@ impl Site {
     }
 }
 
+/// What all nodes share.
+struct Shared {
+    network: Network,
+    beacon_key: Option<[u8; 16]>,
+    lines: Lines,
+}
+
 /// What tags are told of: what is listed; then beacons that are nodes; and, in DecaRanging, where they do not tell it
 /// themselves, anchors that are nodes.
 fn told(mut lists: Lists, owns: &[Own], mode: Mode) -> Lists {
@@ -95,14 +119,14 @@ fn told(mut lists: Lists, owns: &[Own], mode: Mode) -> Lists {
         match (&own.role, own.position_m) {
             (Role::Anchor { .. }, Some(position_m)) => match (mode, own.identity.address) {
                 (Mode::DecaRanging { fast: _ }, Some(address)) => {
-                    lists.add_anchor(Anchor { address, position_m }, own.line);
+                    lists.add_anchor(Anchor { address, position_m }, own.lines.line);
                 }
                 (Mode::DecaRanging { fast: _ }, None) | (Mode::Native | Mode::Listening { .. }, _) => (),
             },
             (Role::Advertiser(advertiser), Some(position_m)) => {
                 let (major, minor) = (advertiser.major, advertiser.minor);
                 let beacon = Beacon { major, minor, position_m, rssi_1m_dbm: None, path_loss_exponent: None };
-                lists.add_beacon(beacon, own.line);
+                lists.add_beacon(beacon, own.lines.line);
             }
             (Role::Anchor { .. } | Role::Advertiser(_), None) | (Role::Tag(_), _) => (),
         }
@@ -114,18 +138,16 @@ fn node(document: Document<'_>, own: &Own, shared: &Shared, told: &Lists, count:
     let name = match (&own.name, count) {
         (Some(name), _) => name.clone(),
         (None, 1) => "node".to_owned(),
-        (None, _) => return Err(document.wrong(own.line, "name is missing: there are several nodes")),
+        (None, _) => return Err(document.wrong(own.lines.line, "name is missing: there are several nodes")),
     };
-    let mut lines = shared.lines.clone();
-    lines.extend(own.lines.clone());
-    let (lists, beacon_key) = match &own.role {
+    let ((anchors, beacons), beacon_key) = match &own.role {
         Role::Tag(_) => {
-            let lists = told.of_record(&mut lines).map_err(|(line, what)| document.wrong(line, what))?;
+            let lists = told.of_record().map_err(|(line, what)| document.wrong(line, what))?;
             (lists, shared.beacon_key)
         }
-        Role::Advertiser(_) => (RecordLists::default(), shared.beacon_key),
+        Role::Advertiser(_) => (Default::default(), shared.beacon_key),
         // It has no use for the key, so it cannot lose it.
-        Role::Anchor { .. } => (RecordLists::default(), None),
+        Role::Anchor { .. } => (Default::default(), None),
     };
     let record = Record {
         identity: own.identity,
@@ -133,13 +155,14 @@ fn node(document: Document<'_>, own: &Own, shared: &Shared, told: &Lists, count:
         network: shared.network,
         calibration: own.calibration,
         pins: own.pins,
-        anchors: lists.anchors,
-        beacons: lists.beacons,
+        anchors,
+        beacons,
         beacon_key,
     };
     let site_models = own.site_models.bound(&record.beacons).map_err(|(line, what)| document.wrong(line, what))?;
     let (file, model) = (document.file.to_owned(), own.model.clone());
-    Ok(Node { name, board: own.board, record, model, site_models, file, line: own.line, lines })
+    let (network_lines, lines, lists) = (shared.lines.clone(), own.lines.clone(), told.clone());
+    Ok(Node { name, board: own.board, record, model, site_models, file, network_lines, lines, lists })
 }
 
 /// No two nodes are called, or are, the same.
@@ -147,7 +170,7 @@ fn distinct(document: Document<'_>, nodes: &[Node]) -> Result<(), UserError> {
     for (index, node) in nodes.iter().enumerate() {
         for before in nodes.iter().take(index) {
             let same = |what: String| {
-                document.wrong(node.line, format!("{what} as {}'s in line {}", before.name, before.line))
+                document.wrong(node.lines.line, format!("{what} as {}'s in line {}", before.name, before.lines.line))
             };
             if node.name == before.name {
                 return Err(same(format!("the name {} is the same", node.name)));

@@ -6,10 +6,11 @@ use std::path::Path;
 
 use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map};
 use positioning_core::ble::rooms::{Classifier, Model, NodeModel};
-use wire::config::{Beacon, BeaconModel, MODELS_BYTES, SiteModels, decode_models, encode_models};
+use wire::config::{Beacon, BeaconModel, MODELS_BYTES, SiteModels, Solver, decode_models, encode_models};
 
 use super::calibrated::numbers;
-use super::document::{Field, Section};
+use super::document::{Document, Lines};
+use super::node::NodeTable;
 use crate::UserError;
 use crate::survey::rooms::ModelFile;
 
@@ -43,28 +44,29 @@ pub enum Part {
 type Called = (Option<u16>, u16);
 
 impl Files {
-    /// Reads the files that the section names.
+    /// Reads the files that a tag's table names.
     ///
     /// # Errors
     /// One cannot be read, is none, or none for a node.
-    pub(super) fn read(section: &Section<'_>) -> Result<Self, UserError> {
-        let [map, rooms] = KEYS.map(|key| section.optional(key));
-        let needs = |field: &Field<'_>, key: &'static str, why: &str| match section.optional(key) {
-            Some(_) => Ok(()),
-            None => Err(field.wrong(format!("{} without {key}: {why}", field.key))),
-        };
-        for field in [&map, &rooms].into_iter().flatten() {
-            needs(field, "scan_interval_ms", "the tag does not listen to beacons")?;
-            if let Some(solver) =
-                section.optional("solver").filter(|solver| solver.text("a solver").ok() != Some("track"))
-            {
-                return Err(solver.wrong(format!("solver with {}: beacons are heeded by a track alone", field.key)));
+    pub(super) fn read(table: &NodeTable, document: Document<'_>, lines: &Lines) -> Result<Self, UserError> {
+        let files = [&table.fingerprint_map, &table.room_model];
+        for (key, _) in KEYS.into_iter().zip(files).filter(|(_, file)| file.is_some()) {
+            let without = |other, why| Err(document.wrong(lines.of(key), format!("{key} without {other}: {why}")));
+            if table.scan_interval_ms.is_none() {
+                return without("scan_interval_ms", "the tag does not listen to beacons");
             }
-            needs(field, "height_m", "beacons are heeded in the plane, at the height at which a tag is carried")?;
+            if table.solver.is_some_and(|solver| solver != Solver::Track) {
+                let what = format!("solver with {key}: beacons are heeded by a track alone");
+                return Err(document.wrong(lines.of("solver"), what));
+            }
+            if table.height_m.is_none() {
+                return without("height_m", "beacons are heeded in the plane, at the height at which a tag is carried");
+            }
         }
+        let [map, rooms] = KEYS;
         Ok(Self {
-            map: map.map(|field| named(&field, "ble map", read_map)).transpose()?,
-            rooms: rooms.map(|field| named(&field, "ble rooms", read_rooms)).transpose()?,
+            map: table.fingerprint_map.as_ref().map(|file| named(map, file, document, lines, read_map)).transpose()?,
+            rooms: table.room_model.as_ref().map(|file| named(rooms, file, document, lines, read_rooms)).transpose()?,
         })
     }
 
@@ -150,15 +152,17 @@ fn read(file: &Path) -> Result<Vec<u8>, String> {
     fs::read(file).map_err(|error| format!("cannot open it: {error}"))
 }
 
-/// What the file that a field names holds; its path counts from the site's folder.
+/// What the file of a key holds.
 fn named<T>(
-    field: &Field<'_>,
-    maker: &str,
+    key: &str,
+    name: &Path,
+    document: Document<'_>,
+    lines: &Lines,
     read: impl FnOnce(&Path) -> Result<T, String>,
 ) -> Result<Named<T>, UserError> {
-    let file = field.path(&format!("the name of a file of `baliza {maker} --out`"))?;
-    let content = read(&file).map_err(|what| field.wrong(format!("{}: {}: {what}", field.key, file.display())))?;
-    Ok(Named { content, line: field.line })
+    let (file, line) = (document.beside(name), lines.of(key));
+    let content = read(&file).map_err(|what| document.wrong(line, format!("{key}: {}: {what}", file.display())))?;
+    Ok(Named { content, line })
 }
 
 fn called(name: &str) -> Option<Called> {

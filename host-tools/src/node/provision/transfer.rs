@@ -84,7 +84,7 @@ pub const fn is_readable(board: Board) -> bool {
 /// # Errors
 /// The probe's; or the flash does not keep what was written.
 pub fn write(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -> Result<(Vec<u32>, u32)> {
-    write_levels(flash, board, contents)?;
+    write_site_models(flash, board, contents)?;
     let addresses = board.pages().addresses();
     let (written, sequence) = if is_readable(board) {
         let pages = read_pages(flash, board)?;
@@ -115,13 +115,13 @@ pub fn write(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -> R
 
 /// Writes a tag's models of beacons' levels, page by page; without any, only what stands there is made none. A page that is as it should
 /// be is left.
-fn write_levels(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -> Result<()> {
+fn write_site_models(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -> Result<()> {
     let (Some(address), Role::Tag(_)) = (board.pages().models_address(), &contents.record.role) else { return Ok(()) };
     let size = board.pages().size as usize;
     let mut region = contents.site_models.unwrap_or_default().to_vec();
     // Without its first page there is nothing.
     region.resize(if region.is_empty() { size } else { MODELS_BYTES }, 0xFF);
-    let before = if is_readable(board) { read_levels(flash, board)? } else { Vec::new() };
+    let before = if is_readable(board) { read_site_models(flash, board)? } else { Vec::new() };
     let mut wrote = false;
     for (index, page) in region.chunks(size).enumerate() {
         if before.chunks(size).nth(index) != Some(page) {
@@ -130,7 +130,7 @@ fn write_levels(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -
             wrote = true;
         }
     }
-    if wrote && is_readable(board) && !read_levels(flash, board)?.starts_with(&region) {
+    if wrote && is_readable(board) && !read_site_models(flash, board)?.starts_with(&region) {
         bail!("the flash does not keep what was written at 0x{address:08X}: the map and the rooms of before are gone");
     }
     Ok(())
@@ -141,12 +141,12 @@ fn write_levels(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -
 /// # Errors
 /// The probe's.
 pub fn read(flash: &mut impl Flash, board: Board) -> Result<Result<Held, LoadError>> {
-    let (pages, site_models) = (read_pages(flash, board)?, read_levels(flash, board)?);
+    let (pages, site_models) = (read_pages(flash, board)?, read_site_models(flash, board)?);
     Ok(image::held([&pages[0], &pages[1]], &site_models))
 }
 
 /// The region of beacons' levels; empty where the board has none.
-fn read_levels(flash: &mut impl Flash, board: Board) -> Result<Vec<u8>> {
+fn read_site_models(flash: &mut impl Flash, board: Board) -> Result<Vec<u8>> {
     let Some(address) = board.pages().models_address() else { return Ok(Vec::new()) };
     let mut region = vec![0; MODELS_BYTES];
     flash.read(address, &mut region).with_context(|| format!("cannot read the flash at 0x{address:08X}"))?;
