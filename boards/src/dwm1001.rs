@@ -103,7 +103,7 @@ impl Board {
             delay: driver_delay,
         };
         let mut flash = Nvmc::new(p.NVMC);
-        let record = wire::config::load(&mut flash, wire::config::Pages::DWM1001.offsets);
+        let record = wire::config::load(&mut flash, KIND.pages().offsets);
         let eui = identity::of_random(device_id());
         Self {
             uwb,
@@ -152,7 +152,7 @@ impl Board {
 /// The flash with models of beacons' levels, where the processor sees it: they are read where they lie.
 #[cfg(feature = "ble")]
 pub fn models() -> &'static [u8] {
-    let at = const { wire::config::Pages::DWM1001.models_address().unwrap() };
+    let at = const { KIND.pages().models_address().unwrap() };
     // SAFETY: flash of the chip that the linker gives to nothing else (`memory.x`), and that no program writes while it runs.
     unsafe { core::slice::from_raw_parts(at as *const u8, wire::config::MODELS_BYTES) }
 }

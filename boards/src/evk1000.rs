@@ -123,7 +123,7 @@ impl Board {
         let [anchor, s1_5, s1_6, s1_7, native] = switches.map(|line| line.is_low());
 
         let mut flash = Flash::new_blocking(p.FLASH);
-        let record = wire::config::load(&mut flash, wire::config::Pages::EVK1000.offsets);
+        let record = wire::config::load(&mut flash, KIND.pages().offsets);
         if let Err(fault) = &record
             && *fault != wire::config::LoadError::Missing
         {

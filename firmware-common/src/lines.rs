@@ -167,7 +167,7 @@ text!(HelloLine, |this| (this.0.role, this.0.build);
         "{} {:04x} on {}, EUI {:08x}{:08x}, build {:02x}{:02x}{:02x}{:02x}{:02x}{:02x}{:02x}{:02x}",
         role.as_str(),
         this.0.address,
-        this.0.board.as_str(),
+        this.0.board.name(),
         (this.0.eui >> 32) as u32,
         this.0.eui as u32,
         a, b, c, d, e, f, g, h

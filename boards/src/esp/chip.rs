@@ -21,28 +21,13 @@ pub use log::TelemetryChannel;
 pub use spi::{Bus, Interrupt, Reset};
 pub use watchdog::Watchdog;
 
-/// The chip that this image is for.
+/// The chip that this image is for, as telemetry calls it.
 #[cfg(feature = "esp32c3")]
-mod this {
-    pub const BOARD: wire::config::Board = wire::config::Board::Esp32C3;
-    pub const PINS: wire::config::Pins = crate::esp::pins::ESP32_C3;
-    pub const KIND: wire::telemetry::Board = wire::telemetry::Board::Esp32C3;
-}
+pub const KIND: wire::config::Board = wire::config::Board::Esp32C3;
 #[cfg(feature = "esp32c6")]
-mod this {
-    pub const BOARD: wire::config::Board = wire::config::Board::Esp32C6;
-    pub const PINS: wire::config::Pins = crate::esp::pins::ESP32_C6;
-    pub const KIND: wire::telemetry::Board = wire::telemetry::Board::Esp32C6;
-}
+pub const KIND: wire::config::Board = wire::config::Board::Esp32C6;
 #[cfg(feature = "esp32")]
-mod this {
-    pub const BOARD: wire::config::Board = wire::config::Board::Esp32;
-    pub const PINS: wire::config::Pins = crate::esp::pins::ESP32;
-    pub const KIND: wire::telemetry::Board = wire::telemetry::Board::Esp32;
-}
-
-/// As telemetry calls it.
-pub const KIND: wire::telemetry::Board = this::KIND;
+pub const KIND: wire::config::Board = wire::config::Board::Esp32;
 
 /// Microseconds since the node started.
 pub fn uptime_us() -> u64 {

@@ -14,7 +14,7 @@ use firmware_tag::{AnchorPlace, Locator, NlosModelStore, RateControl, TelemetryS
 use positioning_core::nlos::NodeModel;
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
-use wire::config::{Pages, Role, Tag};
+use wire::config::{Role, Tag};
 use wire::telemetry::Condition;
 
 type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
@@ -136,7 +136,7 @@ fn start(spawner: Spawner) {
                         LoadedModels::of(wire::config::decode_models(dwm1001::models()), &record.beacons, complain)
                     }),
                     tag,
-                    model: NLOS_MODEL.fill(&mut board.flash, Pages::DWM1001.offsets),
+                    model: NLOS_MODEL.fill(&mut board.flash, dwm1001::KIND.pages().offsets),
                 };
                 tasks = Tasks::RangingAndEngine;
                 board.ranging.spawn(ranging(radio, board.delay, machine, shared).unwrap());

@@ -12,7 +12,7 @@ use positioning_core::nlos::NodeModel;
 use ranging::dw1000::Dw1000;
 use ranging::exchange::{Event, Link};
 use static_cell::StaticCell;
-use wire::config::{Pages, Record, Role, Tag};
+use wire::config::{Record, Role, Tag};
 use wire::telemetry::Condition;
 
 type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
@@ -120,7 +120,7 @@ fn spawn(spawner: Spawner, above: SendSpawner, parts: Parts, record: &Record, se
             let channels: &_ = CHANNELS.init_with(TaskChannels::new);
             let sink = TagShown { told: TelemetrySink::new(reporter, tag.report_ranges), panel };
             let anchors = ANCHORS.init_with(|| firmware_tag::places(record));
-            let model = NLOS_MODEL.fill(&mut flash, Pages::EVK1000.offsets);
+            let model = NLOS_MODEL.fill(&mut flash, evk1000::KIND.pages().offsets);
             let machine = TAG.init_with(|| TagProtocol::new(settings, &tag));
             above.spawn(tag_ranging(radio, machine, channels, sink).unwrap());
             spawner.spawn(engine(channels, tag, (anchors, model), sink).unwrap());

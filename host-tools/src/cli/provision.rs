@@ -13,7 +13,7 @@ use host_tools::node::provision::image::{Contents, Held, Image};
 use host_tools::node::provision::show::{self, Keys};
 use host_tools::node::provision::{EXAMPLE, Node, Site, transfer, warnings};
 use host_tools::train::Chosen;
-use wire::config::{Board, MODELS_BYTES, Record};
+use wire::config::{Board, Flasher, MODELS_BYTES, Record};
 
 /// Tell nodes who they are: make their records, write, show and check them
 ///
@@ -73,7 +73,7 @@ enum Format {
 }
 
 fn boards() -> impl TypedValueParser<Value = Board> {
-    PossibleValuesParser::new(Board::ALL.map(Board::name)).map(|name| {
+    PossibleValuesParser::new(Board::HARDWARE.map(Board::name)).map(|name| {
         // The parser lets no other through.
         Board::from_name(&name).unwrap_or(Board::Dwm1001)
     })
@@ -176,12 +176,12 @@ struct Made {
 fn made(node: &Node, board: Board, contents: &Contents<'_>, file: &Path) -> Made {
     let address = contents.address(board);
     let name = file.display();
-    let hint = match board {
-        Board::Esp32C3 | Board::Esp32C6 | Board::Esp32 => format!("espflash write-bin 0x{address:X} {name}"),
-        Board::Dwm1001 | Board::Evk1000 => {
-            let chip = transfer::chip(board);
+    let hint = match board.spec().flasher {
+        Flasher::Espflash(_) => format!("espflash write-bin 0x{address:X} {name}"),
+        Flasher::ProbeRs(chip) => {
             format!("probe-rs download --chip {chip} --binary-format bin --base-address 0x{address:X} {name}")
         }
+        Flasher::Qemu => String::new(),
     };
     Made { node: node.name.clone(), board: board.name(), file: name.to_string(), address, hint }
 }
@@ -219,7 +219,7 @@ fn board_of(arguments: &Arguments, node: &Node) -> Result<Board> {
 }
 
 fn write(arguments: &Arguments, node: &Node, board: Board, contents: &Contents<'_>) -> Result<()> {
-    let mut session = arguments.probe.attach(Some(transfer::chip(board)))?;
+    let mut session = arguments.probe.attach(board.spec().flasher.probe_chip())?;
     let (addresses, sequence) = transfer::write(&mut session, board, contents)?;
     let places = addresses.iter().map(|address| format!("0x{address:08X}")).collect::<Vec<_>>().join(" and ");
     super::note(&format!(
@@ -238,7 +238,7 @@ fn read(arguments: &Arguments) -> Result<()> {
     let Some(board) = arguments.board else {
         return Err(UserError::flag("--board", "say what the node is built on").into());
     };
-    if !transfer::is_readable(board) {
+    if !board.spec().flasher.is_readable() {
         let [address, _] = board.pages().addresses();
         let bytes = 2 * board.pages().size + if board.pages().models.is_some() { MODELS_BYTES as u32 } else { 0 };
         let what = format!(
@@ -247,7 +247,7 @@ fn read(arguments: &Arguments) -> Result<()> {
         );
         return Err(UserError::flag("--read", what).into());
     }
-    let mut session = arguments.probe.attach(Some(transfer::chip(board)))?;
+    let mut session = arguments.probe.attach(board.spec().flasher.probe_chip())?;
     let held = transfer::read(&mut session, board)?.with_context(|| format!("the {} at the probe", board.name()))?;
     print_record(arguments, &held)
 }

@@ -1,9 +1,16 @@
-//! The boards: where each keeps its record in flash, and which of its pins a DW1000 may be wired to.
+//! The boards: one table of what firmware, host programs and builds must agree on.
+//!
+//! One more board is one more variant of [`Board`] and its row.
+
+use core::ops::RangeInclusive;
+
+use postcard::experimental::max_size::MaxSize;
+use serde::{Deserialize, Serialize};
 
 use crate::config::Pins;
 
-/// A board that has an image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+/// What a node is built on. Telemetry sends the variant's index: a new one goes to the end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Board {
     /// DWM1001 (nRF52832).
@@ -16,6 +23,40 @@ pub enum Board {
     Esp32C6,
     /// ESP32 with a DW1000 on SPI.
     Esp32,
+    /// QEMU with a simulated radio.
+    Simulated,
+}
+
+/// A row of the table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BoardSpec {
+    /// Its name in commands, in files, and of its images.
+    pub name: &'static str,
+    /// The compiler's target.
+    pub target: &'static str,
+    /// What writes its flash.
+    pub flasher: Flasher,
+    /// Where its record is.
+    pub pages: Pages,
+    /// Where its images may be.
+    pub memory: Memory,
+    /// Whether it has Bluetooth, so that a tag can scan.
+    pub has_bluetooth: bool,
+    /// Whether there is an image of a beacon for it.
+    pub advertises: bool,
+    /// Which pins the DW1000 may be wired to; `None`: the wires are the board's.
+    pub pins: Option<PinChoice>,
+}
+
+/// The program on the host that writes a board's flash.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Flasher {
+    /// probe-rs by a debug probe, which also reads the flash; it knows the chip by this name.
+    ProbeRs(&'static str),
+    /// espflash by the serial port; it and probe-rs know the chip by this name. A probe does not read the flash.
+    Espflash(&'static str),
+    /// QEMU loads the image itself.
+    Qemu,
 }
 
 /// Where a board keeps its record: two pages of flash that nothing else uses.
@@ -33,14 +74,194 @@ pub struct Pages {
     pub models: Option<u32>,
 }
 
-impl Pages {
-    /// DWM1001: the last two pages of 512 KiB, and the two before them.
-    pub const DWM1001: Self = Self { base: 0, offsets: [0x7E000, 0x7F000], size: 4096, models: Some(0x7C000) };
-    /// EVK1000: the last two pages of 256 KiB.
-    pub const EVK1000: Self = Self { base: 0x0800_0000, offsets: [0x3F000, 0x3F800], size: 2048, models: None };
-    /// ESP32, ESP32-C3, ESP32-C6: the first two sectors of the partition `nvs` of the default table, and the next two of its six.
-    pub const ESP: Self = Self { base: 0, offsets: [0x9000, 0xA000], size: 4096, models: Some(0xB000) };
+/// Where a chip's memories are. The linker's own map is in the board's crate; every image is checked against this one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Memory {
+    /// Where an image begins; `None`: a bootloader loads it from anywhere.
+    pub image_origin: Option<u32>,
+    /// Flash that images may use, as the processor sees it: first address, bytes.
+    pub flash: &'static [(u32, u32)],
+    /// The RAM of variables and stack: first address, bytes.
+    pub ram: (u32, u32),
+    /// Other views of the RAM, and other RAM.
+    pub other_ram: &'static [(u32, u32)],
+}
 
+/// The pins of a chip whose DW1000 is wired by the user.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PinChoice {
+    /// Those that are used where the record names none.
+    pub default: Pins,
+    /// Those that can be inputs and outputs.
+    pub both_ways: &'static [RangeInclusive<u8>],
+    /// Those that can only be inputs.
+    pub inputs: &'static [RangeInclusive<u8>],
+}
+
+/// The last two of 4 KiB pages in 512 KiB of flash are the record's, the two before them the models'.
+const DWM1001: BoardSpec = BoardSpec {
+    name: "dwm1001",
+    target: "thumbv7em-none-eabihf",
+    flasher: Flasher::ProbeRs("nRF52832_xxAA"),
+    pages: Pages { base: 0, offsets: [0x7E000, 0x7F000], size: 4096, models: Some(0x7C000) },
+    memory: Memory { image_origin: Some(0), flash: &[(0, 496 << 10)], ram: (0x2000_0000, 64 << 10), other_ram: &[] },
+    has_bluetooth: true,
+    advertises: false,
+    pins: None,
+};
+
+/// The last two of 2 KiB pages in 256 KiB of flash are the record's.
+const EVK1000: BoardSpec = BoardSpec {
+    name: "evk1000",
+    target: "thumbv7m-none-eabi",
+    flasher: Flasher::ProbeRs("STM32F105RC"),
+    pages: Pages { base: 0x0800_0000, offsets: [0x3F000, 0x3F800], size: 2048, models: None },
+    memory: Memory {
+        image_origin: Some(0x0800_0000),
+        flash: &[(0x0800_0000, 252 << 10)],
+        ram: (0x2000_0000, 64 << 10),
+        other_ram: &[],
+    },
+    has_bluetooth: false,
+    advertises: false,
+    pins: None,
+};
+
+/// The first two sectors of the partition `nvs` of espflash's default table are the record's, the next two of its six the models'.
+const ESP_PAGES: Pages = Pages { base: 0, offsets: [0x9000, 0xA000], size: 4096, models: Some(0xB000) };
+
+// Pins (the chips' data sheets, "Pin Overview"): left out are those of the flash, of the USB port and, on the ESP32, of the serial port.
+// The defaults also leave out those that the chip reads at reset, because the DW1000 or its reset line could make the chip start into its
+// loader. One exception: the ESP32-C3's own pin for MISO is GPIO2, which must not be low at reset; its modules and boards pull it up, and
+// the DW1000 leaves it alone while it is not selected.
+//
+// Memories (technical reference manuals, "System and Memory"): internal SRAM as data, 384 KiB after the cache's 16 on the C3, 512 KiB on
+// the C6; flash by the cache, as instructions and as data; SRAM as instructions; RTC memory.
+
+/// GPIO2, 6, 7 and 10 are SPI2's own. Read at reset: 2, 8, 9.
+const ESP32_C3: BoardSpec = BoardSpec {
+    name: "esp32c3",
+    target: "riscv32imc-unknown-none-elf",
+    flasher: Flasher::Espflash("esp32c3"),
+    pages: ESP_PAGES,
+    memory: Memory {
+        image_origin: None,
+        flash: &[(0x4200_0000, 8 << 20), (0x3C00_0000, 8 << 20)],
+        ram: (0x3FC8_0000, 384 << 10),
+        other_ram: &[(0x4037_C000, 400 << 10), (0x5000_0000, 8 << 10)],
+    },
+    has_bluetooth: true,
+    advertises: true,
+    pins: Some(PinChoice {
+        default: Pins { sck: 6, mosi: 7, miso: 2, cs: 10, irq: 4, reset: 3 },
+        both_ways: &[0..=10, 20..=21],
+        inputs: &[],
+    }),
+};
+
+/// GPIO2, 6 and 7 are SPI2's own. Read at reset: 4, 5, 8, 9, 15.
+const ESP32_C6: BoardSpec = BoardSpec {
+    name: "esp32c6",
+    target: "riscv32imac-unknown-none-elf",
+    flasher: Flasher::Espflash("esp32c6"),
+    memory: Memory {
+        image_origin: None,
+        flash: &[(0x4200_0000, 16 << 20)],
+        ram: (0x4080_0000, 512 << 10),
+        other_ram: &[(0x5000_0000, 16 << 10)],
+    },
+    pins: Some(PinChoice {
+        default: Pins { sck: 6, mosi: 7, miso: 2, cs: 18, irq: 19, reset: 3 },
+        both_ways: &[0..=11, 14..=23],
+        inputs: &[],
+    }),
+    ..ESP32_C3
+};
+
+/// GPIO18, 19 and 23 are SPI3's own; so are boards wired that carry both chips. Read at reset: 0, 2, 5, 12, 15. From 34 on the pins have
+/// no pull resistors and cannot drive.
+const ESP32: BoardSpec = BoardSpec {
+    name: "esp32",
+    target: "xtensa-esp32-none-elf",
+    flasher: Flasher::Espflash("esp32"),
+    memory: Memory {
+        image_origin: None,
+        flash: &[(0x400D_0000, 3 << 20), (0x3F40_0000, 4 << 20)],
+        ram: (0x3FFA_E000, 328 << 10),
+        other_ram: &[(0x4008_0000, 128 << 10), (0x400C_0000, 8 << 10), (0x3FF8_0000, 8 << 10), (0x5000_0000, 8 << 10)],
+    },
+    pins: Some(PinChoice {
+        default: Pins { sck: 18, mosi: 23, miso: 19, cs: 4, irq: 34, reset: 27 },
+        both_ways: &[0..=0, 2..=2, 4..=5, 12..=19, 21..=23, 25..=27, 32..=33],
+        inputs: &[34..=39],
+    }),
+    ..ESP32_C3
+};
+
+/// QEMU's mps2-an386; two pages of memory stand in for flash.
+const SIMULATED: BoardSpec = BoardSpec {
+    name: "simulated",
+    target: "thumbv7em-none-eabihf",
+    flasher: Flasher::Qemu,
+    pages: Pages { base: 0, offsets: [0, 4096], size: 4096, models: None },
+    memory: Memory { image_origin: Some(0), flash: &[(0, 4 << 20)], ram: (0x2000_0000, 4 << 20), other_ram: &[] },
+    has_bluetooth: false,
+    advertises: false,
+    pins: None,
+};
+
+impl Board {
+    /// All that are hardware, whose flash holds a record.
+    pub const HARDWARE: [Self; 5] = [Self::Dwm1001, Self::Evk1000, Self::Esp32C3, Self::Esp32C6, Self::Esp32];
+
+    /// Its row.
+    #[inline(always)]
+    pub const fn spec(self) -> BoardSpec {
+        match self {
+            Self::Dwm1001 => DWM1001,
+            Self::Evk1000 => EVK1000,
+            Self::Esp32C3 => ESP32_C3,
+            Self::Esp32C6 => ESP32_C6,
+            Self::Esp32 => ESP32,
+            Self::Simulated => SIMULATED,
+        }
+    }
+
+    /// Its name in commands, in files, and of its images.
+    pub const fn name(self) -> &'static str {
+        self.spec().name
+    }
+
+    /// Where it keeps its record.
+    pub const fn pages(self) -> Pages {
+        self.spec().pages
+    }
+
+    /// The hardware of a name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::HARDWARE.into_iter().find(|board| board.name() == name)
+    }
+}
+
+impl Flasher {
+    /// The chip as probe-rs calls it.
+    pub const fn probe_chip(self) -> Option<&'static str> {
+        match self {
+            Self::ProbeRs(chip) | Self::Espflash(chip) => Some(chip),
+            Self::Qemu => None,
+        }
+    }
+
+    /// Whether a debug probe reads the flash that the record is in.
+    pub const fn is_readable(self) -> bool {
+        match self {
+            Self::ProbeRs(_) => true,
+            Self::Espflash(_) | Self::Qemu => false,
+        }
+    }
+}
+
+impl Pages {
     /// Where debug probes find the pages.
     pub const fn addresses(&self) -> [u32; 2] {
         [self.base + self.offsets[0], self.base + self.offsets[1]]
@@ -55,71 +276,11 @@ impl Pages {
     }
 }
 
-impl Board {
-    /// All boards.
-    pub const ALL: [Self; 5] = [Self::Dwm1001, Self::Evk1000, Self::Esp32C3, Self::Esp32C6, Self::Esp32];
-
-    /// Its name in commands, in files, and of its images.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Dwm1001 => "dwm1001",
-            Self::Evk1000 => "evk1000",
-            Self::Esp32C3 => "esp32c3",
-            Self::Esp32C6 => "esp32c6",
-            Self::Esp32 => "esp32",
-        }
-    }
-
-    /// The board of a name.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|board| board.name() == name)
-    }
-
-    /// Where it keeps its record.
-    pub const fn pages(self) -> Pages {
-        match self {
-            Self::Dwm1001 => Pages::DWM1001,
-            Self::Evk1000 => Pages::EVK1000,
-            Self::Esp32C3 | Self::Esp32C6 | Self::Esp32 => Pages::ESP,
-        }
-    }
-
-    /// Whether there is an image of a beacon for it.
-    pub const fn advertises(self) -> bool {
-        match self {
-            Self::Dwm1001 | Self::Evk1000 => false,
-            Self::Esp32C3 | Self::Esp32C6 | Self::Esp32 => true,
-        }
-    }
-
-    /// Whether it has Bluetooth, so that a tag can scan.
-    pub const fn has_bluetooth(self) -> bool {
-        match self {
-            Self::Evk1000 => false,
-            Self::Dwm1001 | Self::Esp32C3 | Self::Esp32C6 | Self::Esp32 => true,
-        }
-    }
-
-    /// Whether the DW1000's wires are the user's choice.
-    pub const fn has_free_pins(self) -> bool {
-        match self {
-            Self::Dwm1001 | Self::Evk1000 => false,
-            Self::Esp32C3 | Self::Esp32C6 | Self::Esp32 => true,
-        }
-    }
-
-    /// Whether a pin of this number can be an input, and an output too where `output`. Left out are those that the
-    /// flash, the USB port and, on the ESP32, the serial port hang on (the chips' datasheets, "Pin Overview").
-    pub const fn has_pin(self, pin: u8, output: bool) -> bool {
-        match self {
-            Self::Dwm1001 | Self::Evk1000 => false,
-            Self::Esp32C3 => matches!(pin, 0..=10 | 20..=21),
-            Self::Esp32C6 => matches!(pin, 0..=11 | 14..=23),
-            Self::Esp32 => {
-                matches!(pin, 0 | 2 | 4..=5 | 12..=19 | 21..=23 | 25..=27 | 32..=33)
-                    || (!output && matches!(pin, 34..=39))
-            }
-        }
+impl PinChoice {
+    /// Whether a pin of this number can be an input, and an output too where `output`.
+    pub fn allows(&self, pin: u8, output: bool) -> bool {
+        let among = |ranges: &[RangeInclusive<u8>]| ranges.iter().any(|range| range.contains(&pin));
+        among(self.both_ways) || (!output && among(self.inputs))
     }
 }
 

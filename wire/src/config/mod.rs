@@ -12,7 +12,7 @@ mod region;
 mod store;
 mod validate;
 
-pub use board::{Board, Pages};
+pub use board::{Board, BoardSpec, Flasher, Memory, Pages, PinChoice};
 pub use models::{BeaconModel, MODELS_BYTES, MODELS_VERSION, SiteModels, decode_models, encode_models, load_models};
 pub use page::{HEADER_BYTES, LoadError, MAX_BYTES, MODEL_AT, MODEL_BYTES, decode, encode, version};
 pub use record::*;

@@ -134,21 +134,23 @@ impl Record {
     /// As [`validate`](Self::validate); and the board lacks a pin, free pins or Bluetooth.
     pub fn validate_for(&self, board: Board) -> Result<(), Invalid> {
         self.validate()?;
+        let board = board.spec();
         if let Some(pins) = &self.pins {
-            ensure(board.has_free_pins(), "pins.sck", integer(pins.sck), "absent: this board's DW1000 is wired")?;
+            ensure(board.pins.is_some(), "pins.sck", integer(pins.sck), "absent: this board's DW1000 is wired")?;
             for (name, pin, driven) in pins.named() {
                 let must = "a free pin of the chip's; sck, mosi, cs and reset are outputs";
-                ensure(board.has_pin(pin, driven), name, integer(pin), must)?;
+                let allowed = board.pins.is_some_and(|choice| choice.allows(pin, driven));
+                ensure(allowed, name, integer(pin), must)?;
             }
         }
         match &self.role {
             Role::Tag(Tag { scan: Some(scan), .. }) => {
                 let must = "absent: this board has no Bluetooth";
-                ensure(board.has_bluetooth(), "tag.scan.interval_ms", integer(scan.interval_ms), must)
+                ensure(board.has_bluetooth, "tag.scan.interval_ms", integer(scan.interval_ms), must)
             }
             Role::Advertiser(beacon) => {
                 let must = "on an ESP32: no other board has an image of a beacon";
-                ensure(board.advertises(), "beacon.minor", integer(beacon.minor), must)
+                ensure(board.advertises, "beacon.minor", integer(beacon.minor), must)
             }
             Role::Tag(Tag { scan: None, .. }) | Role::Anchor { position_m: _ } => Ok(()),
         }

@@ -3,6 +3,7 @@
 //! Variants and fields are append-only: a variant's number is its place in the enumeration, and never changes. What cannot be
 //! kept so takes another [`SCHEMA`](crate::telemetry::SCHEMA) number.
 
+pub use crate::config::Board;
 use postcard::experimental::max_size::MaxSize;
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -58,24 +59,6 @@ pub enum Role {
     Anchor,
     /// Advertises.
     Beacon,
-}
-
-/// What a node is built on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Board {
-    /// DWM1001 (nRF52832).
-    Dwm1001,
-    /// EVB1000 (STM32F105).
-    Evk1000,
-    /// ESP32-C3 with a DW1000 on SPI.
-    Esp32C3,
-    /// ESP32-C6 with a DW1000 on SPI.
-    Esp32C6,
-    /// ESP32 with a DW1000 on SPI.
-    Esp32,
-    /// QEMU with a simulated radio.
-    Simulated,
 }
 
 /// A position, or why there is none.

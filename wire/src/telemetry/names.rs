@@ -5,7 +5,7 @@ use core::fmt::{self, Display, Formatter};
 use positioning_core::SolveError;
 
 use crate::telemetry::{
-    Board, Condition, CrashReason, DecodeError, Levels, Message, MotionSensor, Reason, RecordError, ResetCause, Role,
+    Condition, CrashReason, DecodeError, Levels, Message, MotionSensor, Reason, RecordError, ResetCause, Role,
     RoomEstimate, RssiModelError, Solver,
 };
 
@@ -33,20 +33,6 @@ impl Role {
             Self::Tag => "tag",
             Self::Anchor => "anchor",
             Self::Beacon => "beacon",
-        }
-    }
-}
-
-impl Board {
-    /// As the images are called: `dwm1001`, `evk1000`, `esp32c3`, `esp32c6`, `esp32`, `simulated`.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Dwm1001 => "dwm1001",
-            Self::Evk1000 => "evk1000",
-            Self::Esp32C3 => "esp32c3",
-            Self::Esp32C6 => "esp32c6",
-            Self::Esp32 => "esp32",
-            Self::Simulated => "simulated",
         }
     }
 }

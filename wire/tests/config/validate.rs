@@ -229,9 +229,37 @@ fn boards_keep_their_records_where_the_flash_ends() {
     assert_eq!(Board::Evk1000.pages().addresses(), [0x0803_F000, 0x0803_F800]);
     assert_eq!(Board::Evk1000.pages().offsets[1] + 2048, 256 * 1024);
     assert_eq!(Board::Esp32C3.pages().addresses(), [0x9000, 0xA000]);
-    for board in Board::ALL {
+    for board in Board::HARDWARE {
         assert!(board.pages().size as usize >= baliza_wire::config::MAX_BYTES);
         assert_eq!(Board::from_name(board.name()), Some(board));
     }
-    assert_eq!(Board::from_name("dwm1000"), None);
+    assert_eq!(["dwm1000", "simulated"].map(Board::from_name), [None; 2]);
+}
+
+#[test]
+fn images_end_before_the_pages_of_the_record_and_the_models() {
+    for board in [Board::Dwm1001, Board::Evk1000] {
+        let pages = board.pages();
+        let first = pages.models_address().unwrap_or(pages.addresses()[0]);
+        let &[(origin, bytes)] = board.spec().memory.flash else { panic!("{board:?}: one flash") };
+        assert_eq!((board.spec().memory.image_origin, origin + bytes), (Some(pages.base), first), "{board:?}");
+    }
+}
+
+/// The pins that a chip reads at reset (data sheets, "Strapping Pins"), without the one that the table excepts.
+const STRAPPING: [(Board, &[u8]); 3] =
+    [(Board::Esp32C3, &[8, 9]), (Board::Esp32C6, &[4, 5, 8, 9, 15]), (Board::Esp32, &[0, 2, 5, 12, 15])];
+
+#[test]
+fn default_pins_may_be_named_disturb_no_reset_and_are_six() {
+    for (board, strapping) in STRAPPING {
+        let choice = board.spec().pins.expect("the user wires it");
+        let mut taken = choice.default.named().map(|(name, pin, driven)| {
+            assert!(choice.allows(pin, driven), "{board:?} {name}");
+            pin
+        });
+        assert!(!taken.iter().any(|pin| strapping.contains(pin)), "{board:?}");
+        taken.sort_unstable();
+        assert!(taken.windows(2).all(|pair| pair[0] < pair[1]), "{board:?}");
+    }
 }

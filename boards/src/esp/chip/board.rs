@@ -7,12 +7,12 @@ use esp_hal::efuse;
 use esp_hal::rng::Rng;
 use esp_hal::timer::timg::TimerGroup;
 use esp_storage::FlashStorage;
-use wire::config::{Invalid, Pages, Pins, Record};
+use wire::config::{Invalid, Pins, Record};
 
 use super::log;
 use super::spi::{Bus, Interrupt, Port, Reset};
 use super::watchdog::{self, Watchdog};
-use super::{Care, crash, this};
+use super::{Care, KIND, crash};
 use crate::esp::{pins, reset_cause};
 use crate::node::Start;
 
@@ -21,6 +21,11 @@ esp_bootloader_esp_idf::esp_app_desc!();
 
 /// Bytes of the heap: threads' stacks, and what the Bluetooth controller takes.
 const HEAP_BYTES: usize = if cfg!(feature = "ble") { 80 << 10 } else { 16 << 10 };
+
+const DEFAULT_PINS: Pins = match KIND.spec().pins {
+    Some(choice) => choice.default,
+    None => panic!("the user wires an ESP"),
+};
 
 /// The board, taken.
 pub struct Board {
@@ -55,11 +60,14 @@ pub struct Uwb {
 pub struct UwbPort(Port);
 
 impl UwbPort {
-    /// Wires it by the record, or by the chip's default ([`pins`]).
+    /// Wires it by the record, or by the chip's default.
+    ///
+    /// # Errors
+    /// The record is for another board, or invalid.
     pub fn wire(self, record: &Record) -> Result<Uwb, Invalid> {
-        record.validate_for(this::BOARD)?;
-        let pins: Pins = record.pins.unwrap_or(this::PINS);
-        let (bus, interrupt, reset) = self.0.wire(&pins, pins::fast_mhz(&pins, &this::PINS));
+        record.validate_for(KIND)?;
+        let pins = record.pins.unwrap_or(DEFAULT_PINS);
+        let (bus, interrupt, reset) = self.0.wire(&pins, pins::fast_mhz(&pins, &DEFAULT_PINS));
         Ok(Uwb { bus, interrupt, reset, delay: Delay })
     }
 }
@@ -90,7 +98,7 @@ impl Board {
         let port = Port::new(p.SPI3);
         let mut flash = FlashStorage::new(p.FLASH);
         let start = Start {
-            record: wire::config::load(&mut flash, Pages::ESP.offsets),
+            record: wire::config::load(&mut flash, KIND.pages().offsets),
             eui: eui_of(address),
             reset: reset_cause::of(esp_hal::system::reset_reason().map_or(0, |reason| reason as u32)),
             crash: crash::take(),

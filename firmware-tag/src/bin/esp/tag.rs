@@ -14,7 +14,7 @@ use ranging::dw1000::Dw1000;
 #[cfg(feature = "ble")]
 use static_cell::ConstStaticCell;
 use static_cell::StaticCell;
-use wire::config::{Pages, Record, Role, Tag};
+use wire::config::{Record, Role, Tag};
 use wire::telemetry::{Condition, RecordError};
 
 type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
@@ -120,10 +120,10 @@ pub fn start(spawner: Spawner) {
         match (settings.role, board.uwb.wire(record)) {
             (Role::Tag(tag), Ok(uwb)) => {
                 tasks = Tasks::RangingAndEngine;
-                let model = NLOS_MODEL.fill(&mut board.flash, Pages::ESP.offsets);
+                let model = NLOS_MODEL.fill(&mut board.flash, esp::KIND.pages().offsets);
                 #[cfg(feature = "ble")]
                 let surveyed = {
-                    let models = match Pages::ESP.models {
+                    let models = match esp::KIND.pages().models {
                         Some(at) => wire::config::load_models(&mut board.flash, at, MODELS.take()),
                         None => Err(wire::config::LoadError::Missing),
                     };

@@ -193,7 +193,7 @@ impl Object {
             eui: format!("{:016x}", hello.eui),
             address: hello.address,
             role: hello.role.as_str(),
-            board: hello.board.as_str(),
+            board: hello.board.name(),
             build: hex(&hello.build),
         }
     }

@@ -135,7 +135,7 @@ impl Summary {
                 eui: format!("{:016x}", hello.eui),
                 address: hello.address,
                 role: hello.role.as_str(),
-                board: hello.board.as_str(),
+                board: hello.board.name(),
                 build: hex(&hello.build),
             }),
         }

@@ -320,7 +320,7 @@ fn name<'de, D: Deserializer<'de>>(from: D) -> Result<Option<String>, D::Error> 
 }
 
 fn board<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Board>, D::Error> {
-    choice(from, &Board::ALL, Board::name)
+    choice(from, &Board::HARDWARE, Board::name)
 }
 
 fn solver<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Solver>, D::Error> {

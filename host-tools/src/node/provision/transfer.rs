@@ -59,25 +59,6 @@ impl Flash for Session {
     }
 }
 
-/// The chip of a board, in probe-rs's words.
-pub const fn chip(board: Board) -> &'static str {
-    match board {
-        Board::Dwm1001 => "nRF52832_xxAA",
-        Board::Evk1000 => "STM32F105RC",
-        Board::Esp32C3 => "esp32c3",
-        Board::Esp32C6 => "esp32c6",
-        Board::Esp32 => "esp32",
-    }
-}
-
-/// Whether a probe reads the flash that the record is in.
-pub const fn is_readable(board: Board) -> bool {
-    match board {
-        Board::Dwm1001 | Board::Evk1000 => true,
-        Board::Esp32C3 | Board::Esp32C6 | Board::Esp32 => false,
-    }
-}
-
 /// Writes what a node is to hold, and restarts it; answers with the addresses of the record's pages that were written, and the record's
 /// sequence number.
 ///
@@ -86,7 +67,7 @@ pub const fn is_readable(board: Board) -> bool {
 pub fn write(flash: &mut impl Flash, board: Board, contents: &Contents<'_>) -> Result<(Vec<u32>, u32)> {
     write_site_models(flash, board, contents)?;
     let addresses = board.pages().addresses();
-    let (written, sequence) = if is_readable(board) {
+    let (written, sequence) = if board.spec().flasher.is_readable() {
         let pages = read_pages(flash, board)?;
         let Next { page: which, sequence } = next([&pages[0], &pages[1]]);
         let image = contents.page(board, sequence);
@@ -121,7 +102,7 @@ fn write_site_models(flash: &mut impl Flash, board: Board, contents: &Contents<'
     let mut region = contents.site_models.unwrap_or_default().to_vec();
     // Without its first page there is nothing.
     region.resize(if region.is_empty() { size } else { MODELS_BYTES }, 0xFF);
-    let before = if is_readable(board) { read_site_models(flash, board)? } else { Vec::new() };
+    let before = if board.spec().flasher.is_readable() { read_site_models(flash, board)? } else { Vec::new() };
     let mut wrote = false;
     for (index, page) in region.chunks(size).enumerate() {
         if before.chunks(size).nth(index) != Some(page) {
@@ -130,7 +111,7 @@ fn write_site_models(flash: &mut impl Flash, board: Board, contents: &Contents<'
             wrote = true;
         }
     }
-    if wrote && is_readable(board) && !read_site_models(flash, board)?.starts_with(&region) {
+    if wrote && board.spec().flasher.is_readable() && !read_site_models(flash, board)?.starts_with(&region) {
         bail!("the flash does not keep what was written at 0x{address:08X}: the map and the rooms of before are gone");
     }
     Ok(())
@@ -242,7 +223,7 @@ mod tests {
             let mut memory = Memory::default();
             write(&mut memory, board, &Contents { site_models: Some(&site_models), ..of(tag) }).unwrap();
             assert_eq!((taken(&mut memory, board), &memory.writes[..2]), (Ok(7), &[at, at + 0x1000][..]));
-            if is_readable(board) {
+            if board.spec().flasher.is_readable() {
                 let held = read(&mut memory, board).unwrap().unwrap();
                 assert!(held.site_models.is_some_and(|region| region.starts_with(&site_models)));
                 // What is there already is not written again.
@@ -323,8 +304,8 @@ mod tests {
 
     #[test]
     fn probe_rs_knows_the_boards_chips() {
-        for board in Board::ALL {
-            assert!(supports(chip(board)), "{board:?}");
+        for board in Board::HARDWARE {
+            assert!(board.spec().flasher.probe_chip().is_some_and(supports), "{board:?}");
         }
     }
 }
