@@ -5,22 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
 
-/// All that an image is made of, from the repository's root.
-const SOURCES: [&str; 13] = [
-    ".cargo/config.toml",
-    "Cargo.toml",
-    "Cargo.lock",
-    "memory.x",
-    "positioning-core",
-    "ranging",
-    "dw1000",
-    "wire",
-    "firmware-common",
-    "firmware-tag",
-    "firmware-anchor",
-    "firmware-beacon",
-    "boards",
-];
+/// What an image is made of beside crates, from the repository's root.
+const SOURCES: [&str; 5] = [".cargo/config.toml", "Cargo.toml", "Cargo.lock", "memory.x", "boards"];
 
 fn main() {
     println!("cargo::rerun-if-env-changed=BALIZA_IMAGE");
@@ -58,12 +44,21 @@ fn everything_else(root: &Path) -> u32 {
     for name in ["TARGET", "PROFILE", "BALIZA_IMAGE"] {
         hash.add(env::var(name).unwrap_or_default().as_bytes());
     }
-    for source in SOURCES {
-        let path = root.join(source);
+    let crates =
+        fs::read_dir(root).into_iter().flatten().flatten().map(|entry| entry.path()).filter(|path| is_no_std(path));
+    let mut sources: Vec<PathBuf> = SOURCES.iter().map(|source| root.join(source)).chain(crates).collect();
+    sources.sort();
+    for path in sources {
         println!("cargo::rerun-if-changed={}", path.display());
         hash.add_path(&path);
     }
     hash.0
+}
+
+/// Whether a directory has a crate that needs no operating system, as all in an image.
+fn is_no_std(directory: &Path) -> bool {
+    let library = fs::read_to_string(directory.join("src/lib.rs"));
+    library.is_ok_and(|source| source.lines().any(|line| line == "#![no_std]"))
 }
 
 /// FNV-1a.

@@ -5,6 +5,9 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "node")]
+pub mod node;
+
 use core::convert::Infallible;
 
 use embassy_sync::blocking_mutex::raw::RawMutex;
@@ -12,7 +15,7 @@ use embedded_hal_async::delay::DelayNs;
 use firmware_common::Reporter;
 use ranging::RadioInstant;
 use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
-use ranging::{Restart, node};
+use ranging::Restart;
 
 pub use ranging::node::Listener;
 
@@ -23,7 +26,7 @@ pub async fn run<R: Restart>(
     mut machine: impl Protocol,
     mut listener: impl Listener,
 ) -> Infallible {
-    node::run(&mut radio, &mut delay, &mut machine, &mut listener).await
+    ranging::node::run(&mut radio, &mut delay, &mut machine, &mut listener).await
 }
 
 /// The listener of a board's anchor: everything goes to the node's reporter.

@@ -14,6 +14,8 @@ pub mod crash;
 pub mod event_log;
 pub mod lines;
 pub mod messages;
+#[cfg(feature = "node")]
+pub mod node;
 pub mod protocol;
 pub mod reporter;
 pub mod settings;

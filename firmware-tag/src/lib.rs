@@ -14,8 +14,10 @@ mod digest;
 mod levels;
 mod locator;
 pub mod motion;
-#[cfg(feature = "_board")]
+#[cfg(feature = "node")]
 mod nlos_model;
+#[cfg(feature = "node")]
+pub mod node;
 mod rate_control;
 pub mod scan;
 mod sightings;
@@ -38,7 +40,7 @@ use embedded_hal_async::delay::DelayNs;
 use firmware_common::{Reporter, Settings, TagProtocol, build};
 use ranging::Restart;
 use ranging::exchange::{Action, Event, Guidance, Link, Protocol, Report};
-use ranging::node::{self, Listener};
+use ranging::node::Listener;
 use ranging::{Radio, RadioDuration, RadioInstant};
 use wire::telemetry::{Board, Condition, Hello, MotionSensor, Role, Sighting};
 
@@ -48,8 +50,6 @@ use sounding::Sounder;
 pub use channels::{Heard, Level, Levels, Measured, TaskChannels};
 pub use digest::Digest;
 pub use locator::{AnchorPlace, Epoch, Locator, Position, method, places};
-#[cfg(feature = "_board")]
-pub use nlos_model::NlosModelStore;
 pub use rate_control::RateControl;
 pub use sightings::KnownBeacons;
 pub use sounding::Sounding;
@@ -177,7 +177,13 @@ pub async fn ranging<R: Restart, M: RawMutex>(
     channels: &TaskChannels<M>,
     sink: &impl Sink,
 ) -> Infallible {
-    node::run(&mut radio, &mut delay, &mut machine, &mut Ranging { channels, sink, sounder: Sounder::default() }).await
+    ranging::node::run(
+        &mut radio,
+        &mut delay,
+        &mut machine,
+        &mut Ranging { channels, sink, sounder: Sounder::default() },
+    )
+    .await
 }
 
 /// The task that makes positions, sole owner of whatever that needs.

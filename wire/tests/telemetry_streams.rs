@@ -218,14 +218,7 @@ fn diagnostics(([rx_power, first_path_power, clock_offset], chip): ([i16; 3], [u
 /// Any message at all.
 fn any_message() -> impl Strategy<Value = Message> {
     let roles = proptest::sample::select(&[Role::Tag, Role::Anchor, Role::Beacon]);
-    let boards = proptest::sample::select(&[
-        Board::Dwm1001,
-        Board::Evk1000,
-        Board::Esp32C3,
-        Board::Esp32C6,
-        Board::Esp32,
-        Board::Simulated,
-    ]);
+    let boards = proptest::sample::select(Board::HARDWARE.into_iter().chain([Board::Simulated]).collect::<Vec<_>>());
     let solvers = proptest::sample::select(&[
         Solver::Unknown,
         Solver::Track,

@@ -21,6 +21,15 @@ impl Chip {
     /// All whose nodes are simulated, in the order of the table of costs.
     pub const SIMULATED: [Self; 3] = [Self::CortexM4F, Self::CortexM3, Self::RiscV32];
 
+    /// As the names of its images call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::CortexM4F => "arm",
+            Self::CortexM3 => "arm-m3",
+            Self::RiscV32 => "riscv",
+        }
+    }
+
     /// As the documents call it.
     pub fn title(self) -> &'static str {
         match self {
@@ -33,9 +42,9 @@ impl Chip {
     /// What code for it is compiled for.
     pub fn target(self) -> Target {
         match self {
-            Self::CortexM4F => Target::CortexM4F,
-            Self::CortexM3 => Target::CortexM3,
-            Self::RiscV32 => Target::RiscV32Imc,
+            Self::CortexM4F => Target("thumbv7em-none-eabihf"),
+            Self::CortexM3 => Target("thumbv7m-none-eabi"),
+            Self::RiscV32 => Target("riscv32imc-unknown-none-elf"),
         }
     }
 

@@ -20,6 +20,7 @@ mod sizes;
 mod target;
 mod toolchain;
 mod tracks;
+mod workspace;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
@@ -29,18 +30,7 @@ use clap::{Parser, Subcommand};
 
 use chip::Chip;
 use toolchain::Toolchain;
-
-/// The crates of the node: they must build without an operating system, with and without their logging.
-const NO_STD_CRATES: [&str; 8] = [
-    "positioning-core",
-    "ranging",
-    "baliza-dw1000",
-    "baliza-wire",
-    "firmware-common",
-    "firmware-anchor",
-    "firmware-tag",
-    "firmware-beacon",
-];
+use workspace::Package;
 
 /// The project's own chores. `cargo xtask ci` runs exactly what continuous integration runs.
 #[derive(Parser)]
@@ -54,7 +44,7 @@ struct Arguments {
 enum Chore {
     /// Run all checks of continuous integration, one after the other, and say which passed. `.ci/setup` installs what they need.
     Ci,
-    /// Build the crates of the node for bare-metal Cortex-M4F and RISC-V.
+    /// Build the crates that need no operating system for bare-metal Cortex-M4F and RISC-V, with and without their logging.
     NoStd,
     /// Build the images of all roles, boards and variants into target/firmware, check what boards, bootloaders and probes look for
     /// in them, and compare their sizes with their budgets.
@@ -112,12 +102,15 @@ fn run(chore: &Chore) -> Result<()> {
 }
 
 fn no_std() -> Result<()> {
+    let packages = workspace::packages()?;
     for chip in Chip::ALL {
         let toolchain = Toolchain::find(chip.target())?;
-        for name in NO_STD_CRATES {
-            for features in ["", "defmt"] {
-                let mut cargo = toolchain.cargo("build");
-                succeed(cargo.args(["--package", name, "--features", features]))?;
+        // What a board needs, its images have.
+        let is_library = |package: &&Package| package.is_no_std() && !package.name.starts_with(firmware::BOARDS);
+        for Package { name, features, .. } in packages.iter().filter(is_library) {
+            succeed(toolchain.cargo("build").args(["--package", name]))?;
+            if features.contains_key("defmt") {
+                succeed(toolchain.cargo("build").args(["--package", name, "--features", "defmt"]))?;
             }
         }
     }

@@ -38,7 +38,7 @@ const PURPOSES: [(&str, &[&str]); 10] = [
         ],
     ),
     ("Node: tasks, settings, supervision", &["firmware-"]),
-    ("Bluetooth: commands and events", &["bt-hci", "nrf-sdc", "nrf-mpsl", "esp-radio", "boards/src/dwm1001/bluetooth"]),
+    ("Bluetooth: commands and events", &["bt-hci", "nrf-sdc", "nrf-mpsl", "esp-radio", "boards/dwm1001/src/bluetooth"]),
 ];
 const BOARD: &str = "Board: processor, buses, executor";
 const ARITHMETIC: &str = "Arithmetic and memory by software";

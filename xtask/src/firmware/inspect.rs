@@ -6,8 +6,9 @@ use std::path::Path;
 use anyhow::{Context, Result, bail, ensure};
 use object::read::{Object, ObjectSection, ObjectSymbol};
 use object::{File, SectionFlags, elf};
+use wire::config::Memory;
 
-use super::matrix::{Board, Memory};
+use super::matrix::{Platform, holds};
 
 /// The magic word of an ESP app descriptor.
 const APP_DESCRIPTOR: u32 = 0xABCD_5432;
@@ -31,12 +32,12 @@ pub fn flash(file: &Path) -> Result<u64> {
     Ok(flash_of(&parse(file, &bytes)?))
 }
 
-/// Reads an image for `board`, and checks its landmarks.
-pub fn inspect(file: &Path, board: Board) -> Result<Takes> {
+/// Reads an image for `platform`, and checks its landmarks.
+pub fn inspect(file: &Path, platform: Platform) -> Result<Takes> {
     let bytes = fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
     let elf = parse(file, &bytes)?;
-    check(&elf, board).with_context(|| file.display().to_string())?;
-    Ok(takes(&elf, board.memory()))
+    check(&elf, platform).with_context(|| file.display().to_string())?;
+    Ok(takes(&elf, platform.memory()))
 }
 
 fn parse<'b>(file: &Path, bytes: &'b [u8]) -> Result<File<'b>> {
@@ -53,7 +54,8 @@ fn flash_of(elf: &File<'_>) -> u64 {
 }
 
 fn takes(elf: &File<'_>, memory: Memory) -> Takes {
-    let in_ram = |address: u64| (memory.ram_origin..memory.ram_origin + memory.ram_bytes).contains(&address);
+    let (ram_origin, ram_bytes) = (u64::from(memory.ram.0), u64::from(memory.ram.1));
+    let in_ram = |address: u64| (ram_origin..ram_origin + ram_bytes).contains(&address);
     let sections = elf.sections().filter(|section| is_loaded(section.flags()) && in_ram(section.address()));
     // What only keeps room for the stack is no variable.
     let ram = sections.filter(|section| section.name() != Ok(".stack")).map(|section| section.size()).sum();
@@ -61,34 +63,39 @@ fn takes(elf: &File<'_>, memory: Memory) -> Takes {
     let heap = heaps.filter(|symbol| in_ram(symbol.address())).map(|symbol| symbol.size()).max();
     let stack = match (address(elf, "_stack_start_cpu0"), address(elf, "_stack_end_cpu0")) {
         (Some(top), Some(bottom)) => top.saturating_sub(bottom),
-        _ => memory.ram_bytes.saturating_sub(ram),
+        _ => ram_bytes.saturating_sub(ram),
     };
     Takes { flash: flash_of(elf), ram, heap, stack }
 }
 
-fn check(elf: &File<'_>, board: Board) -> Result<()> {
-    let memory = board.memory();
-    let ram = memory.ram_origin..=memory.ram_origin + memory.ram_bytes;
+fn check(elf: &File<'_>, platform: Platform) -> Result<()> {
+    let memory = platform.memory();
+    let (ram_origin, ram_bytes) = (u64::from(memory.ram.0), u64::from(memory.ram.1));
+    let ram = ram_origin..=ram_origin + ram_bytes;
     // An image that was linked by another board's map has something elsewhere.
     for section in elf.sections().filter(|section| is_loaded(section.flags()) && section.size() > 0) {
         let (name, address, bytes) = (section.name()?, section.address(), section.size());
         ensure!(
-            memory.holds(address, bytes),
+            holds(&memory, address, bytes),
             "{bytes} bytes of {name} at {address:#x} are outside the board's memories"
         );
     }
-    if board.target().is_cortex_m() {
+    if platform.target().is_cortex_m() {
         let table = elf.section_by_name(".vector_table").context("no vector table")?;
-        ensure!(Some(table.address()) == memory.flash_origin, "the vector table is at {:#x}", table.address());
+        ensure!(
+            Some(table.address()) == memory.image_origin.map(u64::from),
+            "the vector table is at {:#x}",
+            table.address()
+        );
         let words = table.data().context("the vector table is empty")?;
         let stack = word(words, 0).context("the vector table is cut short")?;
         let reset = word(words, 1).context("the vector table is cut short")?;
         ensure!(ram.contains(&stack.into()), "the stack begins at {stack:#x}, outside the RAM");
-        let code = memory.holds((reset & !1).into(), 2) && !ram.contains(&reset.into());
+        let code = holds(&memory, (reset & !1).into(), 2) && !ram.contains(&reset.into());
         ensure!(code, "the reset vector {reset:#x} is outside the flash");
         ensure!(reset & 1 == 1, "the reset vector {reset:#x} is no Thumb code");
     }
-    if board.espflash_chip().is_some() {
+    if platform.espflash_chip().is_some() {
         let descriptor = address(elf, "esp_app_desc").context("no app descriptor")?;
         let magic = at(elf, descriptor).context("the app descriptor is in no section")?;
         ensure!(magic == APP_DESCRIPTOR, "the app descriptor begins with {magic:#x}");

@@ -1,144 +1,67 @@
-//! Every image that is built: role, board, variant, and what it may take.
+//! Every image that is built: role, board, variant, and what it may take. The boards' crates list theirs in the table
+//! `package.metadata.baliza` of their manifests.
+
+use anyhow::{Context, Result};
+use serde::Deserialize;
+use wire::config::{Board, Flasher, Memory};
 
 use crate::chip::Chip;
 use crate::target::Target;
+use crate::workspace::{self, Package};
 
-/// A board, as far as its images differ in building.
+/// What the names of the boards' crates begin with.
+pub const BOARDS: &str = "baliza-board-";
+
+/// What an image runs on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Board {
-    Dwm1001,
-    Evk1000,
-    Esp32C3,
-    Esp32C6,
-    /// QEMU with a radio and its air within the image.
-    Simulated(Chip),
-    /// QEMU with a simulated DW1000 behind a pipe.
-    Wired(Chip),
+pub enum Platform {
+    /// A board.
+    Board(Board),
+    /// QEMU, as this chip.
+    Qemu(Chip),
 }
 
-/// Where a chip's memories are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Memory {
-    /// Where the image begins; an ESP's bootloader loads it from anywhere.
-    pub flash_origin: Option<u64>,
-    /// Where flash is seen: first address, bytes.
-    pub flash: &'static [(u64, u64)],
-    pub ram_origin: u64,
-    pub ram_bytes: u64,
-    /// Other views of the RAM, and other RAM.
-    pub other_ram: &'static [(u64, u64)],
-}
+/// QEMU's virt machine, as the images are linked.
+const VIRT: Memory = Memory { image_origin: None, flash: &[], ram: (0x8000_0000, 4 << 20), other_ram: &[] };
 
-impl Board {
-    /// As features and images call it.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Dwm1001 => "dwm1001",
-            Self::Evk1000 => "evk1000",
-            Self::Esp32C3 => "esp32c3",
-            Self::Esp32C6 => "esp32c6",
-            Self::Simulated(_) => "simulated",
-            Self::Wired(_) => "wired",
-        }
-    }
-
+impl Platform {
     pub fn target(self) -> Target {
         match self {
-            Self::Dwm1001 => Target::CortexM4F,
-            Self::Evk1000 => Target::CortexM3,
-            Self::Esp32C3 => Target::RiscV32Imc,
-            Self::Esp32C6 => Target::RiscV32Imac,
-            Self::Simulated(chip) | Self::Wired(chip) => chip.target(),
+            Self::Board(board) => Target(board.spec().target),
+            Self::Qemu(chip) => chip.target(),
         }
     }
 
     /// The chip's name to espflash, where that flashes it.
     pub fn espflash_chip(self) -> Option<&'static str> {
-        match self {
-            Self::Esp32C3 | Self::Esp32C6 => Some(self.name()),
-            Self::Dwm1001 | Self::Evk1000 | Self::Simulated(_) | Self::Wired(_) => None,
-        }
-    }
-
-    /// The kind of chip that QEMU stands in for.
-    pub fn in_qemu(self) -> Option<Chip> {
-        match self {
-            Self::Simulated(chip) | Self::Wired(chip) => Some(chip),
-            Self::Dwm1001 | Self::Evk1000 | Self::Esp32C3 | Self::Esp32C6 => None,
+        let Self::Board(board) = self else { return None };
+        match board.spec().flasher {
+            Flasher::Espflash(chip) => Some(chip),
+            Flasher::ProbeRs(_) | Flasher::Qemu => None,
         }
     }
 
     pub fn memory(self) -> Memory {
         match self {
-            // nRF52832: 512 KiB, of which the last four pages are the node's; 64 KiB.
-            Self::Dwm1001 => Memory {
-                flash_origin: Some(0),
-                flash: &[(0, 496 << 10)],
-                ram_origin: 0x2000_0000,
-                ram_bytes: 64 << 10,
-                other_ram: &[],
-            },
-            // STM32F105RC: 256 KiB, of which the last two pages are the node's; 64 KiB.
-            Self::Evk1000 => Memory {
-                flash_origin: Some(0x0800_0000),
-                flash: &[(0x0800_0000, 252 << 10)],
-                ram_origin: 0x2000_0000,
-                ram_bytes: 64 << 10,
-                other_ram: &[],
-            },
-            // Internal SRAM as data (technical reference manuals, "System and Memory"): 384 KiB after the cache's 16; 512 KiB. Flash by
-            // the cache, as instructions and as data; SRAM as instructions; RTC memory.
-            Self::Esp32C3 => Memory {
-                flash_origin: None,
-                flash: &[(0x4200_0000, 8 << 20), (0x3C00_0000, 8 << 20)],
-                ram_origin: 0x3FC8_0000,
-                ram_bytes: 384 << 10,
-                other_ram: &[(0x4037_C000, 400 << 10), (0x5000_0000, 8 << 10)],
-            },
-            Self::Esp32C6 => Memory {
-                flash_origin: None,
-                flash: &[(0x4200_0000, 16 << 20)],
-                ram_origin: 0x4080_0000,
-                ram_bytes: 512 << 10,
-                other_ram: &[(0x5000_0000, 16 << 10)],
-            },
-            // QEMU's mps2-an386 and virt, as the images are linked.
-            Self::Simulated(Chip::CortexM4F | Chip::CortexM3) | Self::Wired(Chip::CortexM4F | Chip::CortexM3) => {
-                Memory {
-                    flash_origin: Some(0),
-                    flash: &[(0, 4 << 20)],
-                    ram_origin: 0x2000_0000,
-                    ram_bytes: 4096 << 10,
-                    other_ram: &[],
-                }
-            }
-            Self::Simulated(Chip::RiscV32) | Self::Wired(Chip::RiscV32) => Memory {
-                flash_origin: None,
-                flash: &[],
-                ram_origin: 0x8000_0000,
-                ram_bytes: 4096 << 10,
-                other_ram: &[],
-            },
+            Self::Board(board) => board.spec().memory,
+            Self::Qemu(Chip::CortexM4F | Chip::CortexM3) => Board::Simulated.spec().memory,
+            Self::Qemu(Chip::RiscV32) => VIRT,
         }
     }
 }
 
-impl Memory {
-    /// Whether so many bytes from an address on lie in one of the memories.
-    pub fn holds(&self, address: u64, bytes: u64) -> bool {
-        let ram = [(self.ram_origin, self.ram_bytes)];
-        let mut places = self.flash.iter().chain(&ram).chain(self.other_ram);
-        places.any(|&(origin, length)| address >= origin && address + bytes <= origin + length)
-    }
-}
-
 /// One image.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Image {
-    pub role: &'static str,
-    pub board: Board,
-    /// Features beside the board's.
-    pub features: &'static [&'static str],
+    /// Role, board and variant: the file's name in `target/firmware`.
+    pub name: String,
+    /// The board's crate.
+    pub package: String,
+    /// The role.
+    pub binary: String,
+    pub platform: Platform,
+    /// Everything to be enabled, as cargo wants it.
+    pub features: String,
     pub budget: Budget,
 }
 
@@ -155,78 +78,91 @@ pub struct Budget {
     pub missed: Option<u64>,
 }
 
-impl Image {
-    const fn new(role: &'static str, board: Board, features: &'static [&'static str], budget: Budget) -> Self {
-        Self { role, board, features, budget }
-    }
+/// The table in a manifest.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Table {
+    images: Vec<Row>,
+}
 
-    /// The crate that it is a binary of.
-    pub fn package(&self) -> String {
-        format!("firmware-{}", self.role)
-    }
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Row {
+    bin: String,
+    /// A board's name …
+    board: Option<String>,
+    /// … or that of a chip that QEMU stands in for.
+    qemu: Option<String>,
+    /// Features beside those that the binary and the board need.
+    #[serde(default)]
+    features: Vec<String>,
+    flash_kib: Option<u64>,
+    ram_kib: Option<u64>,
+    heap_kib: Option<u64>,
+    meant_kib: Option<u64>,
+}
 
-    /// The binary: each role's crate has one by the name of the board.
-    pub fn binary(&self) -> &'static str {
-        self.board.name()
+impl Row {
+    fn image(self, package: &Package) -> Result<Image> {
+        let Self { bin, board, qemu, features, .. } = &self;
+        let platform = match (board, qemu) {
+            (Some(name), None) => Board::from_name(name).map(Platform::Board),
+            (None, Some(name)) => Chip::SIMULATED.into_iter().find(|chip| chip.name() == name).map(Platform::Qemu),
+            (Some(_), Some(_)) | (None, None) => None,
+        };
+        let platform = platform.with_context(|| format!("image {bin}: neither a board nor a chip in QEMU"))?;
+        let (on, variant) = match (platform, qemu) {
+            (Platform::Board(board), _) => (board.name(), None),
+            (Platform::Qemu(_), chip) => (package.name.trim_start_matches(BOARDS), chip.as_ref()),
+        };
+        let product = package.targets.iter().find(|product| product.name == *bin);
+        let required = &product.with_context(|| format!("there is no binary {bin}"))?.required_features;
+        let own = package.features.contains_key(on).then(|| on.to_owned());
+        let enabled: Vec<_> = required.iter().chain(&own).chain(features).map(String::as_str).collect();
+        let bytes = |kib: Option<u64>| kib.map(|kib| kib << 10);
+        Ok(Image {
+            name: variant.into_iter().chain(features).fold(format!("{bin}-{on}"), |name, it| format!("{name}-{it}")),
+            package: package.name.clone(),
+            binary: bin.clone(),
+            platform,
+            features: enabled.join(","),
+            budget: Budget {
+                flash: bytes(self.flash_kib),
+                ram: bytes(self.ram_kib),
+                heap: bytes(self.heap_kib),
+                missed: bytes(self.meant_kib),
+            },
+        })
     }
+}
 
-    /// Role, board and variant: the file's name in `target/firmware`.
-    pub fn name(&self) -> String {
-        let mut name = format!("{}-{}", self.role, self.board.name());
-        match self.board.in_qemu() {
-            Some(Chip::CortexM4F) => name += "-arm",
-            Some(Chip::CortexM3) => name += "-arm-m3",
-            Some(Chip::RiscV32) => name += "-riscv",
-            None => {}
+/// All images: those of boards first, by roles.
+pub fn images() -> Result<Vec<Image>> {
+    let mut images = Vec::new();
+    for package in workspace::packages()? {
+        let Some(table) = package.metadata.as_ref().and_then(|metadata| metadata.get("baliza")) else { continue };
+        let table = Table::deserialize(table).with_context(|| format!("images of {}", package.name))?;
+        for row in table.images {
+            images.push(row.image(&package).with_context(|| format!("images of {}", package.name))?);
         }
-        self.features.iter().fold(name, |name, feature| format!("{name}-{feature}"))
     }
-
-    /// Everything to be enabled, as cargo wants it.
-    pub fn feature_list(&self) -> String {
-        [self.board.name()].iter().chain(self.features).copied().collect::<Vec<_>>().join(",")
-    }
+    let rank = |image: &Image| {
+        let board = match image.platform {
+            Platform::Board(board) => Board::HARDWARE.iter().position(|other| *other == board),
+            Platform::Qemu(_) => None,
+        };
+        let role = ["anchor", "tag", "beacon"].iter().position(|role| *role == image.binary);
+        (board.is_none(), role, board)
+    };
+    images.sort_by_key(rank);
+    Ok(images)
 }
 
-const fn kib(flash: u64, ram: u64) -> Budget {
-    Budget { flash: Some(flash << 10), ram: Some(ram << 10), heap: None, missed: None }
+/// Whether so many bytes from an address on lie in one of the memories.
+pub fn holds(memory: &Memory, address: u64, bytes: u64) -> bool {
+    let mut places = memory.flash.iter().chain([&memory.ram]).chain(memory.other_ram);
+    places.any(|&(origin, length)| {
+        let (origin, length) = (u64::from(origin), u64::from(length));
+        address >= origin && address + bytes <= origin + length
+    })
 }
-
-/// Meant to take `meant` kilobytes of flash, and taking more: at most `flash`.
-const fn missed(meant: u64, flash: u64, ram: u64) -> Budget {
-    Budget { missed: Some(meant << 10), ..kib(flash, ram) }
-}
-
-const NONE: Budget = Budget { flash: None, ram: None, heap: None, missed: None };
-const ESP_BLE: Budget = Budget { flash: Some(504 << 10), ram: None, heap: Some(80 << 10), missed: Some(420 << 10) };
-
-/// The whole matrix.
-pub const IMAGES: [Image; 22] = [
-    // State machines and buses optimised for speed take 3 KiB (EVK1000: 6) more of an image than for size, the driver, with the apps that it
-    // is compiled with, 9 (7) KiB more. Layouts told in beacons, naps and rules against one radio without a key take 14 to 27 KiB of an image. The
-    // budgets were raised for these, to what the images take.
-    Image::new("anchor", Board::Dwm1001, &[], missed(64, 102, 14)),
-    Image::new("anchor", Board::Evk1000, &[], missed(64, 112, 14)),
-    Image::new("anchor", Board::Esp32C3, &[], NONE),
-    Image::new("anchor", Board::Esp32C6, &[], NONE),
-    // What they are spent on: `cargo xtask sizes`.
-    Image::new("tag", Board::Dwm1001, &[], missed(96, 192, 24)),
-    // Some 6 KiB are a map of levels and a model of rooms.
-    Image::new("tag", Board::Dwm1001, &["ble"], missed(208, 282, 34)),
-    Image::new("tag", Board::Evk1000, &[], NONE),
-    Image::new("tag", Board::Esp32C3, &[], NONE),
-    Image::new("tag", Board::Esp32C3, &["ble"], ESP_BLE),
-    Image::new("tag", Board::Esp32C3, &["ble", "log-serial"], ESP_BLE),
-    Image::new("tag", Board::Esp32C6, &[], NONE),
-    Image::new("tag", Board::Esp32C6, &["ble"], NONE),
-    Image::new("beacon", Board::Esp32C3, &[], NONE),
-    Image::new("beacon", Board::Esp32C6, &[], NONE),
-    Image::new("tag", Board::Simulated(Chip::CortexM4F), &[], NONE),
-    Image::new("tag", Board::Simulated(Chip::RiscV32), &[], NONE),
-    Image::new("anchor", Board::Wired(Chip::CortexM4F), &[], NONE),
-    Image::new("anchor", Board::Wired(Chip::CortexM3), &[], NONE),
-    Image::new("anchor", Board::Wired(Chip::RiscV32), &[], NONE),
-    Image::new("tag", Board::Wired(Chip::CortexM4F), &[], NONE),
-    Image::new("tag", Board::Wired(Chip::CortexM3), &[], NONE),
-    Image::new("tag", Board::Wired(Chip::RiscV32), &[], NONE),
-];

@@ -14,7 +14,8 @@ use anyhow::{Context, Result, ensure};
 use crate::toolchain::{self, Toolchain};
 use crate::{document, root, succeed, target_directory};
 use inspect::Takes;
-use matrix::{Budget, IMAGES, Image};
+pub use matrix::BOARDS;
+use matrix::{Budget, Image, Platform};
 
 /// What `cargo xtask firmware` is asked for.
 #[derive(clap::Args)]
@@ -31,9 +32,10 @@ pub struct Arguments {
 
 /// Builds and judges.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let wanted = |image: &&Image| arguments.filter.as_ref().is_none_or(|part| image.name().contains(part.as_str()));
-    let images: Vec<&Image> = IMAGES.iter().filter(wanted).collect();
-    let names = || IMAGES.iter().map(Image::name).collect::<Vec<_>>().join(", ");
+    let all = matrix::images()?;
+    let wanted = |image: &&Image| arguments.filter.as_ref().is_none_or(|part| image.name.contains(part.as_str()));
+    let images: Vec<&Image> = all.iter().filter(wanted).collect();
+    let names = || all.iter().map(|image| image.name.as_str()).collect::<Vec<_>>().join(", ");
     ensure!(!images.is_empty(), "no image has that in its name; there are {}", names());
     if arguments.lint {
         return images.into_iter().try_for_each(lint);
@@ -43,7 +45,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let mut rows = Vec::new();
     for image in images {
-        let toolchain = Toolchain::find(image.board.target())?;
+        let toolchain = Toolchain::find(image.platform.target())?;
         let takes = inspect(image, &build(image, &toolchain)?)?;
         let grant = if toolchain.is_rustups() { 0 } else { GRANT_OTHER_COMPILER };
         rows.push(Row { image, takes, grant });
@@ -53,7 +55,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.document {
         document::remake(&root().join("docs/performance.md"), "firmware", &table)?;
     }
-    let over: Vec<String> = rows.iter().filter(|row| !row.is_within()).map(|row| row.image.name()).collect();
+    let over: Vec<&str> = rows.iter().filter(|row| !row.is_within()).map(|row| row.image.name.as_str()).collect();
     ensure!(over.is_empty(), "over their budgets: {}", over.join(", "));
     println!("{} images in {}", rows.len(), directory().display());
     Ok(())
@@ -86,31 +88,34 @@ fn directory() -> PathBuf {
 
 /// Builds the image of a name; its ELF file.
 pub fn elf(name: &str) -> Result<PathBuf> {
-    let image = IMAGES.iter().find(|image| image.name() == name).with_context(|| format!("no image {name}"))?;
-    build(image, &Toolchain::find(image.board.target())?)
+    let images = matrix::images()?;
+    let image = images.iter().find(|image| image.name == name).with_context(|| format!("no image {name}"))?;
+    build(image, &Toolchain::find(image.platform.target())?)
 }
 
 /// Builds an image; its ELF file.
 fn build(image: &Image, toolchain: &Toolchain) -> Result<PathBuf> {
-    let name = image.name();
-    // QEMU's has its stack far from its variables.
-    let mut cargo =
-        if image.board.in_qemu().is_some() { toolchain.cargo("build") } else { toolchain.cargo_image("build")? };
-    cargo.args(["--package", &image.package(), "--bin", image.binary(), "--features", &image.feature_list()]);
+    let name = &image.name;
+    let mut cargo = match image.platform {
+        Platform::Board(_) => toolchain.cargo_image("build")?,
+        // Its stack is far from its variables.
+        Platform::Qemu(_) => toolchain.cargo("build"),
+    };
+    cargo.args(["--package", &image.package, "--bin", &image.binary, "--features", &image.features]);
     // Part of the build id: images of one source are told apart.
-    cargo.env("BALIZA_IMAGE", &name);
+    cargo.env("BALIZA_IMAGE", name);
     println!("building {name}");
     succeed(cargo.arg("--quiet"))?;
     let file = directory().join(format!("{name}.elf"));
     fs::create_dir_all(directory())?;
-    fs::copy(toolchain.binary(image.binary()), &file).with_context(|| format!("cannot write {}", file.display()))?;
+    fs::copy(toolchain.binary(&image.binary), &file).with_context(|| format!("cannot write {}", file.display()))?;
     Ok(file)
 }
 
 /// Looks whether the board can start it; what it takes.
 fn inspect(image: &Image, elf: &Path) -> Result<Takes> {
-    let mut takes = inspect::inspect(elf, image.board)?;
-    if let Some(chip) = image.board.espflash_chip() {
+    let mut takes = inspect::inspect(elf, image.platform)?;
+    if let Some(chip) = image.platform.espflash_chip() {
         takes.flash = espflash_image(elf, chip)?;
     }
     Ok(takes)
@@ -133,14 +138,14 @@ fn espflash_image(elf: &Path, chip: &str) -> Result<u64> {
 }
 
 fn lint(image: &Image) -> Result<()> {
-    let toolchain = Toolchain::find(image.board.target())?;
+    let toolchain = Toolchain::find(image.platform.target())?;
     if !toolchain.has_clippy() {
-        println!("{}: no clippy for {}", image.name(), image.board.target().triple());
+        println!("{}: no clippy for {}", image.name, image.platform.target().triple());
         return Ok(());
     }
     let mut cargo = toolchain.cargo("clippy");
-    cargo.args(["--package", &image.package(), "--bin", image.binary(), "--features", &image.feature_list()]);
-    println!("looking at {}", image.name());
+    cargo.args(["--package", &image.package, "--bin", &image.binary, "--features", &image.features]);
+    println!("looking at {}", image.name);
     succeed(cargo.args(["--quiet", "--", "-D", "warnings"]))
 }
 
@@ -151,9 +156,9 @@ fn table(rows: &[Row<'_>]) -> String {
         let Row { image, takes, .. } = row;
         table.row(format_args!(
             "{}{} | {} | {} | {} | {} | {} | {} | {}",
-            image.name(),
+            image.name,
             if row.is_within() { "" } else { " **over**" },
-            image.board.target().triple(),
+            image.platform.target().triple(),
             kib(Some(takes.flash)),
             flash_budget(&image.budget),
             kib(Some(takes.ram)),

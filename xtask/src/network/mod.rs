@@ -44,10 +44,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut disagreements = Vec::new();
     let mut ran = false;
     for chip in Chip::SIMULATED {
-        let (name, board) = match chip {
-            Chip::CortexM4F => ("arm", BoardProfile::DWM1001),
-            Chip::CortexM3 => ("arm-m3", BoardProfile::EVB1000),
-            Chip::RiscV32 => ("riscv", BoardProfile::ESP32C3),
+        let board = match chip {
+            Chip::CortexM4F => BoardProfile::DWM1001,
+            Chip::CortexM3 => BoardProfile::EVB1000,
+            Chip::RiscV32 => BoardProfile::ESP32C3,
         };
         if arguments.board.as_ref().is_some_and(|wanted| wanted != board.name) {
             continue;
@@ -59,8 +59,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             ..Scenario::rooms(4, 1)
         };
         let images = Images {
-            tag: firmware::elf(&format!("tag-wired-{name}"))?,
-            anchor: firmware::elf(&format!("anchor-wired-{name}"))?,
+            tag: firmware::elf(&format!("tag-wired-{}", chip.name()))?,
+            anchor: firmware::elf(&format!("anchor-wired-{}", chip.name()))?,
         };
         let outcome = scene::run(chip, &images, &scenario)?;
         let (images, simulation) = (Figures::of_images(&outcome, scenario.seconds), Figures::of_simulation(&scenario));

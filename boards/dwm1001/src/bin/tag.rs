@@ -1,0 +1,82 @@
+//! The tag on a DWM1001: ranging in an executor above the thread's; engine, motion sensor, Bluetooth, telemetry and supervision in the
+//! thread's.
+#![no_std]
+#![no_main]
+
+use baliza_board_dwm1001::{Board, Delay, Radio, motion, supervise};
+use embassy_executor::Spawner;
+use firmware_common::node::{Node, Reporter};
+use firmware_tag::motion::lis2dh12::{Lis2dh12, Sa0Pad};
+use firmware_tag::node::{Exchange, Memory, Tag};
+use static_cell::StaticCell;
+use wire::telemetry::Role;
+
+static REPORTER: StaticCell<Reporter> = StaticCell::new();
+static RADIO: StaticCell<Radio> = StaticCell::new();
+static MEMORY: Memory = Memory::new();
+
+#[embassy_executor::task]
+async fn ranging(tag: &'static Tag, exchange: Exchange<Radio>, delay: Delay) {
+    tag.range(exchange, delay, &tag.sink()).await;
+}
+
+#[embassy_executor::task]
+async fn engine(tag: &'static Tag) {
+    tag.locate(embassy_time::Delay, &tag.sink()).await;
+}
+
+/// Only where there is a rate for a tag that lies still.
+#[embassy_executor::task]
+async fn follow_motion(tag: &'static Tag, parts: motion::Parts) {
+    let (bus, int1) = parts.into_bus_and_line();
+    let sensor = Lis2dh12::new(bus, Sa0Pad::High, int1, embassy_time::Delay);
+    tag.follow_motion(sensor, embassy_time::Delay, &tag.sink()).await;
+}
+
+#[cfg(feature = "ble")]
+mod bluetooth {
+    use baliza_board_dwm1001::bluetooth::{Parts, Scanner};
+    use embassy_executor::Spawner;
+    use embassy_futures::join::join;
+    use firmware_tag::node::Tag;
+    use firmware_tag::scan::Plan;
+
+    /// Scans; what is heard goes to the engine.
+    #[embassy_executor::task]
+    pub async fn scan(tag: &'static Tag, spawner: Spawner, parts: Parts, plan: Plan) {
+        let sink = tag.sink();
+        match Scanner::start(parts, spawner).await {
+            Ok(scanner) => {
+                let listening = scanner.listen(|heard| tag.receive(heard.data, heard.rssi, &sink));
+                join(listening, tag.scan(plan, &scanner, embassy_time::Delay, &sink)).await;
+            }
+            Err(error) => defmt::error!("no Bluetooth, ranging goes on: {}", error),
+        }
+    }
+}
+
+/// Spawns all tasks; without a record to follow, only the one that says so.
+#[embassy_executor::main]
+async fn main(spawner: Spawner) {
+    let mut board = Board::take();
+    let (mut node, configured) = Node::start(&REPORTER, Role::Tag, board.start);
+    let radio = |config| RADIO.init_with(|| board.uwb.radio(config));
+    if let Some((exchange, tag)) = configured.and_then(|configured| MEMORY.tag(&mut node, configured, radio)) {
+        MEMORY.use_nlos_model(tag, &mut board.flash, &node);
+        #[cfg(feature = "ble")]
+        MEMORY.use_beacon_models(tag, wire::config::decode_models(baliza_board_dwm1001::models()), &node);
+        if board.may_rest && tag.config.sleep {
+            board.delay.rest();
+        }
+        board.ranging.spawn(ranging(tag, exchange, board.delay).unwrap());
+        spawner.spawn(engine(tag).unwrap());
+        if tag.config.still_rate_chz.is_some() {
+            spawner.spawn(follow_motion(tag, board.motion).unwrap());
+        }
+        #[cfg(feature = "ble")]
+        if let Some(wanted) = tag.config.scan {
+            spawner.spawn(bluetooth::scan(tag, spawner, board.bluetooth, wanted.into()).unwrap());
+        }
+    }
+    spawner.spawn(supervise(node, board.care).unwrap());
+}

@@ -1,0 +1,238 @@
+//! DWM1001: nRF52832 with a DW1000, as a module or on the DWM1001-DEV.
+//!
+//! Priorities of interrupts: 0 and 4 are the Bluetooth controller's, 2 the drivers', 3 the ranging tasks' executor; the solver,
+//! telemetry and supervision run below all interrupts.
+//!
+//! Clocks: the 32 MHz crystal runs, and the 32 kHz clock is made from it, unless there is a 32 kHz crystal: the module's documentation promises
+//! none, so it is tried at the start, for a second at most. The RC oscillator may be off by 2 %, so that a tag would miss its slot after a wait of
+//! half a superframe. A tag that sleeps between its rounds has the 32 MHz crystal, which costs some 0.3 mA, and TIMER1 off meanwhile where the
+//! 32 kHz crystal runs and Bluetooth does not.
+#![no_std]
+#![cfg(target_os = "none")]
+
+#[cfg(feature = "ble")]
+pub mod bluetooth;
+mod delay;
+pub mod motion;
+mod uwb;
+mod watchdog;
+
+use baliza_board_cortex_m::{self as cortex, crash, identity, reset_cause};
+use baliza_board_rtt::TelemetryChannel;
+use embassy_executor::{InterruptExecutor, SendSpawner};
+use embassy_nrf::config::{Config, HfclkSource, LfclkSource};
+use embassy_nrf::gpio::{Input, Level, Output, OutputDrive, Pull};
+use embassy_nrf::interrupt::{self, InterruptExt, Priority, typelevel};
+use embassy_nrf::nvmc::Nvmc;
+use embassy_nrf::{bind_interrupts, pac, peripherals, spim};
+use firmware_common::node::{self, Node, Start};
+use firmware_common::supervision::Lit;
+use ranging::dw1000::Dw1000;
+
+pub use baliza_board_cortex_m::{restart, uptime_us};
+pub use delay::Delay;
+pub use uwb::{Bus, Interrupt, Reset};
+pub use watchdog::Watchdog;
+
+/// As telemetry calls it.
+pub const BOARD: wire::config::Board = wire::config::Board::Dwm1001;
+
+/// The DW1000's driver.
+pub type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
+
+/// The DW1000's parts.
+pub type Uwb = node::Uwb<Bus, Interrupt, Reset, Delay>;
+
+// The Bluetooth controller brings its own.
+#[cfg(not(feature = "ble"))]
+critical_section::set_impl!(cortex::critical::InterruptsOff);
+
+bind_interrupts!(struct Interrupts {
+    SPI2 => spim::InterruptHandler<peripherals::SPI2>;
+    TIMER1 => delay::InterruptHandler;
+    EGU1_SWI1 => RangingInterrupt;
+});
+
+/// The board, taken.
+pub struct Board {
+    /// The DW1000's parts.
+    pub uwb: Uwb,
+    /// For the exchange's waits.
+    pub delay: Delay,
+    /// Whether long waits may be [rests](Delay::rest).
+    pub may_rest: bool,
+    /// For the supervisor.
+    pub care: Care,
+    /// What the node starts with.
+    pub start: Start,
+    /// What the record is in, and what lies beside it.
+    pub flash: Nvmc<'static>,
+    /// The motion sensor's.
+    pub motion: motion::Parts,
+    /// Of the executor that ranging runs in, above the thread's.
+    pub ranging: SendSpawner,
+    /// The radio of the nRF52832.
+    #[cfg(feature = "ble")]
+    pub bluetooth: bluetooth::Parts,
+}
+
+impl Board {
+    /// Takes the board; once a program. The log works from here on, and the watchdog runs.
+    pub fn take() -> Self {
+        let reset = pac::POWER.resetreas().read().0;
+        // The flags add up until they are cleared, by ones.
+        pac::POWER.resetreas().write(|flags| flags.0 = reset);
+        let reset = reset_cause::nrf52(reset, cortex::ram_survived());
+        let crash = crash::take();
+        let telemetry = baliza_board_rtt::start();
+        // Off after a reset. Without it each branch out of the flash's last line waits for up to two cycles.
+        pac::NVMC.icachecnf().write(|cache| cache.set_cacheen(true));
+
+        let mut config = Config::default();
+        config.hfclk_source = HfclkSource::ExternalXtal;
+        let may_rest = cfg!(not(feature = "ble")) && slow_crystal_runs();
+        config.lfclk_source = if may_rest { LfclkSource::ExternalXtal } else { LfclkSource::Synthesized };
+        // The module has the converter's inductor.
+        config.dcdc.reg1 = true;
+        config.gpiote_interrupt_priority = Priority::P2;
+        config.time_interrupt_priority = Priority::P2;
+        let p = embassy_nrf::init(config);
+        let watchdog = Watchdog::start(p.WDT);
+        interrupt::SPI2.set_priority(Priority::P2);
+        let [delay, driver_delay] = Delay::take(p.TIMER1, Interrupts);
+
+        let mut spi = spim::Config::default();
+        spi.frequency = spim::Frequency::M2;
+        let uwb = Uwb {
+            bus: Bus {
+                spi: uwb::Master::new(spim::Spim::new(p.SPI2, Interrupts, p.P0_16, p.P0_18, p.P0_20, spi)),
+                select: Output::new(p.P0_17, Level::High, OutputDrive::Standard),
+                set_clock: uwb::set_clock,
+                cycles_per_us: 64,
+            },
+            interrupt: Input::new(p.P0_19, Pull::Down),
+            reset: Reset::new(p.P0_24.into()),
+            delay: driver_delay,
+        };
+        let mut flash = Nvmc::new(p.NVMC);
+        let record = wire::config::load(&mut flash, BOARD.pages().offsets);
+        let eui = identity::of_random(device_id());
+        Self {
+            uwb,
+            delay,
+            may_rest,
+            care: Care {
+                leds: Leds {
+                    state: Output::new(p.P0_30, Level::High, OutputDrive::Standard),
+                    fault: Output::new(p.P0_14, Level::High, OutputDrive::Standard),
+                },
+                watchdog,
+                telemetry,
+            },
+            start: Start { board: BOARD, clock: uptime_us, record, eui, reset, crash },
+            flash,
+            motion: motion::Parts { twi: p.TWISPI0, scl: p.P0_28, sda: p.P0_29, int1: p.P0_25 },
+            ranging: start_ranging(),
+            #[cfg(feature = "ble")]
+            bluetooth: bluetooth::Parts {
+                rtc0: p.RTC0,
+                timer0: p.TIMER0,
+                temp: p.TEMP,
+                rng: p.RNG,
+                ppi: bluetooth::Channels {
+                    ch17: p.PPI_CH17,
+                    ch18: p.PPI_CH18,
+                    ch19: p.PPI_CH19,
+                    ch20: p.PPI_CH20,
+                    ch21: p.PPI_CH21,
+                    ch22: p.PPI_CH22,
+                    ch23: p.PPI_CH23,
+                    ch24: p.PPI_CH24,
+                    ch25: p.PPI_CH25,
+                    ch26: p.PPI_CH26,
+                    ch27: p.PPI_CH27,
+                    ch28: p.PPI_CH28,
+                    ch29: p.PPI_CH29,
+                    ch30: p.PPI_CH30,
+                    ch31: p.PPI_CH31,
+                },
+            },
+        }
+    }
+}
+
+/// What the supervisor has of the board.
+pub struct Care {
+    leds: Leds,
+    watchdog: Watchdog,
+    telemetry: TelemetryChannel,
+}
+
+/// The supervisor: see [`Node::supervise`].
+#[embassy_executor::task]
+pub async fn supervise(node: Node, care: Care) {
+    let Care { mut leds, mut watchdog, mut telemetry } = care;
+    let (write, feed) = (|frame: &[u8]| telemetry.write(frame), || watchdog.feed());
+    node.supervise(embassy_time::Delay, write, |lit| leds.show(lit), feed, crash::leave).await;
+}
+
+/// The flash with models of beacons' levels, where the processor sees it: they are read where they lie.
+#[cfg(feature = "ble")]
+pub fn models() -> &'static [u8] {
+    let at = const { BOARD.pages().models_address().unwrap() };
+    // SAFETY: flash of the chip that the linker gives to nothing else (`memory.x`), and that no program writes while it runs.
+    unsafe { core::slice::from_raw_parts(at as *const u8, wire::config::MODELS_BYTES) }
+}
+
+/// Whether the 32 kHz crystal is there and starts. The clock is off again then.
+fn slow_crystal_runs() -> bool {
+    const PATIENCE_MS: u32 = 1_000;
+    const CYCLES_A_MS: u32 = 64_000;
+    let clock = pac::CLOCK;
+    clock.tasks_lfclkstop().write_value(1);
+    clock.lfclksrc().write(|w| w.set_src(pac::clock::vals::Lfclksrc::Xtal));
+    clock.events_lfclkstarted().write_value(0);
+    clock.tasks_lfclkstart().write_value(1);
+    let runs = (0..PATIENCE_MS).any(|_| {
+        cortex_m::asm::delay(CYCLES_A_MS);
+        clock.events_lfclkstarted().read() != 0
+    });
+    clock.tasks_lfclkstop().write_value(1);
+    runs
+}
+
+/// FICR.DEVICEID: 64 random bits of this chip.
+fn device_id() -> u64 {
+    u64::from(pac::FICR.deviceid(1).read()) << 32 | u64::from(pac::FICR.deviceid(0).read())
+}
+
+static RANGING: InterruptExecutor = InterruptExecutor::new();
+
+/// Of EGU1_SWI1, a software interrupt that nothing else uses.
+struct RangingInterrupt;
+
+impl typelevel::Handler<typelevel::EGU1_SWI1> for RangingInterrupt {
+    unsafe fn on_interrupt() {
+        // SAFETY: this is its interrupt, which is enabled by `start`.
+        unsafe { RANGING.on_interrupt() }
+    }
+}
+
+fn start_ranging() -> SendSpawner {
+    interrupt::EGU1_SWI1.set_priority(Priority::P3);
+    RANGING.start(interrupt::EGU1_SWI1)
+}
+
+/// The lights of the DWM1001-DEV, on when their pin is low; a bare module has none.
+pub struct Leds {
+    state: Output<'static>,
+    fault: Output<'static>,
+}
+
+impl Leds {
+    /// Green for the state (D9), red for a fault (D11).
+    pub fn show(&mut self, lit: Lit) {
+        self.state.set_level((!lit.state).into());
+        self.fault.set_level((!lit.fault).into());
+    }
+}

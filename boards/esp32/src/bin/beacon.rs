@@ -1,0 +1,98 @@
+//! The beacon on a chip of Espressif: everything in the main thread, but the controller.
+#![no_std]
+#![no_main]
+
+use baliza_board_esp32::bluetooth::{self, Advertiser, Parts};
+use baliza_board_esp32::{Board, random, supervise};
+use embassy_executor::Spawner;
+use embassy_futures::join::join;
+use embassy_time::Delay;
+use firmware_beacon::{Advertise, Advertisement, Listener, Settings, SettingsError};
+use firmware_common::node::{Node, Reporter, Tasks};
+use static_cell::StaticCell;
+use wire::telemetry::{Condition, RecordError, Role};
+
+static REPORTER: StaticCell<Reporter> = StaticCell::new();
+
+/// The app's advertiser.
+struct OnAir<'a>(&'a Advertiser);
+
+impl Advertise for OnAir<'_> {
+    type Error = bluetooth::Error;
+
+    async fn start(&mut self, advertisement: &Advertisement) -> Result<(), Self::Error> {
+        let Advertisement { data, address, interval_ms, channels, tx_power_dbm: _ } = advertisement;
+        self.0.advertise(data, *address, *interval_ms, channels.bits()).await
+    }
+
+    async fn stop(&mut self) -> Result<(), Self::Error> {
+        self.0.stop().await
+    }
+}
+
+/// The app's listener.
+struct TelemetrySink(&'static Reporter);
+
+impl TelemetrySink {
+    fn state(&self, condition: Condition) {
+        self.0.event_log.state(self.0.now_us(), condition);
+    }
+}
+
+impl Listener for TelemetrySink {
+    fn advertising(&mut self, advertisement: &Advertisement) {
+        defmt::info!("on the air: {}", advertisement);
+        self.state(Condition::Advertising);
+    }
+
+    fn failed(&mut self, error: &impl core::fmt::Debug, failures: u32) {
+        // No sign of life: where this goes on, the watchdog starts the chip anew.
+        self.0.counts.radio_failures.add();
+        self.state(Condition::RadioFailed(failures));
+        let _ = error;
+    }
+
+    fn alive(&mut self) {
+        self.0.ranging.beat(self.0.now_us());
+    }
+}
+
+#[embassy_executor::task]
+async fn advertise(parts: Parts, settings: Settings, reporter: &'static Reporter) {
+    let advertiser = match Advertiser::start(parts, settings.tx_power_dbm()) {
+        Ok(advertiser) => advertiser,
+        Err(error) => {
+            // The watchdog starts the chip anew.
+            defmt::error!("no Bluetooth: {}", error);
+            return;
+        }
+    };
+    join(
+        advertiser.serve(),
+        firmware_beacon::run(OnAir(&advertiser), Delay, random, &settings, TelemetrySink(reporter)),
+    )
+    .await;
+}
+
+/// Spawns all tasks; without a record to follow, only the one that says so.
+fn start(spawner: Spawner) {
+    let Board { care, start, address, bluetooth, .. } = Board::take(spawner);
+    let (mut node, configured) = Node::start(&REPORTER, Role::Beacon, start);
+    if let Some(configured) = configured {
+        match Settings::of(&configured.record, address) {
+            Ok(settings) => {
+                // The app shows that it is alive as ranging does elsewhere.
+                node.tasks = Tasks::Ranging;
+                spawner.spawn(advertise(bluetooth, settings, node.reporter).unwrap());
+            }
+            Err(SettingsError::OtherRole) => node.report(Condition::WrongRecord),
+            Err(fault @ (SettingsError::Interval(_) | SettingsError::Channels(_) | SettingsError::NoKey)) => {
+                defmt::error!("{}", fault);
+                node.report(Condition::NoRecord(RecordError::Invalid));
+            }
+        }
+    }
+    spawner.spawn(supervise(node, care).unwrap());
+}
+
+baliza_board_esp32::entry!(start);

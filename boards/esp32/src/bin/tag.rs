@@ -1,0 +1,76 @@
+//! The tag on a chip of Espressif: ranging in a thread above all others; engine, Bluetooth scan, telemetry and supervision in the
+//! main one.
+#![no_std]
+#![no_main]
+
+use baliza_board_esp32::{Board, Radio, supervise, thread};
+use embassy_executor::Spawner;
+use embassy_time::Delay;
+use firmware_common::node::{Node, Reporter};
+use firmware_tag::node::{Exchange, Memory, Tag};
+use static_cell::StaticCell;
+use wire::telemetry::Role;
+
+static REPORTER: StaticCell<Reporter> = StaticCell::new();
+static RADIO: StaticCell<Radio> = StaticCell::new();
+static MEMORY: Memory = Memory::new();
+
+#[embassy_executor::task]
+async fn ranging(tag: &'static Tag, exchange: Exchange<Radio>) {
+    tag.range(exchange, Delay, &tag.sink()).await;
+}
+
+#[embassy_executor::task]
+async fn engine(tag: &'static Tag) {
+    tag.locate(Delay, &tag.sink()).await;
+}
+
+#[cfg(feature = "ble")]
+mod bluetooth {
+    use baliza_board_esp32::bluetooth::{Parts, Scanner};
+    use embassy_futures::join::join;
+    use embassy_time::Delay;
+    use firmware_tag::node::Tag;
+    use firmware_tag::scan::Plan;
+
+    /// Scans; what is heard goes to the engine.
+    #[embassy_executor::task]
+    pub async fn scan(tag: &'static Tag, parts: Parts, plan: Plan) {
+        let sink = tag.sink();
+        match Scanner::start(parts) {
+            Ok(scanner) => {
+                let listening = scanner.listen(|heard| tag.receive(heard.data, heard.rssi, &sink));
+                join(listening, tag.scan(plan, &scanner, Delay, &sink)).await;
+            }
+            Err(error) => defmt::error!("no Bluetooth, ranging goes on: {}", error),
+        }
+    }
+}
+
+/// Spawns all tasks; without a record to follow, only the one that says so.
+fn start(spawner: Spawner) {
+    let mut board = Board::take(spawner);
+    let (mut node, configured) = Node::start(&REPORTER, Role::Tag, board.start);
+    if let Some(configured) = configured {
+        match board.uwb.wire(&configured.record) {
+            Ok(uwb) => {
+                let radio = |config| RADIO.init_with(|| uwb.radio(config));
+                if let Some((exchange, tag)) = MEMORY.tag(&mut node, configured, radio) {
+                    MEMORY.use_nlos_model(tag, &mut board.flash, &node);
+                    #[cfg(feature = "ble")]
+                    MEMORY.use_beacon_models(tag, baliza_board_esp32::models(&mut board.flash), &node);
+                    thread::start(move |above| above.spawn(ranging(tag, exchange).unwrap()));
+                    spawner.spawn(engine(tag).unwrap());
+                    #[cfg(feature = "ble")]
+                    if let Some(wanted) = tag.config.scan {
+                        spawner.spawn(bluetooth::scan(tag, board.bluetooth, wanted.into()).unwrap());
+                    }
+                }
+            }
+            Err(what) => node.refuse(&what),
+        }
+    }
+    spawner.spawn(supervise(node, board.care).unwrap());
+}
+
+baliza_board_esp32::entry!(start);

@@ -1,0 +1,82 @@
+//! The board on its chip.
+
+mod board;
+pub mod crash;
+pub mod log;
+mod spi;
+pub mod thread;
+mod watchdog;
+
+#[cfg(feature = "ble")]
+pub mod bluetooth;
+
+use embassy_executor::Spawner;
+use embassy_time::Delay;
+use esp_rtos::embassy::Executor;
+use firmware_common::node::Node;
+use ranging::dw1000::Dw1000;
+use static_cell::StaticCell;
+
+pub use board::{Board, Uwb, UwbPort, random};
+pub use log::TelemetryChannel;
+pub use spi::{Bus, Interrupt, Reset};
+pub use watchdog::Watchdog;
+
+/// As telemetry calls it: the chip that this image is for.
+pub const BOARD: wire::config::Board = if cfg!(feature = "esp32c3") {
+    wire::config::Board::Esp32C3
+} else if cfg!(feature = "esp32c6") {
+    wire::config::Board::Esp32C6
+} else {
+    wire::config::Board::Esp32
+};
+
+/// The DW1000's driver.
+pub type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
+
+/// Microseconds since the node started.
+pub fn uptime_us() -> u64 {
+    embassy_time::Instant::now().as_micros()
+}
+
+/// Resets the chip, but not the memory in which a crash is left.
+pub fn restart() -> ! {
+    esp_hal::system::software_reset()
+}
+
+/// Makes a function the program: `entry!(start)` with a `fn(Spawner)` that spawns the tasks of the main thread.
+#[macro_export]
+macro_rules! entry {
+    ($start:path) => {
+        #[cfg(target_arch = "riscv32")]
+        #[unsafe(export_name = "main")]
+        fn __entry(_: usize, _: usize, _: usize) -> ! {
+            $crate::run($start)
+        }
+        #[cfg(target_arch = "xtensa")]
+        #[unsafe(export_name = "main")]
+        fn __entry() -> ! {
+            $crate::run($start)
+        }
+    };
+}
+
+/// Runs the main thread's executor; see [`entry`](crate::entry).
+pub fn run(start: fn(Spawner)) -> ! {
+    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    EXECUTOR.init(Executor::new()).run(start)
+}
+
+/// What the supervisor has of the board.
+pub struct Care {
+    watchdog: Watchdog,
+    telemetry: TelemetryChannel,
+}
+
+/// The supervisor: see [`Node::supervise`]. No light is known to be on any pin.
+#[embassy_executor::task]
+pub async fn supervise(node: Node, care: Care) {
+    let Care { mut watchdog, mut telemetry } = care;
+    let (write, feed) = (|frame: &[u8]| telemetry.write(frame), || watchdog.feed());
+    node.supervise(Delay, write, |_| (), feed, crash::leave).await;
+}

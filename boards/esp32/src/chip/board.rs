@@ -1,0 +1,134 @@
+//! The board, taken once at the start of a program.
+
+use embassy_executor::Spawner;
+use embassy_time::Delay;
+use esp_hal::clock::CpuClock;
+use esp_hal::efuse;
+use esp_hal::rng::Rng;
+use esp_hal::timer::timg::TimerGroup;
+use esp_storage::FlashStorage;
+use firmware_common::node::{self, Start};
+#[cfg(feature = "ble")]
+use static_cell::ConstStaticCell;
+use wire::config::{Invalid, Pins, Record};
+#[cfg(feature = "ble")]
+use wire::config::{LoadError, MODELS_BYTES, SiteModels};
+
+use super::log;
+use super::spi::{Bus, Interrupt, Port, Reset};
+use super::watchdog::{self, Watchdog};
+use super::{BOARD, Care, crash, uptime_us};
+use crate::{pins, reset_cause};
+
+// What the second-stage bootloader and espflash look for.
+esp_bootloader_esp_idf::esp_app_desc!();
+
+/// Bytes of the heap: threads' stacks, and what the Bluetooth controller takes.
+const HEAP_BYTES: usize = if cfg!(feature = "ble") { 80 << 10 } else { 16 << 10 };
+
+const DEFAULT_PINS: Pins = match BOARD.spec().pins {
+    Some(choice) => choice.default,
+    None => panic!("the user wires an ESP"),
+};
+
+/// The board, taken.
+pub struct Board {
+    /// Where a DW1000 may be wired.
+    pub uwb: UwbPort,
+    /// For the supervisor.
+    pub care: Care,
+    /// What the node starts with.
+    pub start: Start,
+    /// What the record is in, and what lies beside it.
+    pub flash: FlashStorage<'static>,
+    /// The chip's factory address, the highest byte first.
+    pub address: [u8; 6],
+    /// The chip's radio.
+    #[cfg(feature = "ble")]
+    pub bluetooth: super::bluetooth::Parts,
+}
+
+/// The DW1000's parts.
+pub type Uwb = node::Uwb<Bus, Interrupt, Reset, Delay>;
+
+/// The SPI port, not yet wired.
+pub struct UwbPort(Port);
+
+impl UwbPort {
+    /// Wires it by the record, or by the chip's default.
+    ///
+    /// # Errors
+    /// The record is for another board, or invalid.
+    pub fn wire(self, record: &Record) -> Result<Uwb, Invalid> {
+        record.validate_for(BOARD)?;
+        let pins = record.pins.unwrap_or(DEFAULT_PINS);
+        let (bus, interrupt, reset) = self.0.wire(&pins, pins::fast_mhz(&pins, &DEFAULT_PINS));
+        Ok(Uwb { bus, interrupt, reset, delay: Delay })
+    }
+}
+
+impl Board {
+    /// Takes the board; once a program. The log works from here on, and the watchdog runs. `spawner` is the main thread's.
+    pub fn take(spawner: Spawner) -> Self {
+        let p = esp_hal::init(esp_hal::Config::default().with_cpu_clock(CpuClock::max()));
+        esp_alloc::heap_allocator!(size: HEAP_BYTES);
+        esp_rtos::start(TimerGroup::new(p.TIMG0).timer0, p.FROM_CPU_INTR0);
+        #[cfg(not(feature = "log-serial"))]
+        let (telemetry, _) = (log::start(), spawner);
+        #[cfg(feature = "log-serial")]
+        let telemetry = log::start(
+            spawner,
+            log::Port {
+                #[cfg(not(feature = "esp32"))]
+                usb: p.USB_DEVICE,
+                uart: p.UART0,
+            },
+        );
+        watchdog::reset_on_brown_out();
+        let mut address = [0; 6];
+        address.copy_from_slice(efuse::base_mac_address().as_bytes());
+        #[cfg(not(feature = "esp32"))]
+        let port = Port::new(p.SPI2);
+        #[cfg(feature = "esp32")]
+        let port = Port::new(p.SPI3);
+        let mut flash = FlashStorage::new(p.FLASH);
+        let start = Start {
+            board: BOARD,
+            clock: uptime_us,
+            record: wire::config::load(&mut flash, BOARD.pages().offsets),
+            eui: eui_of(address),
+            reset: reset_cause::of(esp_hal::system::reset_reason().map_or(0, |reason| reason as u32)),
+            crash: crash::take(),
+        };
+        Self {
+            uwb: UwbPort(port),
+            care: Care { watchdog: Watchdog::start(p.RTC_TIMER), telemetry },
+            start,
+            flash,
+            address,
+            #[cfg(feature = "ble")]
+            bluetooth: super::bluetooth::Parts(p.BT),
+        }
+    }
+}
+
+/// What was surveyed of beacons. The flash is not in the processor's memory: the bytes are copied, once a program.
+///
+/// # Errors
+/// There are none, or they cannot be read.
+#[cfg(feature = "ble")]
+pub fn models(flash: &mut FlashStorage<'_>) -> Result<SiteModels<'static>, LoadError> {
+    static BYTES: ConstStaticCell<[u8; MODELS_BYTES]> = ConstStaticCell::new([0; MODELS_BYTES]);
+    let at = const { BOARD.pages().models.unwrap() };
+    wire::config::load_models(flash, at, BYTES.take())
+}
+
+/// Fills a slice with random bytes: from the radio's noise while Bluetooth is on; without it they can be guessed.
+pub fn random(bytes: &mut [u8]) {
+    Rng::new().read(bytes);
+}
+
+/// The EUI-64 of an address of 48 bits: FF FE in its middle (IEEE, "Guidelines for Use of EUI").
+fn eui_of([a, b, c, d, e, f]: [u8; 6]) -> u64 {
+    u64::from_be_bytes([a, b, c, 0xFF, 0xFE, d, e, f])
+}

@@ -1,0 +1,135 @@
+//! The lines to a DW1000.
+
+use core::pin::Pin;
+use core::task::{Context, Poll};
+
+use embedded_hal::delay::DelayNs as _;
+use embedded_hal_async::spi::{ErrorType, Operation, SpiDevice};
+use esp_hal::Blocking;
+use esp_hal::delay::Delay;
+use esp_hal::gpio::{AnyPin, DriveMode, Input, InputConfig, Level, Output, OutputConfig, Pull};
+use esp_hal::spi::master::{AnySpi, Config, Spi};
+use esp_hal::spi::{Error, Mode};
+use esp_hal::time::Rate;
+use ranging::dw1000::{ClockedSpi, ResetLine, SpiClock};
+use wire::config::Pins;
+
+/// At most 3 MHz while the DW1000 runs from its crystal.
+const SLOW_MHZ: u32 = 2;
+
+/// The DW1000's interrupt line.
+pub type Interrupt = Input<'static>;
+
+/// The SPI peripheral, not yet wired.
+pub struct Port(AnySpi<'static>);
+
+impl Port {
+    pub fn new(spi: impl Into<AnySpi<'static>>) -> Self {
+        Self(spi.into())
+    }
+
+    /// Wires it by pins that have been checked.
+    pub fn wire(self, pins: &Pins, fast_mhz: u32) -> (Bus, Interrupt, Reset) {
+        // SAFETY: the pins are the chip's, none twice, and nobody else has any of them: the board gives no pins away.
+        let pin = |number: u8| unsafe { AnyPin::steal(number) };
+        // Idle levels before the peripheral takes the lines over: the DW1000 is not selected and not reset.
+        let select = Output::new(pin(pins.cs), Level::High, OutputConfig::default());
+        let floating = OutputConfig::default().with_drive_mode(DriveMode::OpenDrain).with_pull(Pull::None);
+        let reset = Output::new(pin(pins.reset), Level::High, floating);
+        // Low while the DW1000 has no power.
+        let irq = Input::new(pin(pins.irq), InputConfig::default().with_pull(Pull::Down));
+        let clock = |mhz| Config::default().with_frequency(Rate::from_mhz(mhz)).with_mode(Mode::_0);
+        let slow = clock(SLOW_MHZ);
+        let spi = Spi::new(self.0, slow).expect("2 MHz is a fraction of the chip's clock");
+        let spi = spi.with_sck(pin(pins.sck)).with_mosi(pin(pins.mosi)).with_miso(pin(pins.miso));
+        (Bus { spi, select, slow, fast: clock(fast_mhz) }, irq, Reset(reset))
+    }
+}
+
+/// SPI with the DW1000's chip select.
+///
+/// The processor fills and empties the peripheral's own buffer of 64 bytes and waits meanwhile: at 20 MHz 26 µs for 64 bytes, 4 µs
+/// for the ten of a usual register. Direct memory access would need descriptors and copies for each of these, and to be told of
+/// the end by an interrupt takes two changes of thread. Nor could a transaction be dropped on its way, which would leave the chip
+/// selected.
+pub struct Bus {
+    spi: Spi<'static, Blocking>,
+    select: Output<'static>,
+    slow: Config,
+    fast: Config,
+}
+
+impl Bus {
+    /// In RAM, as the peripheral's driver is, and so not inlined either: the driver of the DW1000 has some forty transactions.
+    #[esp_hal::ram]
+    fn transact(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Error> {
+        self.select.set_low();
+        let result = operations.iter_mut().try_for_each(|operation| self.operate(operation));
+        self.select.set_high();
+        result
+    }
+
+    #[esp_hal::ram]
+    fn operate(&mut self, operation: &mut Operation<'_, u8>) -> Result<(), Error> {
+        match operation {
+            Operation::Read(words) => self.spi.read(words),
+            Operation::Write(words) => self.spi.write(words),
+            Operation::Transfer(read, write) => embedded_hal::spi::SpiBus::transfer(&mut self.spi, read, write),
+            Operation::TransferInPlace(words) => self.spi.transfer(words),
+            Operation::DelayNs(ns) => {
+                Delay::new().delay_ns(*ns);
+                Ok(())
+            }
+        }
+    }
+}
+
+impl ErrorType for Bus {
+    type Error = Error;
+}
+
+impl SpiDevice for Bus {
+    fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> impl Future<Output = Result<(), Error>> {
+        Transaction { bus: self, operations }
+    }
+}
+
+/// A transaction, done at the first poll. An `async fn` would bring its states to each of the driver's transactions.
+struct Transaction<'b, 'a, 'o> {
+    bus: &'b mut Bus,
+    operations: &'a mut [Operation<'o, u8>],
+}
+
+impl Future for Transaction<'_, '_, '_> {
+    type Output = Result<(), Error>;
+
+    fn poll(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Self::Output> {
+        let this = self.get_mut();
+        Poll::Ready(this.bus.transact(this.operations))
+    }
+}
+
+impl ClockedSpi for Bus {
+    #[inline(never)]
+    fn set_clock(&mut self, clock: SpiClock) -> Result<(), Error> {
+        let config = match clock {
+            SpiClock::Slow => &self.slow,
+            SpiClock::Fast => &self.fast,
+        };
+        self.spi.apply_config(config).map_err(|_| Error::Unsupported)
+    }
+}
+
+/// The DW1000's reset line: low, or floating.
+pub struct Reset(Output<'static>);
+
+impl ResetLine for Reset {
+    fn pull_low(&mut self) {
+        self.0.set_low();
+    }
+
+    fn release(&mut self) {
+        // Open drain: "high" is floating.
+        self.0.set_high();
+    }
+}

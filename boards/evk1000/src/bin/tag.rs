@@ -1,0 +1,65 @@
+//! Tag or anchor on an EVB1000, as S1-4 says at the start, without a record if need be; the distance on the display.
+#![no_std]
+#![no_main]
+
+use baliza_board_evk1000::panel::{Awaiting, Panel};
+use baliza_board_evk1000::{Board, Radio, SharedPanel, Shown, TagShown, display, supervise};
+use embassy_executor::Spawner;
+use embassy_time::Delay;
+use firmware_anchor::node::Anchor;
+use firmware_common::node::{Node, Reporter};
+use firmware_tag::node::{Exchange, Tag};
+use static_cell::StaticCell;
+use wire::telemetry::Role;
+
+static REPORTER: StaticCell<Reporter> = StaticCell::new();
+static RADIO: StaticCell<Radio> = StaticCell::new();
+static TAG: firmware_tag::node::Memory = firmware_tag::node::Memory::new();
+static ANCHOR: firmware_anchor::node::Memory = firmware_anchor::node::Memory::new();
+static PANEL: StaticCell<SharedPanel> = StaticCell::new();
+
+#[embassy_executor::task]
+async fn tag_ranging(tag: &'static Tag, exchange: Exchange<Radio>, panel: &'static SharedPanel) {
+    tag.range(exchange, Delay, &TagShown { sink: tag.sink(), panel }).await;
+}
+
+#[embassy_executor::task]
+async fn engine(tag: &'static Tag, panel: &'static SharedPanel) {
+    tag.locate(Delay, &TagShown { sink: tag.sink(), panel }).await;
+}
+
+#[embassy_executor::task]
+async fn anchor_ranging(anchor: Anchor<Radio>, panel: &'static SharedPanel) {
+    let listener = firmware_anchor::TelemetrySink(anchor.reporter);
+    firmware_anchor::run(anchor.radio, Delay, anchor.machine, Shown { listener, panel }).await;
+}
+
+/// Spawns all tasks.
+#[embassy_executor::main]
+async fn main(spawner: Spawner) {
+    let Board { uwb, switches, mut care, lcd, start, mut flash, ranging: above, .. } = Board::take();
+    let (role, awaiting) =
+        if switches.anchor { (Role::Anchor, Awaiting::Poll) } else { (Role::Tag, Awaiting::Response) };
+    care.leds.show_role(switches.anchor);
+    let panel: &_ = PANEL.init_with(|| SharedPanel::new(Panel::new(awaiting)));
+    spawner.spawn(display(lcd, panel).unwrap());
+    let (mut node, configured) = Node::start(&REPORTER, role, start);
+    let radio = |config| RADIO.init_with(|| uwb.radio(config));
+    match configured {
+        // The switches have made the record one of their role.
+        Some(configured) if switches.anchor => {
+            if let Some(anchor) = ANCHOR.anchor(&mut node, &configured, radio) {
+                above.spawn(anchor_ranging(anchor, panel).unwrap());
+            }
+        }
+        Some(configured) => {
+            if let Some((exchange, tag)) = TAG.tag(&mut node, configured, radio) {
+                TAG.use_nlos_model(tag, &mut flash, &node);
+                above.spawn(tag_ranging(tag, exchange, panel).unwrap());
+                spawner.spawn(engine(tag, panel).unwrap());
+            }
+        }
+        None => {}
+    }
+    spawner.spawn(supervise(node, care).unwrap());
+}

@@ -1,0 +1,130 @@
+//! What the display shows, from what the exchange finds out.
+
+use core::cell::RefCell;
+
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_time::{Delay, Timer};
+use firmware_common::node::{Guard, TELEMETRY_BYTES};
+use firmware_tag::{Epoch, Sink, Task, TelemetrySink};
+use ranging::RadioInstant;
+use ranging::exchange::{Action, Event, Guidance, Link, Report};
+use ranging::node::Listener;
+
+use crate::Lcd;
+use crate::panel::Panel;
+
+/// From one look at what is to be shown to the next, milliseconds.
+const LOOK_MS: u64 = 100;
+
+/// The panel, for a `static`: the exchange writes it, the display's task reads it.
+pub struct SharedPanel(Mutex<Guard, RefCell<Panel>>);
+
+impl SharedPanel {
+    /// Shows what a panel says.
+    pub const fn new(panel: Panel) -> Self {
+        Self(Mutex::new(RefCell::new(panel)))
+    }
+
+    /// Distances of a round, metres.
+    pub fn measured(&self, distances_m: impl Iterator<Item = f32>) {
+        self.0.lock(|panel| distances_m.for_each(|distance_m| panel.borrow_mut().measured(distance_m)));
+    }
+
+    /// The link has changed.
+    pub fn link(&self, link: Link) {
+        match link {
+            Link::Lost(_) | Link::Unsynchronised => self.0.lock(|panel| panel.borrow_mut().lost()),
+            Link::Paired(_)
+            | Link::Synchronised(_)
+            | Link::Joined(_)
+            | Link::NetworkFull
+            | Link::Coordinating
+            | Link::Following(_) => {}
+        }
+    }
+}
+
+/// Keeps the display up to date.
+#[embassy_executor::task]
+pub async fn display(mut lcd: Lcd, panel: &'static SharedPanel) {
+    // Its bus and pins cannot fail; a display that is not there is not missed.
+    let _ = lcd.start(&mut Delay).await;
+    loop {
+        let text = panel.0.lock(|panel| panel.borrow().text());
+        let _ = lcd.show(&text);
+        Timer::after_millis(LOOK_MS).await;
+    }
+}
+
+/// A listener whose reports are shown as well.
+pub struct Shown<L> {
+    /// Who gets the reports.
+    pub listener: L,
+    /// Where they are shown.
+    pub panel: &'static SharedPanel,
+}
+
+impl<L: Listener> Listener for Shown<L> {
+    async fn report(&mut self, report: Report<'_>, present: RadioInstant) -> Guidance {
+        match report {
+            Report::Round(round) => self.panel.measured(round.ranges.iter().map(|range| range.distance_m)),
+            // Of what an anchor hears: it listens to no rounds of others.
+            Report::Differences(_) => {}
+            Report::Link(link) => self.panel.link(link),
+        }
+        self.listener.report(report, present).await
+    }
+
+    fn observe(&mut self, now: RadioInstant, event: &Event<'_>, action: &Action<'_>) {
+        self.listener.observe(now, event, action);
+    }
+
+    async fn radio_failed(&mut self, error: &impl core::fmt::Debug, failures: u32) {
+        self.listener.radio_failed(error, failures).await;
+    }
+}
+
+/// A tag's sink whose results are shown as well.
+#[derive(Clone, Copy)]
+pub struct TagShown {
+    /// Who gets the results.
+    pub sink: TelemetrySink<'static, Guard, TELEMETRY_BYTES>,
+    /// Where they are shown.
+    pub panel: &'static SharedPanel,
+}
+
+impl Sink for TagShown {
+    fn now_us(&self) -> u64 {
+        self.sink.now_us()
+    }
+
+    async fn publish(&self, epoch: Epoch<'_>) {
+        self.panel.measured(epoch.measured.ranges().iter().map(|range| range.distance_m));
+        self.sink.publish(epoch).await;
+    }
+
+    fn step(&self, event: &Event<'_>) {
+        self.sink.step(event);
+    }
+
+    fn rests(&self, until_us: u64) {
+        self.sink.rests(until_us);
+    }
+
+    fn link(&self, link: Link) {
+        self.panel.link(link);
+        self.sink.link(link);
+    }
+
+    fn radio_failed(&self, error: &impl core::fmt::Debug, failures: u32) {
+        self.sink.radio_failed(error, failures);
+    }
+
+    fn round_dropped(&self) {
+        self.sink.round_dropped();
+    }
+
+    fn alive(&self, task: Task) {
+        self.sink.alive(task);
+    }
+}

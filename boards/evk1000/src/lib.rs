@@ -1,0 +1,23 @@
+//! EVB1000, the board of Decawave's EVK1000: STM32F105RC with a DW1000, switches, four lights and a display. What needs no chip ([`lcd`],
+//! [`panel`]) builds on a desktop too, where it is tested.
+#![no_std]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod lcd;
+pub mod panel;
+
+#[cfg(target_os = "none")]
+mod board;
+#[cfg(target_os = "none")]
+mod display;
+#[cfg(target_os = "none")]
+mod uwb;
+
+#[cfg(target_os = "none")]
+pub use board::*;
+#[cfg(target_os = "none")]
+pub use display::{SharedPanel, Shown, TagShown, display};
+#[cfg(target_os = "none")]
+pub use uwb::{Bus, Interrupt, Reset};

@@ -1,0 +1,5 @@
+//! The linker's arguments.
+
+fn main() {
+    baliza_board_link::qemu();
+}

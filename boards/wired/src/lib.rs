@@ -1,0 +1,125 @@
+//! A board in QEMU whose DW1000 is simulated outside: every transaction on the bus, every interrupt and every wait is asked of a
+//! simulated world over a pipe ([`qemu_link`]), which lets the time of the instructions pass that were executed in between.
+//!
+//! As on a DWM1001 there are two executors: ranging in the upper one; engine, telemetry and the rest in the lower one. A step of the
+//! lower one is executed at once, but its time passes while the upper one waits, and until it has passed there is no other step.
+#![no_std]
+#![cfg(target_os = "none")]
+
+mod clock;
+mod executor;
+mod lines;
+mod pipe;
+mod timers;
+
+use baliza_board_rtt::TelemetryChannel;
+use embassy_executor::Spawner;
+use firmware_common::node::{self, Node};
+use qemu_link::{Request, Start};
+use ranging::dw1000::Dw1000;
+use wire::config::Record;
+use wire::telemetry::ResetCause;
+
+use executor::Executors;
+use pipe::PIPE;
+
+pub use clock::uptime_us;
+pub use lines::{Bus, Interrupt, Reset};
+pub use timers::Delay;
+
+/// As telemetry calls it.
+pub const BOARD: wire::config::Board = wire::config::Board::Simulated;
+
+/// The DW1000's driver.
+pub type Radio = Dw1000<Bus, Interrupt, Reset, Delay>;
+
+defmt::timestamp!("{=u64:us}", uptime_us());
+
+/// The DW1000's parts.
+pub type Uwb = node::Uwb<Bus, Interrupt, Reset, Delay>;
+
+/// The board, taken.
+pub struct Board {
+    /// The DW1000's parts.
+    pub uwb: Uwb,
+    /// For the exchange's waits.
+    pub delay: Delay,
+    /// What the node starts with.
+    pub start: node::Start,
+    /// What runs the node's tasks.
+    pub care: Care,
+}
+
+/// The executors, and telemetry's way out.
+pub struct Care {
+    executors: Executors,
+    telemetry: TelemetryChannel,
+}
+
+impl Board {
+    /// Takes the board; once a program.
+    pub fn take() -> Self {
+        clock::start();
+        let telemetry = baliza_board_rtt::start();
+        let record = PIPE.open(|pipe| {
+            pipe.ask(Request::Start, |answer| {
+                let Start { instruction_ps, record } = Start::decode(answer.body).expect("the world says how to start");
+                clock::set_instruction_ps(instruction_ps);
+                wire::config::decode(record).map(|(record, _): (Record, u32)| record)
+            })
+        });
+        let [delay, driver_delay] = Delay::take();
+        Self {
+            uwb: Uwb { bus: Bus, interrupt: Interrupt, reset: Reset, delay: driver_delay },
+            delay,
+            // The record has its address.
+            start: node::Start {
+                board: BOARD,
+                clock: uptime_us,
+                record,
+                eui: 0xDECA_0000_0000_0000,
+                reset: ResetCause::PowerOn,
+                crash: None,
+            },
+            care: Care { executors: Executors::take(), telemetry },
+        }
+    }
+}
+
+impl Care {
+    /// Of ranging's tasks.
+    pub fn ranging(&self) -> Spawner {
+        self.executors.ranging()
+    }
+
+    /// Of all other tasks.
+    pub fn background(&self) -> Spawner {
+        self.executors.background()
+    }
+
+    /// Runs what was spawned until the world ends, and then the program and QEMU with it.
+    pub fn run(mut self, node: Node) -> ! {
+        let reporter = node.reporter;
+        self.background().spawn(keep_telling(node).unwrap());
+        self.executors.run(|| {
+            reporter.event_log.drain(|frame| {
+                // Nobody reads the channel: it is full soon, as on a board without a probe.
+                self.telemetry.write(frame);
+                PIPE.ask(Request::Telemetry(frame), |_| ());
+                true
+            });
+        });
+        reporter.event_log.counters(reporter.counts.told(reporter.now_us(), reporter.event_log.dropped()));
+        reporter.event_log.drain(|frame| {
+            PIPE.ask(Request::Telemetry(frame), |_| ());
+            true
+        });
+        semihosting::process::exit(0)
+    }
+}
+
+/// Repeats who is speaking, and what was counted.
+#[embassy_executor::task]
+async fn keep_telling(node: Node) {
+    node.keep_telling(embassy_time::Delay).await;
+}

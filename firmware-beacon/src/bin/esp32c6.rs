@@ -1,8 +1,0 @@
-//! The beacon on an ESP32-C6.
-#![no_std]
-#![no_main]
-
-#[path = "esp/beacon.rs"]
-mod beacon;
-
-boards::esp_entry!(beacon::start);

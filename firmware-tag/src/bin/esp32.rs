@@ -1,8 +1,0 @@
-//! The tag on an ESP32.
-#![no_std]
-#![no_main]
-
-#[path = "esp/tag.rs"]
-mod tag;
-
-boards::esp_entry!(tag::start);

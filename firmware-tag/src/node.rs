@@ -1,0 +1,181 @@
+//! A tag's program, but for what its board brings: the board's binary takes the board, starts the [`Node`], and spawns a task for each
+//! part of the [`Tag`] that [`Memory::tag`] gives.
+
+use core::convert::Infallible;
+
+use embedded_hal_async::delay::DelayNs;
+use embedded_storage::nor_flash::ReadNorFlash;
+use firmware_common::TagProtocol;
+use firmware_common::node::{Configured, Guard, Node, Reporter, TELEMETRY_BYTES, Tasks};
+use heapless::Vec;
+use wire::config::Role;
+use positioning_core::nlos::NodeModel;
+use ranging::dw1000;
+use ranging::node::Restart;
+use static_cell::StaticCell;
+use wire::telemetry::Condition;
+
+use crate::motion::MotionSensor;
+use crate::nlos_model::NlosModelStore;
+use crate::{AnchorPlace, Locator, RateControl, Sink, TelemetrySink, motion, places};
+
+type TaskChannels = crate::TaskChannels<Guard>;
+
+/// What a tag's tasks work on, for a `static`.
+pub struct Memory {
+    machine: StaticCell<TagProtocol>,
+    tag: StaticCell<Tag>,
+    channels: StaticCell<TaskChannels>,
+    anchors: StaticCell<Vec<AnchorPlace, { wire::config::MAX_ANCHORS }>>,
+    nlos_model: NlosModelStore,
+    #[cfg(feature = "ble")]
+    record: StaticCell<wire::config::Record>,
+    #[cfg(feature = "ble")]
+    surveyed: StaticCell<crate::LoadedModels<'static>>,
+}
+
+/// What the task that owns the radio has for itself.
+pub struct Exchange<R: 'static> {
+    /// The radio's driver.
+    pub radio: &'static mut R,
+    /// The tag's side of the exchange.
+    pub machine: &'static mut TagProtocol,
+}
+
+/// What the tasks of a tag share.
+pub struct Tag {
+    /// What the record says.
+    pub config: wire::config::Tag,
+    channels: &'static TaskChannels,
+    reporter: &'static Reporter,
+    anchors: &'static [AnchorPlace],
+    nlos_model: Option<&'static NodeModel>,
+    #[cfg(feature = "ble")]
+    record: &'static wire::config::Record,
+    #[cfg(feature = "ble")]
+    surveyed: Option<&'static crate::LoadedModels<'static>>,
+}
+
+impl Memory {
+    /// Nothing yet.
+    pub const fn new() -> Self {
+        Self {
+            machine: StaticCell::new(),
+            tag: StaticCell::new(),
+            channels: StaticCell::new(),
+            anchors: StaticCell::new(),
+            nlos_model: NlosModelStore::new(),
+            #[cfg(feature = "ble")]
+            record: StaticCell::new(),
+            #[cfg(feature = "ble")]
+            surveyed: StaticCell::new(),
+        }
+    }
+
+    /// The tag that a record asks for, with the radio's driver that `radio` makes; `None`, and reported, where it is for another role.
+    pub fn tag<R>(
+        &'static self,
+        node: &mut Node,
+        configured: Configured,
+        radio: impl FnOnce(dw1000::Config) -> &'static mut R,
+    ) -> Option<(Exchange<R>, &'static mut Tag)> {
+        let Configured { record, settings } = configured;
+        match settings.role {
+            Role::Tag(config) => {
+                node.tasks = Tasks::RangingAndEngine;
+                let exchange = Exchange {
+                    radio: radio(settings.radio),
+                    machine: self.machine.init_with(|| TagProtocol::new(&settings, &config)),
+                };
+                let tag = self.tag.init_with(|| Tag {
+                    config,
+                    channels: self.channels.init_with(TaskChannels::new),
+                    reporter: node.reporter,
+                    anchors: self.anchors.init_with(|| places(&record)),
+                    nlos_model: None,
+                    #[cfg(feature = "ble")]
+                    record: self.record.init(record),
+                    #[cfg(feature = "ble")]
+                    surveyed: None,
+                });
+                Some((exchange, tag))
+            }
+            Role::Anchor { .. } | Role::Advertiser(_) => {
+                node.report(Condition::WrongRecord);
+                None
+            }
+        }
+    }
+
+    /// Has the tag use the classifier that lies in `flash` beside the record, if there is one; once a program.
+    pub fn use_nlos_model(&'static self, tag: &mut Tag, flash: &mut impl ReadNorFlash, node: &Node) {
+        tag.nlos_model = self.nlos_model.fill(flash, node.board.pages().offsets);
+    }
+
+    /// Has the tag use what was surveyed of beacons, as it was found in flash; once a program.
+    #[cfg(feature = "ble")]
+    pub fn use_beacon_models(
+        &'static self,
+        tag: &mut Tag,
+        models: Result<wire::config::SiteModels<'static>, wire::config::LoadError>,
+        node: &Node,
+    ) {
+        let beacons = &tag.record.beacons;
+        tag.surveyed =
+            Some(self.surveyed.init_with(|| crate::LoadedModels::of(models, beacons, |condition| node.report(condition))));
+    }
+}
+
+impl Default for Memory {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Tag {
+    /// Where its tasks report to.
+    pub fn sink(&self) -> TelemetrySink<'static, Guard, TELEMETRY_BYTES> {
+        TelemetrySink::new(self.reporter, self.config.report_ranges)
+    }
+
+    /// The task that owns the radio.
+    pub async fn range<R: Restart>(&self, exchange: Exchange<R>, delay: impl DelayNs, sink: &impl Sink) -> Infallible {
+        crate::ranging(exchange.radio, delay, exchange.machine, self.channels, sink).await
+    }
+
+    /// The task that makes positions.
+    pub async fn locate(&self, delay: impl DelayNs, sink: &impl Sink) -> Infallible {
+        let locator = Locator::new(self.config.height_m, self.anchors).by(self.config.solver).with_model(self.nlos_model);
+        #[cfg(feature = "ble")]
+        let locator = locator.with_beacons(crate::KnownBeacons::of(self.record));
+        #[cfg(feature = "ble")]
+        let locator = match self.surveyed {
+            Some(surveyed) => locator.with_surveyed(surveyed),
+            None => locator,
+        };
+        crate::engine(self.channels, delay, locator, RateControl::of(&self.config), sink).await
+    }
+
+    /// The task of a motion sensor, only where there is a rate for a tag that lies still.
+    pub async fn follow_motion(&self, sensor: impl MotionSensor, delay: impl DelayNs, sink: &impl Sink) {
+        motion::run(self.channels, sensor, delay, sink).await;
+    }
+
+    /// What a scanner has heard.
+    #[cfg(feature = "ble")]
+    pub fn receive((&self, data: &[u8], rssi_dbm: i8, sink: &impl Sink) {
+        crate::scan::receive(self.channels, sink, data, rssi_dbm);
+    }
+
+    /// The task that switches a scanner on and off.
+    #[cfg(feature = "ble")]
+    pub async fn scan(
+        &self,
+        plan: crate::scan::Plan,
+        scanner: impl crate::scan::Scanner,
+        delay: impl DelayNs,
+        sink: &impl Sink,
+    ) -> Infallible {
+        crate::scan::run(self.channels, plan, scanner, delay, sink).await
+    }
+}
