@@ -14,8 +14,8 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use firmware_common::Reporter;
 use ranging::RadioInstant;
-use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
 use ranging::Restart;
+use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
 
 pub use ranging::node::Listener;
 

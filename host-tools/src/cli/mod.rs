@@ -6,14 +6,14 @@
 mod bench;
 mod ble;
 mod calibrate;
+mod classify_rooms;
 mod coverage;
 mod decode;
 mod example;
 mod monitor;
 mod nlos;
-mod place;
+mod plan_anchors;
 mod plot;
-mod presence;
 mod progress;
 mod provision;
 mod record;
@@ -61,8 +61,10 @@ commands! {
         #[command(subcommand)]
         Survey(survey),
         Coverage(coverage),
-        Coordinates(place),
-        RoomHysteresis(presence),
+        #[command(alias = "place")]
+        PlanAnchors(plan_anchors),
+        #[command(alias = "presence")]
+        ClassifyRooms(classify_rooms),
         #[command(subcommand)]
         Ble(ble),
         #[command(subcommand)]

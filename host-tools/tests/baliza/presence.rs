@@ -1,4 +1,4 @@
-//! `baliza presence`.
+//! `baliza classify-rooms`.
 
 use crate::support::Folder;
 
@@ -18,7 +18,7 @@ fn each_position_has_its_room_and_the_tags_answer() {
     // One position beyond the wall changes nothing; after 27 s without a position in a room everything is new.
     assert_eq!(run.column("answer"), ["hall", "hall", "hall", "hall", "attic", "attic"]);
 
-    let json = folder.run("presence --positions p.csv --outlines r.csv --truth t.csv --json").ok().json();
+    let json = folder.run("classify-rooms --positions p.csv --outlines r.csv --truth t.csv --json").ok().json();
     let m = &json[0];
     assert_eq!((&m["positions"], &m["outside"], &m["judged"]), (&5.into(), &2.into(), &3.into()));
     assert_eq!((&m["accuracy"], &m["wrong"], &m["changes"]), (&0.666_667.into(), &0.into(), &1.into()));

@@ -1,4 +1,4 @@
-//! `baliza place`: where to put beacons or anchors.
+//! `baliza plan-anchors`: where to put beacons or anchors.
 
 use baliza_report::percentile;
 use std::fmt::Write as _;
@@ -24,9 +24,9 @@ use crate::cli::progress::Progress;
 /// Places are added one after the other, then exchanged while that helps.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Examples:\n  baliza place --count 5 --area 0,0,7,6.9 --candidates sockets.csv --plot places.svg\n  \
-                        baliza place --count 4 --kind anchors --area 0,0,22,7 --walls walls.csv --json\n  \
-                        baliza place --count 1 --fixed beacons.csv --area 0,0,12,15"
+    after_help = "Examples:\n  baliza plan-anchors --count 5 --area 0,0,7,6.9 --candidates sockets.csv --plot places.svg\n  \
+                        baliza plan-anchors --count 4 --kind anchors --area 0,0,22,7 --walls walls.csv --json\n  \
+                        baliza plan-anchors --count 1 --fixed beacons.csv --area 0,0,12,15"
 )]
 pub struct Arguments {
     /// How many are to be placed

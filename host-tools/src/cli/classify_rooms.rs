@@ -1,4 +1,4 @@
-//! `baliza presence`: in which room each position is.
+//! `baliza classify-rooms`: in which room each position is.
 
 use std::collections::HashMap;
 use std::fmt::Write as _;
@@ -18,7 +18,9 @@ use super::{note, print, print_json, write};
 /// A position near a wall is in both rooms, by its standard deviations. The answer is what a tag says of one position after the other: a
 /// room, `between` two, or `unknown`; it does not flap where somebody stands in a doorway.
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  baliza presence --positions positions.csv --outlines rooms.csv --truth truth.csv")]
+#[command(
+    after_help = "Example:\n  baliza classify-rooms --positions positions.csv --outlines rooms.csv --truth truth.csv"
+)]
 pub struct Arguments {
     /// Positions as solve, track or ble write them: CSV with epoch,t_s,method,x_m,y_m,sigma_x_m,sigma_y_m
     #[arg(long, value_name = "FILE")]
