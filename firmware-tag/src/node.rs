@@ -8,11 +8,11 @@ use embedded_storage::nor_flash::ReadNorFlash;
 use firmware_common::TagProtocol;
 use firmware_common::node::{Configured, Guard, Node, Reporter, TELEMETRY_BYTES, Tasks};
 use heapless::Vec;
-use wire::config::Role;
 use positioning_core::nlos::NodeModel;
 use ranging::dw1000;
 use ranging::node::Restart;
 use static_cell::StaticCell;
+use wire::config::Role;
 use wire::telemetry::Condition;
 
 use crate::motion::MotionSensor;
@@ -121,8 +121,9 @@ impl Memory {
         node: &Node,
     ) {
         let beacons = &tag.record.beacons;
-        tag.surveyed =
-            Some(self.surveyed.init_with(|| crate::LoadedModels::of(models, beacons, |condition| node.report(condition))));
+        tag.surveyed = Some(
+            self.surveyed.init_with(|| crate::LoadedModels::of(models, beacons, |condition| node.report(condition))),
+        );
     }
 }
 
@@ -145,7 +146,8 @@ impl Tag {
 
     /// The task that makes positions.
     pub async fn locate(&self, delay: impl DelayNs, sink: &impl Sink) -> Infallible {
-        let locator = Locator::new(self.config.height_m, self.anchors).by(self.config.solver).with_model(self.nlos_model);
+        let locator =
+            Locator::new(self.config.height_m, self.anchors).by(self.config.solver).with_model(self.nlos_model);
         #[cfg(feature = "ble")]
         let locator = locator.with_beacons(crate::KnownBeacons::of(self.record));
         #[cfg(feature = "ble")]
@@ -163,7 +165,7 @@ impl Tag {
 
     /// What a scanner has heard.
     #[cfg(feature = "ble")]
-    pub fn receive((&self, data: &[u8], rssi_dbm: i8, sink: &impl Sink) {
+    pub fn receive(&self, data: &[u8], rssi_dbm: i8, sink: &impl Sink) {
         crate::scan::receive(self.channels, sink, data, rssi_dbm);
     }
 
