@@ -70,7 +70,7 @@ fn forger(armed: &Rc<Cell<bool>>, mut forge: Forge) -> Boxed {
     let mut done = None;
     Box::new(move |now, _, event| {
         if let Event::Received(frame) = event
-            && let Some(Frame { source, message: Message::SyncFrame(sync_frame), .. }) = Frame::parse(frame.bytes)
+            && let Ok(Frame { source, message: Message::SyncFrame(sync_frame), .. }) = Frame::parse(frame.bytes)
         {
             known.insert(source, sync_frame.clone());
             if armed.get() && done != Some(sync_frame.superframe) && !sync_frame.layout_is_new {
@@ -257,7 +257,7 @@ impl Impostor {
         let (mut sent_for, mut timing) = (None, None);
         Box::new(move |now, _, event| {
             if let Event::Received(heard) = event
-                && let Some(frame) = Frame::parse(heard.bytes)
+                && let Ok(frame) = Frame::parse(heard.bytes)
             {
                 match (frame.message, timing) {
                     (Message::Poll(poll), Some(timing)) => {

@@ -60,17 +60,17 @@ fn parsers_take_any_bytes_and_give_back_what_they_took() {
     let mut parsed = [0; 3];
     for _ in 0..300_000 {
         let bytes = bytes(&mut rng);
-        if let Some(frame) = native::Frame::parse(&bytes) {
+        if let Ok(frame) = native::Frame::parse(&bytes) {
             frame.emit(&mut out);
             assert_eq!(out.bytes(), bytes);
             parsed[0] += 1;
         }
-        if let Some(frame) = decaranging::Frame::parse(&bytes) {
+        if let Ok(frame) = decaranging::Frame::parse(&bytes) {
             frame.emit(&mut out);
             assert_eq!(out.bytes(), bytes);
             parsed[1] += 1;
         }
-        if let Some(blink) = decaranging::Blink::parse(&bytes) {
+        if let Ok(blink) = decaranging::Blink::parse(&bytes) {
             blink.emit(&mut out);
             assert_eq!(out.bytes(), &bytes[..10]);
             parsed[2] += 1;

@@ -72,7 +72,7 @@ fn anchors_tell_how_far_they_measured_each_other() {
     let bias = f64::from(ranging::RangeBias::of(&NETWORK.phy).metres(air.power_dbm));
     let mut told = 0;
     for flight in air.sent.iter().filter(|flight| flight.begin > 3.0) {
-        let Some(Frame { message: Message::Poll(poll), .. }) = Frame::parse(&flight.bytes) else { continue };
+        let Ok(Frame { message: Message::Poll(poll), .. }) = Frame::parse(&flight.bytes) else { continue };
         for asked in poll.anchors {
             let metres = asked.distance.metres().expect("each was measured a few times");
             let truth = air.distance(flight.sender, anchors[usize::from(asked.address) - 1]);

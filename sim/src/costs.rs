@@ -216,7 +216,7 @@ impl ProtocolCosts {
     /// What a step was about. A frame of another exchange counts as the native one in its place: a blink or an answer as what is made or
     /// received.
     fn of_step(&self, address: Option<u16>, event: &Event<'_>, action: &Action<'_>) -> u32 {
-        let message = |bytes: &[u8]| Frame::parse(bytes).map(|frame| frame.message);
+        let message = |bytes: &[u8]| Frame::parse(bytes).ok().map(|frame| frame.message);
         let sent = match action {
             Action::Transmit { frame, .. } => Some(message(frame)),
             Action::Receive { .. }
@@ -236,7 +236,7 @@ impl ProtocolCosts {
         };
         match event {
             Event::Received(received) => match Frame::parse(received.bytes) {
-                Some(frame) => match frame.message {
+                Ok(frame) => match frame.message {
                     Message::Poll(_) if sent.is_none() => self.overheard,
                     Message::Poll(_) => self.poll_answered,
                     Message::Response(_) if address.is_some_and(|address| frame.destination != address) => {
@@ -246,8 +246,8 @@ impl ProtocolCosts {
                     Message::Response(_) => self.response_received,
                     Message::SyncFrame(_) | Message::Request(_) | Message::Final { .. } => self.beacon_received,
                 },
-                None if sent.is_some() => self.poll_answered,
-                None => self.response_received,
+                Err(_) if sent.is_some() => self.poll_answered,
+                Err(_) => self.response_received,
             },
             Event::Started
             | Event::Sent(_)

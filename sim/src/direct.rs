@@ -219,7 +219,7 @@ impl State {
 
     fn wants(&self, bytes: &[u8]) -> bool {
         let Some((pan, address)) = self.filter else { return true };
-        Header::parse(bytes).is_some_and(|(header, _)| {
+        Header::parse(bytes).is_ok_and(|(header, _)| {
             let ours = [Address::Short(address), Address::Short(BROADCAST)];
             header.pan == pan && ours.contains(&header.destination)
         })

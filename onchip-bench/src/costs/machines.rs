@@ -50,7 +50,7 @@ pub struct Costs {
 impl Costs {
     /// The mean that a step of the node with this address belongs to.
     fn of(&self, address: u16, event: &Event<'_>, action: &Action<'_>) -> Option<&Mean> {
-        let message = |bytes: &[u8]| Frame::parse(bytes).map(|frame| frame.message);
+        let message = |bytes: &[u8]| Frame::parse(bytes).ok().map(|frame| frame.message);
         let sent = match action {
             Action::Transmit { frame, .. } => message(frame),
             Action::Receive { .. }
@@ -61,7 +61,7 @@ impl Costs {
         };
         match event {
             Event::Received(received) => {
-                let frame = Frame::parse(received.bytes)?;
+                let frame = Frame::parse(received.bytes).ok()?;
                 match frame.message {
                     Message::Poll(_) => Some(if sent.is_some() { &self.poll_answered } else { &self.overheard }),
                     Message::Response(_) if frame.destination != address => Some(&self.overheard),

@@ -131,11 +131,11 @@ impl Anchor {
     }
 
     fn receive(&mut self, frame: &RxFrame<'_>) {
-        if let Some(blink) = Blink::parse(frame.bytes) {
+        if let Ok(blink) = Blink::parse(frame.bytes) {
             self.on_blink(&blink, frame.rx_time);
             return;
         }
-        let Some(heard @ Frame { header, message }) = Frame::parse(frame.bytes) else { return };
+        let Ok(heard @ Frame { header, message }) = Frame::parse(frame.bytes) else { return };
         let address = self.config.address;
         // A tag that uses long addresses takes the short one of the ranging init for the end of a long one.
         let ours = [Address::Short(address), Address::Extended(self.config.eui), Address::Extended(address.into())];

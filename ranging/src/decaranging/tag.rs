@@ -124,7 +124,7 @@ impl Tag {
     }
 
     fn receive(&mut self, frame: &RxFrame<'_>) {
-        let Some(Frame { header, message }) = Frame::parse(frame.bytes) else { return };
+        let Ok(Frame { header, message }) = Frame::parse(frame.bytes) else { return };
         if let Message::RangingInit { tag, anchor_delay, tag_delay } = message {
             let addressed = header.destination == Address::Extended(self.config.eui);
             if addressed && self.state == State::AwaitingInit {

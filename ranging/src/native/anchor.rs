@@ -142,7 +142,9 @@ impl Anchor {
     }
 
     fn receive(&mut self, frame: &RxFrame<'_>) {
-        let Some(told) = Frame::parse(frame.bytes).filter(|told| told.pan == self.config.network.pan) else { return };
+        let Some(told) = Frame::parse(frame.bytes).ok().filter(|told| told.pan == self.config.network.pan) else {
+            return;
+        };
         let everyone = told.destination == BROADCAST;
         match told.message {
             Message::Poll(poll) if everyone => self.on_poll(told.source, &poll, frame),

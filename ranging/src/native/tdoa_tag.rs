@@ -98,7 +98,9 @@ impl TdoaTag {
     }
 
     fn receive(&mut self, frame: &RxFrame<'_>) {
-        let Some(told) = Frame::parse(frame.bytes).filter(|told| told.pan == self.config.network.pan) else { return };
+        let Some(told) = Frame::parse(frame.bytes).ok().filter(|told| told.pan == self.config.network.pan) else {
+            return;
+        };
         match told.message {
             Message::SyncFrame(sync_frame) if told.destination == BROADCAST => {
                 self.on_sync_frame(told.source, &sync_frame, frame)

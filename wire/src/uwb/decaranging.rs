@@ -12,7 +12,7 @@
 //!
 //! A delay's lower 15 bits are microseconds, or milliseconds where bit 15 is set; older software takes all 16 bits for milliseconds.
 
-use super::{FrameBuffer, Header, Reader};
+use super::{FrameBuffer, FrameError, Header, Reader};
 use baliza_dw1000::{RadioDuration, RadioInstant};
 
 /// The PAN identifier of DecaRanging.
@@ -54,11 +54,18 @@ pub struct Blink {
 
 impl Blink {
     /// The blink of bytes from the air, in the shorter or the longer form.
-    pub fn parse(bytes: &[u8]) -> Option<Self> {
+    ///
+    /// # Errors
+    /// What is wrong first.
+    pub fn parse(bytes: &[u8]) -> Result<Self, FrameError> {
         let mut reader = Reader(bytes);
         let [kind, sequence] = reader.take()?;
         let tag = reader.u64()?;
-        (kind == BLINK && matches!(reader.0.len(), 0 | 6)).then_some(Self { sequence, tag })
+        match (kind, reader.0.len()) {
+            (BLINK, 0 | 6) => Ok(Self { sequence, tag }),
+            (BLINK, bytes) => Err(FrameError::TooLong(bytes)),
+            (code, _) => Err(FrameError::Code(code)),
+        }
     }
 
     /// The bytes of the shorter form, in place of what `out` held.
@@ -133,7 +140,10 @@ pub enum Final {
 
 impl Frame {
     /// The frame of bytes from the air.
-    pub fn parse(bytes: &[u8]) -> Option<Self> {
+    ///
+    /// # Errors
+    /// What is wrong first.
+    pub fn parse(bytes: &[u8]) -> Result<Self, FrameError> {
         let (header, payload) = Header::parse(bytes)?;
         let mut reader = Reader(payload);
         let code = reader.u8()?;
@@ -145,7 +155,7 @@ impl Frame {
             },
             POLL => Message::Poll(Variant::Standard, if reader.0.is_empty() { None } else { Some(reader.take()?) }),
             RESPONSE => {
-                let [NO_OPTION, a, b] = reader.take()? else { return None };
+                let [NO_OPTION, a, b] = reader.take()? else { return Err(FrameError::Field) };
                 let tof = if reader.0.is_empty() { None } else { Some(flight_of(reader.take()?)) };
                 Message::Response(Variant::Standard, Answer { parameter: [a, b], tof })
             }
@@ -162,10 +172,10 @@ impl Frame {
                 Message::Final(Final::Intervals { reply2, round1 })
             }
             FAST_REPORT => Message::Report(Variant::Fast, RadioDuration::from_ticks((reader.u32()? as i32).into())),
-            _ => return None,
+            code => return Err(FrameError::Code(code)),
         };
         reader.end()?;
-        (header.pan == PAN).then_some(Self { header, message })
+        if header.pan == PAN { Ok(Self { header, message }) } else { Err(FrameError::Header) }
     }
 
     /// The bytes of the frame, in place of what `out` held.
@@ -280,12 +290,12 @@ mod tests {
             _ => 0,
         };
         for cut in (0..bytes.len()).filter(|cut| *cut != bytes.len() - shorter) {
-            assert_eq!(Frame::parse(&bytes[..cut]), None, "cut to {cut}");
+            assert_eq!(Frame::parse(&bytes[..cut]), Err(FrameError::Truncated), "cut to {cut}");
         }
-        assert_eq!(Frame::parse(&[&bytes[..], &[0]].concat()), None, "a byte too many");
+        assert!(Frame::parse(&[&bytes[..], &[0]].concat()).is_err(), "a byte too many");
         let mut foreign = bytes.clone();
         foreign[3] = 0xCB;
-        assert_eq!(Frame::parse(&foreign), None, "another PAN");
+        assert_eq!(Frame::parse(&foreign), Err(FrameError::Header), "another PAN");
     }
 
     #[test]
@@ -342,22 +352,24 @@ mod tests {
     fn negative_flights_pass_in_forty_bits() {
         let bytes = [&SHORT[..], &[0x2A, 0xEB, 0xFF, 0xFF, 0xFF, 0xFF]].concat();
         let report = Message::Report(Variant::Standard, RadioDuration::from_ticks(-21));
-        assert_eq!(Frame::parse(&bytes).map(|frame| frame.message), Some(report));
+        assert_eq!(Frame::parse(&bytes).map(|frame| frame.message), Ok(report));
     }
 
     #[test]
     fn golden_blinks() {
         let short = [0xC5, 3, 8, 7, 6, 5, 4, 3, 2, 1];
         let blink = Blink { sequence: 3, tag: 0x0102_0304_0506_0708 };
-        assert_eq!(Blink::parse(&short), Some(blink));
+        assert_eq!(Blink::parse(&short), Ok(blink));
         let mut out = FrameBuffer::new();
         blink.emit(&mut out);
         assert_eq!(out.bytes(), short);
         assert_eq!(short.len() + 2, usize::from(BLINK_BYTES));
         let long = [&short[..], &[0x43, 0x02, 0xD1, 0x7F, 0x8E, 0x00]].concat();
-        assert_eq!(Blink::parse(&long), Some(blink));
+        assert_eq!(Blink::parse(&long), Ok(blink));
         for length in (0..long.len()).filter(|length| *length != short.len()) {
-            assert_eq!(Blink::parse(&long[..length]), None, "cut to {length}");
+            let error =
+                if length < short.len() { FrameError::Truncated } else { FrameError::TooLong(length - short.len()) };
+            assert_eq!(Blink::parse(&long[..length]), Err(error), "cut to {length}");
         }
     }
 

@@ -1,12 +1,14 @@
 //! Frames as they are on the air, without their two check bytes: bytes in, a validated representation out, and back.
 //!
-//! A parser takes any bytes and answers `None` for whatever is not wholly of its kind; what it returned, `emit` writes back byte
-//! for byte. The header is that of IEEE 802.15.4-2011 data frames (5.2.1): one PAN identifier, addresses of 16 or 64 bits,
+//! A parser takes any bytes and says with a [`FrameError`] why they are not wholly a frame of its kind; what it returned, `emit`
+//! writes back byte for byte. The header is that of IEEE 802.15.4-2011 data frames (5.2.1): one PAN identifier, addresses of 16 or 64 bits,
 //! fields least significant byte first.
 
 pub mod decaranging;
 pub mod layout;
 pub mod native;
+
+use core::fmt;
 
 use baliza_dw1000::radio::MAX_FRAME;
 
@@ -15,6 +17,36 @@ pub const MAX_ROUND: usize = 8;
 
 /// The 16-bit address that everyone listens to.
 pub const BROADCAST: u16 = 0xFFFF;
+
+/// Why bytes are not a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum FrameError {
+    /// The bytes end within a field.
+    Truncated,
+    /// This many bytes follow the last field.
+    TooLong(usize),
+    /// Not an IEEE 802.15.4 data frame within one PAN, or not with the addresses that its kind has.
+    Header,
+    /// No message has this code.
+    Code(u8),
+    /// A field has a value that its message cannot have.
+    Field,
+}
+
+impl fmt::Display for FrameError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Truncated => f.write_str("the bytes end within a field"),
+            Self::TooLong(bytes) => write!(f, "{bytes} bytes follow the last field"),
+            Self::Header => f.write_str("no data frame within one PAN, or not with the addresses of its kind"),
+            Self::Code(code) => write!(f, "no message has the code 0x{code:02X}"),
+            Self::Field => f.write_str("a field has a value that its message cannot have"),
+        }
+    }
+}
+
+impl core::error::Error for FrameError {}
 
 /// A frame being written.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -47,31 +79,31 @@ impl FrameBuffer {
 struct Reader<'a>(&'a [u8]);
 
 impl<'a> Reader<'a> {
-    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (head, rest) = self.0.split_first_chunk()?;
+    fn take<const N: usize>(&mut self) -> Result<[u8; N], FrameError> {
+        let (head, rest) = self.0.split_first_chunk().ok_or(FrameError::Truncated)?;
         self.0 = rest;
-        Some(*head)
+        Ok(*head)
     }
 
-    fn u8(&mut self) -> Option<u8> {
+    fn u8(&mut self) -> Result<u8, FrameError> {
         self.take().map(|[byte]| byte)
     }
 
-    fn u16(&mut self) -> Option<u16> {
+    fn u16(&mut self) -> Result<u16, FrameError> {
         self.take().map(u16::from_le_bytes)
     }
 
-    fn u32(&mut self) -> Option<u32> {
+    fn u32(&mut self) -> Result<u32, FrameError> {
         self.take().map(u32::from_le_bytes)
     }
 
-    fn u64(&mut self) -> Option<u64> {
+    fn u64(&mut self) -> Result<u64, FrameError> {
         self.take().map(u64::from_le_bytes)
     }
 
-    /// `Some` where nothing is left: a frame longer than its kind is not of its kind.
-    fn end(self) -> Option<()> {
-        self.0.is_empty().then_some(())
+    /// Whether nothing is left: a frame longer than its kind is not of its kind.
+    fn end(self) -> Result<(), FrameError> {
+        if self.0.is_empty() { Ok(()) } else { Err(FrameError::TooLong(self.0.len())) }
     }
 }
 
@@ -94,11 +126,11 @@ impl Address {
         }
     }
 
-    fn parse(mode: u8, reader: &mut Reader<'_>) -> Option<Self> {
+    fn parse(mode: u8, reader: &mut Reader<'_>) -> Result<Self, FrameError> {
         match mode {
             0b10 => reader.u16().map(Self::Short),
             0b11 => reader.u64().map(Self::Extended),
-            _ => None,
+            _ => Err(FrameError::Header),
         }
     }
 
@@ -129,17 +161,20 @@ const DATA_IN_ONE_PAN: u8 = 0x41;
 
 impl Header {
     /// Header and payload of a data frame.
-    pub fn parse(bytes: &[u8]) -> Option<(Self, &[u8])> {
+    ///
+    /// # Errors
+    /// The bytes are too few, or another kind of frame.
+    pub fn parse(bytes: &[u8]) -> Result<(Self, &[u8]), FrameError> {
         let mut reader = Reader(bytes);
         let [kind, addressing, sequence] = reader.take()?;
         // Bits 0, 1 of the second byte are reserved; 4, 5 are the frame's version, which is 0 here.
         if kind != DATA_IN_ONE_PAN || addressing & 0x33 != 0 {
-            return None;
+            return Err(FrameError::Header);
         }
         let pan = reader.u16()?;
         let destination = Address::parse(addressing >> 2 & 0b11, &mut reader)?;
         let source = Address::parse(addressing >> 6, &mut reader)?;
-        Some((Self { sequence, pan, destination, source }, reader.0))
+        Ok((Self { sequence, pan, destination, source }, reader.0))
     }
 
     fn emit(&self, out: &mut FrameBuffer) {
@@ -172,7 +207,7 @@ mod tests {
             header.emit(&mut out);
             assert_eq!(out.bytes(), &bytes[..bytes.len() - 1]);
             for cut in 0..bytes.len() - 1 {
-                assert_eq!(Header::parse(&bytes[..cut]), None, "cut to {cut}");
+                assert_eq!(Header::parse(&bytes[..cut]), Err(FrameError::Truncated), "cut to {cut}");
             }
         }
     }
@@ -183,7 +218,7 @@ mod tests {
         for (kind, addressing) in [(0x02, 0x00), (0x40, 0x88), (0x49, 0x88), (0x01, 0x88), (0x41, 0xA8), (0x41, 0x80)] {
             let mut bytes = [0; 24];
             bytes[..2].copy_from_slice(&[kind, addressing]);
-            assert_eq!(Header::parse(&bytes), None, "{kind:02x} {addressing:02x}");
+            assert_eq!(Header::parse(&bytes), Err(FrameError::Header), "{kind:02x} {addressing:02x}");
         }
     }
 }

@@ -19,7 +19,7 @@ use heapless::Vec;
 
 use super::MAX_ROUND;
 use super::layout::Layout;
-use super::{Address, BROADCAST, FrameBuffer, Header, Reader};
+use super::{Address, BROADCAST, FrameBuffer, FrameError, Header, Reader};
 use baliza_dw1000::{RadioDuration, RadioInstant};
 
 pub use values::{Distance, Position, Share};
@@ -177,10 +177,13 @@ pub struct Member {
 
 impl Frame {
     /// The frame of bytes from the air.
-    pub fn parse(bytes: &[u8]) -> Option<Self> {
+    ///
+    /// # Errors
+    /// What is wrong first.
+    pub fn parse(bytes: &[u8]) -> Result<Self, FrameError> {
         let (header, payload) = Header::parse(bytes)?;
         let (Address::Short(destination), Address::Short(source)) = (header.destination, header.source) else {
-            return None;
+            return Err(FrameError::Header);
         };
         let mut reader = Reader(payload);
         let message = match reader.u8()? {
@@ -198,15 +201,12 @@ impl Frame {
                 reader.end()?;
                 Message::Final { round }
             }
-            _ => return None,
+            code => return Err(FrameError::Code(code)),
         };
-        (source != BROADCAST).then_some(Self {
-            sequence: header.sequence,
-            pan: header.pan,
-            destination,
-            source,
-            message,
-        })
+        if source == BROADCAST {
+            return Err(FrameError::Header);
+        }
+        Ok(Self { sequence: header.sequence, pan: header.pan, destination, source, message })
     }
 
     /// The bytes of the frame, in place of what `out` held.
@@ -252,18 +252,20 @@ const COUNTDOWN_SHIFT: u8 = 5;
 
 impl Poll {
     /// After the code.
-    fn parse(mut reader: Reader<'_>) -> Option<Self> {
+    fn parse(mut reader: Reader<'_>) -> Result<Self, FrameError> {
         let round = reader.u16()?;
         let [count, options] = reader.u8().map(|byte| [byte >> 4, byte & 0x0F])?;
         let with_distances = match options {
             0 => false,
             WITH_DISTANCES => true,
-            _ => return None,
+            _ => return Err(FrameError::Field),
         };
         let wish = Layout::from_tag_byte(reader.u8()?);
         let mut anchors = Vec::new();
         for _ in 0..count {
-            anchors.push(Asked { address: reader.u16()?, distance: Distance::Unsent }).ok()?;
+            anchors
+                .push(Asked { address: reader.u16()?, distance: Distance::Unsent })
+                .map_err(|_| FrameError::Field)?;
         }
         if with_distances {
             for asked in &mut anchors {
@@ -274,7 +276,7 @@ impl Poll {
             }
         }
         reader.end()?;
-        (!anchors.is_empty()).then_some(Self { round, wish, anchors })
+        if anchors.is_empty() { Err(FrameError::Field) } else { Ok(Self { round, wish, anchors }) }
     }
 
     fn emit(&self, out: &mut FrameBuffer) {
@@ -297,18 +299,16 @@ impl Poll {
 }
 
 impl Response {
-    fn parse(mut reader: Reader<'_>) -> Option<Self> {
+    fn parse(mut reader: Reader<'_>) -> Result<Self, FrameError> {
         let round = reader.u16()?;
         let poll_rx = RadioInstant::from_le_bytes(reader.take()?);
         let reply = RadioDuration::from_ticks(reader.u32()?.into());
         let last_final = match reader.u8() {
-            None => None,
-            Some(round) => {
-                Some(FinalReceived { round, after_response: RadioDuration::from_ticks(reader.u32()?.into()) })
-            }
+            Err(_) => None,
+            Ok(round) => Some(FinalReceived { round, after_response: RadioDuration::from_ticks(reader.u32()?.into()) }),
         };
         reader.end()?;
-        Some(Self { round, poll_rx, reply, last_final })
+        Ok(Self { round, poll_rx, reply, last_final })
     }
 
     fn emit(&self, out: &mut FrameBuffer) {
@@ -324,7 +324,7 @@ impl Response {
 }
 
 impl SyncFrame {
-    fn parse(mut reader: Reader<'_>) -> Option<Self> {
+    fn parse(mut reader: Reader<'_>) -> Result<Self, FrameError> {
         let superframe = reader.u16()?;
         let [term, age, hops] = reader.take()?;
         let coordinator = reader.u16()?;
@@ -337,18 +337,21 @@ impl SyncFrame {
         let position = Position::parse(reader.take()?)?;
         let count = reader.u8()?;
         let (request, wish) = if count & PASSES_REQUEST_ON == 0 {
-            let [answer, tag, 0] = passed_on else { return None };
+            let [answer, tag, 0] = passed_on else { return Err(FrameError::Field) };
             (None, Layout::from_bytes([answer, tag]))
         } else {
             (Some(Member::parse(&mut Reader(&passed_on))?), Layout::LEAST)
         };
         let mut members = Vec::new();
         for _ in 0..count & !PASSES_REQUEST_ON {
-            members.push(Member::parse(&mut reader)?).ok()?;
+            members.push(Member::parse(&mut reader)?).map_err(|_| FrameError::Field)?;
         }
         reader.end()?;
         // In the order of addresses, each once: all nodes make the same plan of it.
-        members.is_sorted_by(|a: &Member, b| a.tag < b.tag).then_some(Self {
+        if !members.is_sorted_by(|a: &Member, b| a.tag < b.tag) {
+            return Err(FrameError::Field);
+        }
+        Ok(Self {
             superframe,
             term,
             age,
@@ -399,8 +402,8 @@ impl SyncFrame {
 }
 
 impl Member {
-    fn parse(reader: &mut Reader<'_>) -> Option<Self> {
-        Some(Self { tag: reader.u16()?, share: Share::parse(reader.u8()?)? })
+    fn parse(reader: &mut Reader<'_>) -> Result<Self, FrameError> {
+        Ok(Self { tag: reader.u16()?, share: Share::parse(reader.u8()?)? })
     }
 
     fn emit(&self, out: &mut FrameBuffer) {
@@ -421,11 +424,11 @@ mod tests {
         let mut bytes = std::vec![0x41, 0x88, 0x2A, 0x1A, 0xBA, 0xFF, 0xFF, 0x07, 0x01];
         bytes.extend_from_slice(golden);
         assert_eq!(out.bytes(), bytes);
-        assert_eq!(Frame::parse(&bytes), Some(frame));
+        assert_eq!(Frame::parse(&bytes), Ok(frame));
         bytes.push(0);
-        assert_eq!(Frame::parse(&bytes), None, "a byte too many");
+        assert_eq!(Frame::parse(&bytes), Err(FrameError::TooLong(1)), "a byte too many");
         for cut in 0..bytes.len() - 1 {
-            assert_eq!(Frame::parse(&bytes[..cut]), None, "cut to {cut}");
+            assert_eq!(Frame::parse(&bytes[..cut]), Err(FrameError::Truncated), "cut to {cut}");
         }
     }
 
@@ -470,7 +473,7 @@ mod tests {
             frame.extend(bytes);
             let parsed = Frame::parse(&frame).map(|frame| frame.message);
             let whole = Message::Response(Response { last_final, ..response });
-            assert_eq!(parsed, (cut == 0).then_some(whole), "cut by {cut}");
+            assert_eq!(parsed, if cut == 0 { Ok(whole) } else { Err(FrameError::Truncated) }, "cut by {cut}");
         }
     }
 
@@ -552,6 +555,6 @@ mod tests {
         jumbled.members[1].tag = jumbled.members[0].tag;
         let message = Message::SyncFrame(jumbled);
         Frame { sequence: 0, pan: 0, destination: BROADCAST, source: 0, message }.emit(&mut out);
-        assert_eq!(Frame::parse(out.bytes()), None);
+        assert_eq!(Frame::parse(out.bytes()), Err(FrameError::Field));
     }
 }

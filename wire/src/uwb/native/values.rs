@@ -1,5 +1,7 @@
 //! Values that frames of native mode carry: distances, shares of the slots, positions; each of anything in, on the air and back.
 
+use crate::uwb::FrameError;
+
 /// A distance on the air.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Distance {
@@ -48,13 +50,13 @@ pub enum Share {
 impl Share {
     const GREEDY: u8 = 127;
 
-    pub(super) fn parse(byte: u8) -> Option<Self> {
+    pub(super) fn parse(byte: u8) -> Result<Self, FrameError> {
         match byte {
-            0 => Some(Self::Release),
-            1..Self::GREEDY => Some(Self::Slots(byte)),
-            Self::GREEDY => Some(Self::Greedy),
-            0x80 | 0x81 => None,
-            0x82.. => Some(Self::OneIn(byte & 0x7F)),
+            0 => Ok(Self::Release),
+            1..Self::GREEDY => Ok(Self::Slots(byte)),
+            Self::GREEDY => Ok(Self::Greedy),
+            0x80 | 0x81 => Err(FrameError::Field),
+            0x82.. => Ok(Self::OneIn(byte & 0x7F)),
         }
     }
 
@@ -90,14 +92,16 @@ impl Position {
         self.0.map(|mm| mm as f32 / 1e3)
     }
 
-    /// `Some(None)` is "unknown", well said.
-    pub(super) fn parse(bytes: [u8; 9]) -> Option<Option<Self>> {
+    /// `None` is a position that its sender does not know.
+    pub(super) fn parse(bytes: [u8; 9]) -> Result<Option<Self>, FrameError> {
         let coordinate = |i: usize| i32::from_le_bytes([0, bytes[i], bytes[i + 1], bytes[i + 2]]) >> 8;
         let place = [0, 3, 6].map(coordinate);
         if place == Self::UNKNOWN {
-            Some(None)
+            Ok(None)
+        } else if place.iter().all(|mm| mm.abs() <= Self::LIMIT) {
+            Ok(Some(Self(place)))
         } else {
-            place.iter().all(|mm| mm.abs() <= Self::LIMIT).then_some(Some(Self(place)))
+            Err(FrameError::Field)
         }
     }
 
