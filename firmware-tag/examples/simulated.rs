@@ -8,7 +8,7 @@ use std::pin::pin;
 use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_common::{Reporter, Settings};
-use firmware_tag::{Digest, Locator, TaskChannels, places, run_as_told};
+use firmware_tag::{Digest, LocatorConfig, TaskChannels, anchor_positions, run_as_told};
 use small_air::{AirRadio, World, room, uptime_us};
 use wire::config::{Record, Role, Solver};
 use wire::telemetry::{Board, Reset, ResetCause};
@@ -43,7 +43,7 @@ pub struct Life {
 pub fn live(record: &Record, life_us: u64, tag_in: TagIn) -> Result<Life, Box<dyn Error>> {
     let settings = Settings::of(record, room::TAG_EUI).map_err(|invalid| invalid.to_string())?;
     let Role::Tag(tag) = settings.role else { return Err("the room's record is not a tag's".into()) };
-    let anchors = places(record);
+    let anchors = anchor_positions(record);
     let (channels, reporter) = (TaskChannels::new(), Reporter::<NoopRawMutex, 4096>::new(uptime_us));
     let world = room::world(&settings.network);
     let radio = tag_in(&world).ok_or("the world is full")?;
@@ -54,7 +54,7 @@ pub fn live(record: &Record, life_us: u64, tag_in: TagIn) -> Result<Life, Box<dy
         radio,
         world.delay(),
         (&settings, &tag),
-        Locator::of(&tag, record, &anchors),
+        LocatorConfig::of(&tag, record, &anchors),
         told,
         Board::Simulated,
         |epoch| digest.take(epoch),

@@ -10,7 +10,7 @@ use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use firmware_common::counts::Tally;
 use heapless::Vec;
-use positioning_core::ble::path_loss::PathLoss;
+use positioning_core::ble::rssi::BeaconRssi;
 use ranging::RadioDuration;
 use ranging::exchange::{self, Difference, Differences, Guidance, Range};
 use ranging::native::{MAX_ROUND, Rate};
@@ -40,26 +40,8 @@ pub enum Measured<'a> {
 pub struct Levels<'a> {
     /// Goes on from the last round's number, wrapping.
     pub number: u16,
-    /// The beacons heard whose place is known, the nearest first.
-    pub rssis: &'a [Level],
-}
-
-/// The RSSI of one beacon.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Level {
-    /// Its place in the list of the record.
-    pub beacon: u16,
-    /// Smoothed, dBm.
-    pub rssi_dbm: f32,
-    /// Its deviation by noise, dB.
-    pub noise_db: f32,
-    /// The beacon's path loss; its deviation is of what stays with the place.
-    pub path_loss: PathLoss<f32>,
-    /// The distance that belongs to it, metres.
-    pub distance_m: f32,
-    /// It jumps about as the RSSI values of two senders do.
-    pub is_torn: bool,
+    /// The listed beacons that were received, the nearest first.
+    pub rssis: &'a [BeaconRssi],
 }
 
 impl<'a> Measured<'a> {

@@ -10,9 +10,8 @@
 #![forbid(unsafe_code)]
 
 mod channels;
+mod config;
 mod digest;
-mod levels;
-mod locator;
 pub mod motion;
 #[cfg(feature = "node")]
 mod nlos_model;
@@ -21,11 +20,10 @@ pub mod node;
 mod rate_control;
 pub mod scan;
 mod sightings;
+mod site_models;
 mod sounding;
-mod surveyed;
 mod telemetry_sink;
 mod tracker;
-mod windows;
 mod workload;
 
 #[cfg(test)]
@@ -47,18 +45,22 @@ use wire::telemetry::{Board, Condition, Hello, MotionSensor, Role, Sighting};
 use channels::Quiet;
 use sounding::Sounder;
 
-pub use channels::{Heard, Level, Levels, Measured, TaskChannels};
+pub use channels::{Heard, Levels, Measured, TaskChannels};
+pub use config::{LocatorConfig, anchor_positions, method};
 pub use digest::Digest;
-pub use locator::{AnchorPlace, Epoch, Locator, Position, method, places};
+pub use positioning_core::locator::{AnchorPosition, Position, SiteModels};
 pub use rate_control::RateControl;
 pub use sightings::KnownBeacons;
+pub use site_models::site_models;
 pub use sounding::Sounding;
-pub use surveyed::{LoadedModels, RoomReport};
 pub use telemetry_sink::TelemetrySink;
-pub use tracker::Tracker;
+pub use tracker::{Epoch, RoomReport, Tracker};
 
 /// Whether a tag heeds beacons: what it needs for them, 13 kB of code, is only in images with Bluetooth.
 pub(crate) const HEARS_BEACONS: bool = cfg!(any(feature = "ble", test));
+
+/// Listed beacons that a tag follows.
+pub(crate) const LISTED: usize = if HEARS_BEACONS { wire::config::MAX_BEACONS } else { 0 };
 
 /// The engine's sign of life while no rounds come, milliseconds.
 const IDLE_MS: u32 = 1000;
@@ -139,7 +141,7 @@ pub async fn run<R: Restart, D: DelayNs + Clone>(
     radio: R,
     delay: D,
     machine: impl Protocol,
-    locator: Locator<'_>,
+    locator: LocatorConfig<'_>,
     rates: RateControl,
     sink: impl Sink,
 ) -> Infallible {
@@ -154,7 +156,7 @@ pub async fn run_as_told<R: Restart, D: DelayNs + Clone, M: RawMutex, const BYTE
     radio: R,
     delay: D,
     (settings, tag): (&Settings, &wire::config::Tag),
-    locator: Locator<'_>,
+    locator: LocatorConfig<'_>,
     (channels, reporter): (&TaskChannels<M>, &Reporter<M, BYTES>),
     board: Board,
     watch: impl FnMut(&Epoch<'_>),
@@ -190,7 +192,7 @@ pub async fn ranging<R: Restart, M: RawMutex>(
 pub async fn engine<M: RawMutex>(
     channels: &TaskChannels<M>,
     delay: impl DelayNs,
-    locator: Locator<'_>,
+    locator: LocatorConfig<'_>,
     rates: RateControl,
     sink: &impl Sink,
 ) -> Infallible {
@@ -201,12 +203,12 @@ pub async fn engine<M: RawMutex>(
 async fn watched_engine<M: RawMutex>(
     channels: &TaskChannels<M>,
     mut delay: impl DelayNs,
-    locator: Locator<'_>,
+    locator: LocatorConfig<'_>,
     mut rates: RateControl,
     sink: &impl Sink,
     mut watch: impl FnMut(&Epoch<'_>),
 ) -> Infallible {
-    let mut tracker = Tracker::new(locator);
+    let mut tracker = Tracker::new(&locator);
     let turns = tracker.wants_response();
     loop {
         sink.alive(Task::Engine);
@@ -262,7 +264,7 @@ async fn watched_engine<M: RawMutex>(
                 sink.room(told);
             }
         }
-        if HEARS_BEACONS && let Some(word) = tracker.word() {
+        if HEARS_BEACONS && let Some(word) = tracker.beacon_condition() {
             sink.beacon(word);
         }
     }

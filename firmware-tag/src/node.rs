@@ -17,7 +17,7 @@ use wire::telemetry::Condition;
 
 use crate::motion::MotionSensor;
 use crate::nlos_model::NlosModelStore;
-use crate::{AnchorPlace, Locator, RateControl, Sink, TelemetrySink, motion, places};
+use crate::{AnchorPosition, LocatorConfig, RateControl, Sink, TelemetrySink, motion, places};
 
 type TaskChannels = crate::TaskChannels<Guard>;
 
@@ -26,12 +26,12 @@ pub struct Memory {
     machine: StaticCell<TagProtocol>,
     tag: StaticCell<Tag>,
     channels: StaticCell<TaskChannels>,
-    anchors: StaticCell<Vec<AnchorPlace, { wire::config::MAX_ANCHORS }>>,
+    anchors: StaticCell<Vec<AnchorPosition, { wire::config::MAX_ANCHORS }>>,
     nlos_model: NlosModelStore,
     #[cfg(feature = "ble")]
     record: StaticCell<wire::config::Record>,
     #[cfg(feature = "ble")]
-    surveyed: StaticCell<crate::LoadedModels<'static>>,
+    surveyed: StaticCell<crate::SiteModels<'static>>,
 }
 
 /// What the task that owns the radio has for itself.
@@ -48,12 +48,12 @@ pub struct Tag {
     pub config: wire::config::Tag,
     channels: &'static TaskChannels,
     reporter: &'static Reporter,
-    anchors: &'static [AnchorPlace],
+    anchors: &'static [AnchorPosition],
     nlos_model: Option<&'static NodeModel>,
     #[cfg(feature = "ble")]
     record: &'static wire::config::Record,
     #[cfg(feature = "ble")]
-    surveyed: Option<&'static crate::LoadedModels<'static>>,
+    surveyed: Option<&'static crate::SiteModels<'static>>,
 }
 
 impl Memory {
@@ -91,7 +91,7 @@ impl Memory {
                     config,
                     channels: self.channels.init_with(TaskChannels::new),
                     reporter: node.reporter,
-                    anchors: self.anchors.init_with(|| places(&record)),
+                    anchors: self.anchors.init_with(|| anchor_positions(&record)),
                     nlos_model: None,
                     #[cfg(feature = "ble")]
                     record: self.record.init(record),
@@ -117,13 +117,12 @@ impl Memory {
     pub fn use_beacon_models(
         &'static self,
         tag: &mut Tag,
-        models: Result<wire::config::SiteModels<'static>, wire::config::LoadError>,
+        models: Result<wire::config::StoredSiteModels<'static>, wire::config::LoadError>,
         node: &Node,
     ) {
         let beacons = &tag.record.beacons;
-        tag.surveyed = Some(
-            self.surveyed.init_with(|| crate::LoadedModels::of(models, beacons, |condition| node.report(condition))),
-        );
+        tag.surveyed =
+            Some(self.surveyed.init_with(|| crate::site_models(models, beacons, |condition| node.report(condition))));
     }
 }
 
@@ -147,12 +146,12 @@ impl Tag {
     /// The task that makes positions.
     pub async fn locate(&self, delay: impl DelayNs, sink: &impl Sink) -> Infallible {
         let locator =
-            Locator::new(self.config.height_m, self.anchors).by(self.config.solver).with_model(self.nlos_model);
+            LocatorConfig::new(self.config.height_m, self.anchors).by(self.config.solver).with_model(self.nlos_model);
         #[cfg(feature = "ble")]
         let locator = locator.with_beacons(crate::KnownBeacons::of(self.record));
         #[cfg(feature = "ble")]
         let locator = match self.surveyed {
-            Some(surveyed) => locator.with_surveyed(surveyed),
+            Some(surveyed) => locator.with_site_models(surveyed),
             None => locator,
         };
         crate::engine(self.channels, delay, locator, RateControl::of(&self.config), sink).await

@@ -1,5 +1,6 @@
 //! The beacons that a tag knows: by their numbers, or by their rotating identifiers.
 
+use positioning_core::ble::signal::{BeaconList, ListedBeacon};
 use wire::ble::{Advertised, RotatingId};
 use wire::config::{Beacon, Record};
 use wire::telemetry::BeaconId;
@@ -49,6 +50,13 @@ impl<'r> KnownBeacons<'r> {
         let network = if revealed.is_some() { 0 } else { told.network };
         let known = Known { id: BeaconId { network, major, minor }, place };
         (place.is_some() || self.beacons.is_empty()).then_some(known)
+    }
+}
+
+impl BeaconList for KnownBeacons<'_> {
+    fn beacon(&self, index: usize) -> Option<ListedBeacon> {
+        let Beacon { position_m, rssi_1m_dbm, path_loss_exponent, .. } = *self.beacons.get(index)?;
+        Some(ListedBeacon { position_m, rssi_1m_dbm, path_loss_exponent })
     }
 }
 

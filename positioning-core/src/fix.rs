@@ -2,7 +2,7 @@
 
 use crate::geometry::{Layout, centroid};
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_outer_full, add_scaled, dot, sub};
-use crate::linear::PerSample;
+use crate::sample::PerSample;
 use crate::{MAX_ANCHORS, RangeSample, Real};
 
 /// A set of anchors, as the places of their samples in the solver's input: bit i stands for sample i.

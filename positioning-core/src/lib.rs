@@ -21,6 +21,8 @@ mod fix;
 mod geometry;
 pub mod linalg;
 mod linear;
+pub mod locator;
+mod measurement;
 mod method;
 pub mod nlos;
 mod nonlinear;

@@ -7,6 +7,7 @@
 use crate::fix::{blame, conclude, conclude_equal, conclude_weighted};
 use crate::geometry::{Survey, centroid};
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_scaled, dot, sub};
+use crate::sample::PerSample;
 use crate::{Constraints, Fix, MAX_ANCHORS, RangeSample, Real, SolveError};
 
 /// Joins every uncertainty as an independent part, metres: σ = 0 would divide by zero (6-13), and a single range that happens
@@ -17,9 +18,6 @@ pub(crate) const DIRECT_M: f64 = 0.45;
 
 /// Passes of a closed form over coplanar anchors: what they are off the plane shrinks twentyfold a pass.
 const FLAT_PASSES: usize = 4;
-
-/// One number a sample.
-pub(crate) type PerSample<T> = [T; MAX_ANCHORS];
 
 /// σ² with σ = d − ‖z − a‖, the uncertainty of a range as seen from `position` (6-14, 6-21).
 #[inline(always)]

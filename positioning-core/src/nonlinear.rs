@@ -6,7 +6,8 @@
 use crate::fix::{blame, conclude_equal, conclude_weighted};
 use crate::geometry::Survey;
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_scaled, dot, sub};
-use crate::linear::{DIRECT_M, PerSample, b_wls_position, least, lls_position, variances};
+use crate::linear::{DIRECT_M, b_wls_position, least, lls_position, variances};
+use crate::sample::PerSample;
 use crate::{Area, Constraints, Fix, MAX_ANCHORS, RangeSample, Real, SolveError};
 
 /// The iteration ends when a step is shorter than this, metres.

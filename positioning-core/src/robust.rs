@@ -14,7 +14,8 @@
 use crate::fix::{blame, conclude_weighted, widen_to_mirror};
 use crate::geometry::{Survey, centroid};
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_outer_full, add_scaled, dot, sub};
-use crate::linear::{PerSample, b_wls_position, lls_position};
+use crate::linear::{b_wls_position, lls_position};
+use crate::sample::PerSample;
 use crate::{Constraints, Fix, RangeSample, Real, SolveError};
 
 /// Deviation of a direct range beside its own `sigma`: a surveyed anchor, its antenna and the air add to the radio's noise.

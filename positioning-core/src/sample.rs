@@ -5,6 +5,9 @@ use crate::Real;
 /// The most ranges of one fix.
 pub const MAX_ANCHORS: usize = 16;
 
+/// One number a sample.
+pub(crate) type PerSample<T> = [T; MAX_ANCHORS];
+
 /// The largest sum of a sample's coordinates and range that is believed, metres: beyond it a DW1000 cannot be heard, and
 /// squares of an `f32` keep no centimetres.
 const FARTHEST_M: f64 = 1.0e5;

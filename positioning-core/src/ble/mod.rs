@@ -17,4 +17,5 @@ pub mod particles;
 pub mod path_loss;
 pub mod posterior;
 pub mod rooms;
+pub mod rssi;
 pub mod signal;

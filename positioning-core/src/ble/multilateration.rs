@@ -6,11 +6,12 @@
 
 use heapless::Vec;
 
-use super::path_loss::PathLoss;
+use super::rssi::RssiObservation;
 use crate::geometry::Survey;
 use crate::linalg::{Ldl, Matrix, Vector, add_outer, add_scaled, dot, sub};
-use crate::linear::{PerSample, weighted_position};
-use crate::{AnchorSet, Constraints, Fix, MAX_ANCHORS, RangeSample, Real, SolveError, flatten};
+use crate::linear::weighted_position;
+use crate::sample::PerSample;
+use crate::{AnchorSet, Constraints, Fix, MAX_ANCHORS, RangeSample, Real, SolveError};
 
 /// The iteration ends when a step is shorter than this, metres.
 const CONVERGED_M: f64 = 1.0e-3;
@@ -23,63 +24,31 @@ const BELIEF: f64 = 4.0;
 /// RSSI values at one place share shadows: so many of them are worth one (as [`PosteriorSettings`](super::posterior::PosteriorSettings) has it).
 const SHARED: f64 = 2.0;
 
-/// An RSSI that was heard, with what is known of its beacon.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Heard<T, const D: usize> {
-    /// Where the beacon is, metres.
-    pub place: [T; D],
-    /// How far above or below the tag it is, metres, in the plane; 0 where that is not known, and in space.
-    pub above: T,
-    /// The RSSI, dBm.
-    pub rssi: T,
-    /// The beacon's path loss.
-    pub path_loss: PathLoss<T>,
-}
-
-impl<T: Real, const D: usize> Heard<T, D> {
-    /// The distance along the plane (or in space) that the RSSI speaks of, metres.
-    pub fn distance(&self) -> T {
-        flatten(self.path_loss.distance(self.rssi), self.above)
-    }
-
-    fn range(&self) -> RangeSample<T, D> {
-        RangeSample::new(self.place, self.distance())
-    }
-
-    /// Whether every number is finite and believable.
-    #[inline(never)]
-    pub(crate) fn is_sane(&self) -> bool {
-        let sum = self.place.iter().fold(self.above.abs() + self.rssi.abs(), |sum, component| sum + component.abs());
-        sum <= T::of(1.0e5) && self.path_loss.is_sane()
-    }
-
-    /// What the RSSI is off from a position, dB, and by how much it changes with each coordinate, dB a metre.
-    #[inline]
-    fn seen_from(&self, position: &Vector<T, D>) -> (T, Vector<T, D>) {
-        let across = sub(position, &self.place);
-        let square = (dot(&across, &across) + self.above.squared()).at_least(T::of(NEAREST_M * NEAREST_M));
-        let slope = -self.path_loss.exponent * T::of(10.0 / core::f64::consts::LN_10) / square;
-        (self.rssi - self.path_loss.rssi(square.sqrt()), across.map(|component| component * slope))
-    }
+/// What an RSSI is off from a position, dB, and by how much it changes with each coordinate, dB a metre.
+#[inline]
+fn residual<T: Real, const D: usize>(heard: &RssiObservation<T, D>, position: &Vector<T, D>) -> (T, Vector<T, D>) {
+    let across = sub(position, &heard.beacon_m);
+    let square = (dot(&across, &across) + heard.above_m.squared()).at_least(T::of(NEAREST_M * NEAREST_M));
+    let slope = -heard.path_loss.exponent * T::of(10.0 / core::f64::consts::LN_10) / square;
+    (heard.rssi_dbm - heard.path_loss.rssi(square.sqrt()), across.map(|component| component * slope))
 }
 
 /// Weighted linear least squares about the nearest beacon (6); a distance's error grows with the distance, as the thesis assumes.
 ///
 /// # Errors
 /// See [`SolveError`]: [`TooFewAnchors`](SolveError::TooFewAnchors) means fewer than three beacons in the plane.
-pub fn weighted_linear<T: Real, const D: usize>(heard: &[Heard<T, D>]) -> Result<Fix<T, D>, SolveError> {
+pub fn weighted_linear<T: Real, const D: usize>(heard: &[RssiObservation<T, D>]) -> Result<Fix<T, D>, SolveError> {
     let (ranges, survey) = surveyed(heard, &Constraints::default())?;
     let position = linear_position(heard, &ranges, &survey)?;
     // What the closed form makes of an error: its weights on squared distances, seen as weights on distances.
-    let weight = |heard: &Heard<T, D>| {
-        let (distance, relative) = (heard.distance(), heard.path_loss.relative_deviation());
+    let weight = |heard: &RssiObservation<T, D>| {
+        let (distance, relative) = (heard.distance_m(), heard.path_loss.relative_deviation());
         let variance = (distance * relative).squared();
         T::of(4.0) * distance.squared() / (variance * (T::of(4.0) * distance.squared() + T::of(2.0) * variance))
     };
     let (mut outer, mut inner): (Matrix<T, D>, Matrix<T, D>) = ([[T::ZERO; D]; D], [[T::ZERO; D]; D]);
     for heard in heard {
-        let across = sub(&position, &heard.place);
+        let across = sub(&position, &heard.beacon_m);
         let distance = dot(&across, &across).sqrt().at_least(T::of(NEAREST_M));
         let unit = across.map(|component| component / distance);
         let weight = weight(heard);
@@ -109,7 +78,7 @@ pub fn weighted_linear<T: Real, const D: usize>(heard: &[Heard<T, D>]) -> Result
 /// # Errors
 /// See [`SolveError`].
 pub fn nonlinear<T: Real, const D: usize>(
-    heard: &[Heard<T, D>],
+    heard: &[RssiObservation<T, D>],
     offset_deviation: T,
     constraints: &Constraints<T, D>,
 ) -> Result<Fix<T, D>, SolveError> {
@@ -134,27 +103,27 @@ type Ranges<T, const D: usize> = Vec<RangeSample<T, D>, MAX_ANCHORS>;
 
 /// The RSSI values as ranges, and the first look at them.
 fn surveyed<T: Real, const D: usize>(
-    heard: &[Heard<T, D>],
+    heard: &[RssiObservation<T, D>],
     constraints: &Constraints<T, D>,
 ) -> Result<(Ranges<T, D>, Survey<T, D>), SolveError> {
     if heard.len() > MAX_ANCHORS {
         return Err(SolveError::TooManyAnchors);
     }
-    if !heard.iter().all(Heard::is_sane) {
+    if !heard.iter().all(RssiObservation::is_sane) {
         return Err(SolveError::NotFinite);
     }
-    let ranges: Ranges<T, D> = heard.iter().map(Heard::range).collect();
+    let ranges: Ranges<T, D> = heard.iter().map(|heard| RangeSample::new(heard.beacon_m, heard.distance_m())).collect();
     let survey = Survey::of(&ranges, constraints)?;
     Ok((ranges, survey))
 }
 
 fn linear_position<T: Real, const D: usize>(
-    heard: &[Heard<T, D>],
+    heard: &[RssiObservation<T, D>],
     ranges: &Ranges<T, D>,
     survey: &Survey<T, D>,
 ) -> Result<Vector<T, D>, SolveError> {
     let variances: PerSample<T> = core::array::from_fn(|i| {
-        heard.get(i).map_or(T::ONE, |heard| (heard.distance() * heard.path_loss.relative_deviation()).squared())
+        heard.get(i).map_or(T::ONE, |heard| (heard.distance_m() * heard.path_loss.relative_deviation()).squared())
     });
     weighted_position(ranges, survey, &variances)
 }
@@ -166,17 +135,21 @@ struct Model<T, const D: usize> {
     descent: Vector<T, D>,
 }
 
-fn model<T: Real, const D: usize>(heard: &[Heard<T, D>], offset_deviation: T, position: &Vector<T, D>) -> Model<T, D> {
+fn model<T: Real, const D: usize>(
+    heard: &[RssiObservation<T, D>],
+    offset_deviation: T,
+    position: &Vector<T, D>,
+) -> Model<T, D> {
     let (mut hessian, mut descent, mut slopes) = ([[T::ZERO; D]; D], [T::ZERO; D], [T::ZERO; D]);
     let (mut weights, mut residuals, mut squares) = (T::ZERO, T::ZERO, T::ZERO);
     for heard in heard {
-        let (residual, slope) = heard.seen_from(position);
+        let (off, slope) = residual(heard, position);
         let weight = T::ONE / heard.path_loss.deviation.squared();
         weights += weight;
-        residuals += weight * residual;
-        squares += weight * residual.squared();
+        residuals += weight * off;
+        squares += weight * off.squared();
         add_outer(&mut hessian, weight, &slope);
-        descent = add_scaled(&descent, weight * residual, &slope);
+        descent = add_scaled(&descent, weight * off, &slope);
         slopes = add_scaled(&slopes, weight, &slope);
     }
     // The offset, linear in the RSSI values, is eliminated (Schur): o = Σ w r ⁄ (Σ w + 1 ⁄ σₒ²).
@@ -194,7 +167,7 @@ fn share_of_offset<T: Real>(weights: T, offset_deviation: T) -> T {
 
 /// Gauss-Newton from `start`, damped after Levenberg and Marquardt.
 fn descend<T: Real, const D: usize>(
-    heard: &[Heard<T, D>],
+    heard: &[RssiObservation<T, D>],
     offset_deviation: T,
     constraints: &Constraints<T, D>,
     start: Vector<T, D>,
@@ -235,17 +208,17 @@ struct Agreement<T> {
 }
 
 impl<T: Real> Agreement<T> {
-    fn of<const D: usize>(heard: &[Heard<T, D>], position: &Vector<T, D>, offset_deviation: T) -> Self {
+    fn of<const D: usize>(heard: &[RssiObservation<T, D>], position: &Vector<T, D>, offset_deviation: T) -> Self {
         let (mut weights, mut residuals) = (T::ZERO, T::ZERO);
         for heard in heard {
             let weight = T::ONE / heard.path_loss.deviation.squared();
             weights += weight;
-            residuals += weight * heard.seen_from(position).0;
+            residuals += weight * residual(heard, position).0;
         }
         let offset = share_of_offset(weights, offset_deviation) * residuals;
         let (mut squares, mut quality) = (T::ZERO, T::ZERO);
         for heard in heard {
-            let normalised = ((heard.seen_from(position).0 - offset) / heard.path_loss.deviation).squared();
+            let normalised = ((residual(heard, position).0 - offset) / heard.path_loss.deviation).squared();
             squares += normalised;
             quality += T::ONE / (T::ONE + normalised);
         }
@@ -260,14 +233,14 @@ impl<T: Real> Agreement<T> {
 }
 
 fn conclude<T: Real, const D: usize>(
-    heard: &[Heard<T, D>],
+    heard: &[RssiObservation<T, D>],
     position: Vector<T, D>,
     covariance: Matrix<T, D>,
     agreement: &Agreement<T>,
 ) -> Result<Fix<T, D>, SolveError> {
     let mut geometry: Matrix<T, D> = [[T::ZERO; D]; D];
     for heard in heard {
-        let across = sub(&position, &heard.place);
+        let across = sub(&position, &heard.beacon_m);
         let distance = dot(&across, &across).sqrt().at_least(T::of(NEAREST_M));
         add_outer(&mut geometry, T::ONE, &across.map(|component| component / distance));
     }
@@ -288,17 +261,23 @@ fn conclude<T: Real, const D: usize>(
 
 #[cfg(test)]
 mod tests {
-    use super::{Heard, nonlinear, weighted_linear};
+    use super::{nonlinear, weighted_linear};
     use crate::ble::path_loss::PathLoss;
+    use crate::ble::rssi::RssiObservation;
     use crate::{Area, Constraints, SolveError};
 
     const MODEL: PathLoss<f64> = PathLoss { level_1m: -50.0, exponent: 2.0, deviation: 4.0 };
 
     /// Exact RSSI values of beacons in the corners of a room of 6 m by 8 m, heard at (2, 3); `offset` dB too loud.
-    fn heard(offset: f64) -> [Heard<f64, 2>; 4] {
+    fn heard(offset: f64) -> [RssiObservation<f64, 2>; 4] {
         // Distances √13, 5, √29, √41: RSSI values −50 − 10 log₁₀ of their squares.
         [([0.0, 0.0], 13.0_f64), ([6.0, 0.0], 25.0), ([0.0, 8.0], 29.0), ([6.0, 8.0], 41.0)].map(|(place, square)| {
-            Heard { place, above: 0.0, rssi: -50.0 - 10.0 * square.log10() + offset, path_loss: MODEL }
+            RssiObservation {
+                beacon_m: place,
+                above_m: 0.0,
+                rssi_dbm: -50.0 - 10.0 * square.log10() + offset,
+                path_loss: MODEL,
+            }
         })
     }
 
@@ -340,8 +319,8 @@ mod tests {
     fn a_beacon_above_the_tag_is_nearer_than_its_level_says() {
         // (2, 3) from corners 2 m above: squares grow by 4.
         let above = heard(0.0).map(|heard| {
-            let square = 10_f64.powf((-50.0 - heard.rssi) / 10.0) + 4.0;
-            Heard { above: 2.0, rssi: -50.0 - 10.0 * square.log10(), ..heard }
+            let square = 10_f64.powf((-50.0 - heard.rssi_dbm) / 10.0) + 4.0;
+            RssiObservation { above_m: 2.0, rssi_dbm: -50.0 - 10.0 * square.log10(), ..heard }
         });
         let fix = weighted_linear(&above).expect("a position");
         assert!(is_near(fix.position, [2.0, 3.0], 1e-9), "{fix:?}");
@@ -360,7 +339,7 @@ mod tests {
     #[test]
     fn what_gives_no_position_is_a_reason() {
         let good = heard(0.0);
-        let both = |heard: &[Heard<f64, 2>]| {
+        let both = |heard: &[RssiObservation<f64, 2>]| {
             (weighted_linear(heard).err(), nonlinear(heard, 0.0, &Constraints::default()).err())
         };
         assert_eq!(both(&good[..2]), (Some(SolveError::TooFewAnchors), Some(SolveError::TooFewAnchors)));
@@ -368,7 +347,7 @@ mod tests {
         assert_eq!(both(&[good[0]; 4]), (Some(SolveError::CoincidentAnchors), Some(SolveError::CoincidentAnchors)));
         for wrong in [f64::NAN, f64::INFINITY] {
             let mut bad = good;
-            bad[1].rssi = wrong;
+            bad[1].rssi_dbm = wrong;
             assert_eq!(both(&bad), (Some(SolveError::NotFinite), Some(SolveError::NotFinite)));
             let mut bad = good;
             bad[2].path_loss.exponent = wrong;
@@ -379,8 +358,8 @@ mod tests {
     #[test]
     fn levels_that_contradict_each_other_widen_the_covariance() {
         let mut torn = heard(0.0);
-        torn[0].rssi -= 25.0;
-        torn[3].rssi += 25.0;
+        torn[0].rssi_dbm -= 25.0;
+        torn[3].rssi_dbm += 25.0;
         let [good, torn] =
             [heard(0.0), torn].map(|heard| nonlinear(&heard, 0.0, &Constraints::default()).expect("a position"));
         assert!(torn.covariance[0][0] > 2.0 * good.covariance[0][0], "{torn:?} {good:?}");

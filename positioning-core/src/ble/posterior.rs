@@ -6,9 +6,8 @@
 //!
 //! [`nonlinear`]: super::multilateration::nonlinear
 
-use super::multilateration::Heard;
-use super::particles::{Levels, Term};
 use super::path_loss::Wall;
+use super::rssi::{RssiLikelihood, RssiObservation, Term};
 use crate::{AnchorSet, Area, Fix, MAX_ANCHORS, Real, SolveError};
 
 /// Points of a lattice along each axis.
@@ -58,7 +57,7 @@ pub struct Posterior<T> {
 /// or the area is empty.
 #[inline(never)]
 pub fn posterior<T: Real>(
-    heard: &[Heard<T, 2>],
+    heard: &[RssiObservation<T, 2>],
     area: &Area<T, 2>,
     walls: &[Wall<T>],
     belief: &PosteriorSettings<T>,
@@ -69,7 +68,7 @@ pub fn posterior<T: Real>(
     if heard.len() > MAX_ANCHORS {
         return Err(SolveError::TooManyAnchors);
     }
-    if !(is_some(area) && heard.iter().all(Heard::is_sane)) {
+    if !(is_some(area) && heard.iter().all(RssiObservation::is_sane)) {
         return Err(SolveError::NotFinite);
     }
     let rssis = belief.of(heard).through(walls);
@@ -100,8 +99,8 @@ pub fn posterior<T: Real>(
 /// where nothing can be said.
 #[inline(never)]
 pub(crate) fn too_loud<T: Real>(
-    heard: &Heard<T, 2>,
-    others: &[Heard<T, 2>],
+    heard: &RssiObservation<T, 2>,
+    others: &[RssiObservation<T, 2>],
     area: &Area<T, 2>,
     walls: &[Wall<T>],
     belief: &PosteriorSettings<T>,
@@ -124,24 +123,25 @@ fn is_some<T: Real>(area: &Area<T, 2>) -> bool {
 impl<T: Real> PosteriorSettings<T> {
     /// The likelihood of RSSI values. Their trust is no doubt of the offset.
     #[inline(never)]
-    pub fn of<'a>(&self, heard: &[Heard<T, 2>]) -> Levels<'a, T> {
-        Levels::of(heard, self.offset_deviation * self.trust.sqrt(), self.trust)
+    pub fn of<'a>(&self, heard: &[RssiObservation<T, 2>]) -> RssiLikelihood<'a, T> {
+        RssiLikelihood::of(heard, self.offset_deviation * self.trust.sqrt(), self.trust)
     }
 
     /// What of an area is near enough to the beacon that must be the nearest; all of it where that is nowhere. A lattice over a whole site
     /// would be coarse. What is near enough to every beacon may be but a sliver, where they contradict each other.
     #[inline(never)]
-    fn narrowed(&self, area: &Area<T, 2>, heard: &[Heard<T, 2>]) -> Area<T, 2> {
+    fn narrowed(&self, area: &Area<T, 2>, heard: &[RssiObservation<T, 2>]) -> Area<T, 2> {
         let mut near = *area;
         let mut nearest = None;
-        for Heard { place, rssi, path_loss, .. } in heard {
+        for RssiObservation { beacon_m, rssi_dbm, path_loss, .. } in heard {
             let deviation = (path_loss.deviation.squared() / self.trust + self.offset_deviation.squared()).sqrt();
-            let farthest = path_loss.distance(*rssi - T::of(FARTHEST) * deviation).at_least(T::of(FARTHEST_AT_LEAST_M));
+            let farthest =
+                path_loss.distance(*rssi_dbm - T::of(FARTHEST) * deviation).at_least(T::of(FARTHEST_AT_LEAST_M));
             if nearest.is_none_or(|nearest| farthest < nearest) {
                 nearest = Some(farthest);
                 near = Area {
-                    min: core::array::from_fn(|axis| area.min[axis].at_least(place[axis] - farthest)),
-                    max: core::array::from_fn(|axis| area.max[axis].at_most(place[axis] + farthest)),
+                    min: core::array::from_fn(|axis| area.min[axis].at_least(beacon_m[axis] - farthest)),
+                    max: core::array::from_fn(|axis| area.max[axis].at_most(beacon_m[axis] + farthest)),
                 };
             }
         }
@@ -162,7 +162,7 @@ struct Moments<T> {
 
 impl<T: Real> Moments<T> {
     #[inline(never)]
-    fn over(rssis: &Levels<'_, T>, area: &Area<T, 2>, one_more: Option<&Term<T>>) -> Self {
+    fn over(rssis: &RssiLikelihood<'_, T>, area: &Area<T, 2>, one_more: Option<&Term<T>>) -> Self {
         let spacing: [T; 2] = core::array::from_fn(|axis| (area.max[axis] - area.min[axis]) / T::count(POINTS));
         let half = T::of(0.5);
         // Sums about the area's middle, scaled by the greatest likelihood so far: nothing underflows, and one pass does.
@@ -221,15 +221,15 @@ impl<T: Real> Moments<T> {
 #[cfg(test)]
 mod tests {
     use super::{PosteriorSettings, posterior, too_loud};
-    use crate::ble::multilateration::Heard;
     use crate::ble::path_loss::PathLoss;
+    use crate::ble::rssi::RssiObservation;
     use crate::{Area, SolveError};
 
     const MODEL: PathLoss<f64> = PathLoss { level_1m: -50.0, exponent: 2.0, deviation: 4.0 };
     const ROOM: Area<f64, 2> = Area { min: [0.0, 0.0], max: [6.0, 8.0] };
 
-    fn heard(place: [f64; 2], rssi: f64) -> Heard<f64, 2> {
-        Heard { place, above: 0.0, rssi, path_loss: MODEL }
+    fn heard(place: [f64; 2], rssi: f64) -> RssiObservation<f64, 2> {
+        RssiObservation { beacon_m: place, above_m: 0.0, rssi_dbm: rssi, path_loss: MODEL }
     }
 
     #[test]
@@ -243,8 +243,8 @@ mod tests {
                 let square: f64 = beacons
                     .iter()
                     .map(|beacon| {
-                        let d2 = (at[0] - beacon.place[0]).powi(2) + (at[1] - beacon.place[1]).powi(2) + 0.09;
-                        ((beacon.rssi + 50.0 + 10.0 * d2.log10()) / 4.0).powi(2)
+                        let d2 = (at[0] - beacon.beacon_m[0]).powi(2) + (at[1] - beacon.beacon_m[1]).powi(2) + 0.09;
+                        ((beacon.rssi_dbm + 50.0 + 10.0 * d2.log10()) / 4.0).powi(2)
                     })
                     .sum();
                 let likelihood = (-0.5 * 0.5 * square).exp();
@@ -274,9 +274,9 @@ mod tests {
         for row in 0..160 {
             for column in 0..120 {
                 let at = [0.025 + 0.05 * f64::from(column), 0.025 + 0.05 * f64::from(row)];
-                let too_loud = |beacon: &Heard<f64, 2>| {
-                    let d2 = (at[0] - beacon.place[0]).powi(2) + (at[1] - beacon.place[1]).powi(2) + 0.09;
-                    beacon.rssi + 50.0 + 10.0 * d2.log10()
+                let too_loud = |beacon: &RssiObservation<f64, 2>| {
+                    let d2 = (at[0] - beacon.beacon_m[0]).powi(2) + (at[1] - beacon.beacon_m[1]).powi(2) + 0.09;
+                    beacon.rssi_dbm + 50.0 + 10.0 * d2.log10()
                 };
                 for step in -150..150 {
                     let offset = 0.1 * f64::from(step);
@@ -302,7 +302,7 @@ mod tests {
             (excess - mean[1]).abs() < 0.15 && (doubt / (variance[1] + 16.0) - 1.0).abs() < 0.05,
             "{excess} {doubt}"
         );
-        assert_eq!(too_loud(&Heard { rssi: f64::NAN, ..one_more }, &beacons, &ROOM, &[], &belief), None);
+        assert_eq!(too_loud(&RssiObservation { rssi_dbm: f64::NAN, ..one_more }, &beacons, &ROOM, &[], &belief), None);
     }
 
     #[test]
@@ -330,7 +330,8 @@ mod tests {
     #[test]
     fn a_small_tag_in_a_large_hall_is_found_by_the_second_lattice() {
         let hall = Area { min: [-200.0, -200.0], max: [200.0, 200.0] };
-        let sharp = |place, rssi| Heard { path_loss: PathLoss { deviation: 0.5, ..MODEL }, ..heard(place, rssi) };
+        let sharp =
+            |place, rssi| RssiObservation { path_loss: PathLoss { deviation: 0.5, ..MODEL }, ..heard(place, rssi) };
         // Exact RSSI values at (2, 3), as in multilateration's tests.
         let beacons = [([0.0, 0.0], 13.09_f64), ([6.0, 0.0], 25.09), ([0.0, 8.0], 29.09), ([6.0, 8.0], 41.09)]
             .map(|(place, square)| sharp(place, -50.0 - 10.0 * square.log10()));
@@ -343,10 +344,10 @@ mod tests {
     #[test]
     fn what_is_no_number_is_a_reason() {
         let good = heard([0.0, 0.0], -60.0);
-        let at = |heard: &[Heard<f64, 2>], area: &Area<f64, 2>| {
+        let at = |heard: &[RssiObservation<f64, 2>], area: &Area<f64, 2>| {
             posterior(heard, area, &[], &PosteriorSettings::default()).err()
         };
-        assert_eq!(at(&[Heard { rssi: f64::NAN, ..good }], &ROOM), Some(SolveError::NotFinite));
+        assert_eq!(at(&[RssiObservation { rssi_dbm: f64::NAN, ..good }], &ROOM), Some(SolveError::NotFinite));
         assert_eq!(at(&[good], &Area { min: [0.0, 0.0], max: [0.0, 8.0] }), Some(SolveError::NotFinite));
         assert_eq!(at(&[good], &Area { min: [0.0, f64::NAN], max: [6.0, 8.0] }), Some(SolveError::NotFinite));
         assert_eq!(at(&[good; 17], &ROOM), Some(SolveError::TooManyAnchors));
@@ -354,7 +355,7 @@ mod tests {
 
     #[test]
     fn levels_that_say_nothing_are_the_middle_of_the_area() {
-        let blind = Heard { path_loss: PathLoss { deviation: 99.0, ..MODEL }, ..heard([0.0, 0.0], -60.0) };
+        let blind = RssiObservation { path_loss: PathLoss { deviation: 99.0, ..MODEL }, ..heard([0.0, 0.0], -60.0) };
         let fix = posterior(&[blind], &ROOM, &[], &PosteriorSettings::default()).expect("a position").fix;
         // A box of 6 by 8: variances 36 ⁄ 12 and 64 ⁄ 12.
         assert!((fix.position[0] - 3.0).abs() < 0.05 && (fix.position[1] - 4.0).abs() < 0.05, "{fix:?}");

@@ -6,6 +6,7 @@
 //! insist. So x and y are tracked, and the height follows those of the solved rounds, as far as these know height much worse
 //! than the rest. No number of rounds makes such a height surer than one round does.
 
+use crate::measurement::Height;
 use crate::{Fix, Real};
 
 /// A solved height whose deviation is so many times that of x or y is not told by ranges.
@@ -40,15 +41,15 @@ impl<T: Real> HeightSource<T> {
         matches!(self, Self::Solved(_))
     }
 
-    /// The height, and its deviation, that a track should take of a solved round; metres.
-    pub(super) fn of(&mut self, fix: &Fix<T, 3>) -> Option<(T, T)> {
+    /// The height that a track should take of a solved round.
+    pub(super) fn of(&mut self, fix: &Fix<T, 3>) -> Option<Height<T>> {
         if matches!(self, Self::Told) {
             return None;
         }
         let variances: [T; 3] = core::array::from_fn(|axis| fix.covariance[axis][axis]);
         let ambiguous = variances[2] > T::of(AMBIGUOUS * AMBIGUOUS) * variances[0].at_least(variances[1]);
         *self = if ambiguous { Self::Solved(variances[2]) } else { Self::Known };
-        ambiguous.then_some((fix.position[2], T::of(SCATTER_M)))
+        ambiguous.then_some(Height { height_m: fix.position[2], deviation_m: T::of(SCATTER_M) })
     }
 
     /// A track's covariance, its height no surer than it can be.

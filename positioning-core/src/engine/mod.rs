@@ -6,21 +6,21 @@
 //! measurement changes the track as it comes. Time without measurements makes the covariance grow; too much of it ends the track.
 
 mod height;
-mod measurement;
 mod output;
 mod round;
-mod round_end;
 mod settings;
-mod take;
+mod track_management;
+mod update;
 
-pub use measurement::{BeaconPosition, Measurement, Range, Tdoa};
+pub use crate::measurement::{BeaconPosition, ExternalPosition, Height, Measurement, Range, Tdoa};
+pub use crate::track::FilterSettings;
 pub use output::{Missing, Output, Start, TrackFix, Verdict};
 pub use settings::{Dimensions, Mode, NodeMethod, Settings, Solvers};
 
 use crate::Real;
+use crate::measurement::Observation as _;
 use crate::track::{Filter, Supervisor};
 use height::HeightSource;
-use measurement::height_is_sane;
 use round::Round;
 
 /// A clock that goes back by more than this has begun anew, microseconds; by less, frames have overtaken each other.
@@ -33,7 +33,7 @@ pub struct Engine<T> {
     supervisor: Supervisor,
     round: Round<T>,
     /// Where a track in space has its height from.
-    height_source: HeightSource<T>,
+    height: HeightSource<T>,
     /// Whether there is a track, and why not.
     track: Result<(), Missing>,
     /// Why the next track will be started.
@@ -60,7 +60,7 @@ impl<T: Real> Engine<T> {
             filter: Filter::new(),
             supervisor: Supervisor::default(),
             round: Round::new(),
-            height_source: HeightSource::new(),
+            height: HeightSource::new(),
             track: Err(Missing::RoundOpen),
             next_start: Start::First,
             now_us: 0,
@@ -76,7 +76,7 @@ impl<T: Real> Engine<T> {
     /// Changes the height of a tag in the plane, metres; in space, and where it is no number, nothing happens.
     pub fn set_height(&mut self, height: T) {
         if let (Dimensions::Plane { height: known }, true) =
-            (&mut self.settings.dimensions, height_is_sane(height, T::ONE))
+            (&mut self.settings.dimensions, Height { height_m: height, deviation_m: T::ONE }.is_sane())
         {
             *known = height;
             self.filter.set_height(height);
@@ -86,13 +86,16 @@ impl<T: Real> Engine<T> {
     /// Takes one measurement of the time `now_us`, microseconds. No input panics.
     pub fn step(&mut self, now_us: u64, measurement: &Measurement<T>) -> Output<T> {
         self.watch_clock(now_us);
+        if !measurement.is_sane() {
+            return Output { verdict: Verdict::NotSane, fix: self.fix() };
+        }
         let verdict = match measurement {
             Measurement::Range(range) => self.range(range),
             Measurement::RoundEnd => return self.end_round(),
             Measurement::Tdoa(tdoa) => self.tdoa(tdoa),
             Measurement::BeaconPosition(position) => self.beacon_position(position),
-            Measurement::Height { height, deviation } => self.height(*height, *deviation),
-            Measurement::Position { position, covariance } => self.position(position, covariance),
+            Measurement::Height(height) => self.external_height(height),
+            Measurement::Position(position) => self.external_position(position),
         };
         Output { verdict, fix: self.fix() }
     }
@@ -112,7 +115,7 @@ impl<T: Real> Engine<T> {
                 self.round.clear();
                 return;
             }
-            self.filter.advance(self.now_us, &self.settings);
+            self.filter.advance(self.now_us, &self.settings.filter);
             if !(self.filter.state.spread() <= self.settings.lost.squared()) || !self.filter.state.is_finite() {
                 self.reset(Start::Lost);
             }
@@ -133,7 +136,7 @@ impl<T: Real> Engine<T> {
         Ok(TrackFix {
             position: self.filter.state.position(),
             velocity: self.filter.state.velocity(),
-            covariance: self.height_source.admit(self.filter.state.position_covariance()),
+            covariance: self.height.admit(self.filter.state.position_covariance()),
             used: crate::AnchorSet(self.round.used),
             quality: self.round.quality(),
             age_us: self.now_us.saturating_sub(self.used_us),

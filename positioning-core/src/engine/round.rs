@@ -2,8 +2,8 @@
 
 use heapless::Vec;
 
-use super::measurement::{BeaconPosition, Range, Tdoa, probability};
 use super::settings::{Dimensions, Settings};
+use crate::measurement::{BeaconPosition, Range, Tdoa, probability};
 use crate::track::{Blocked, TdoaSample, hyperbolic};
 use crate::{AnchorSet, Area, Constraints, Fix, MAX_ANCHORS, RangeSample, Real, Side, SolveError, Solver, flatten};
 
@@ -75,8 +75,8 @@ impl<T: Real> Round<T> {
     /// Which ranges a solver gets: all, or those in line of sight and so many of the least blocked that there are enough.
     fn chosen(&self, settings: &Settings<T>) -> u16 {
         let all = ((1_u32 << self.ranges.len()) - 1) as u16;
-        let Blocked::Ignore { threshold, at_least } = settings.blocked else { return all };
-        let direct = |place: usize| self.ranges.get(place).is_some_and(|r| probability(r.blocked) < threshold);
+        let Blocked::Ignore { threshold, at_least } = settings.filter.blocked else { return all };
+        let direct = |place: usize| self.ranges.get(place).is_some_and(|r| probability(r.p_nlos) < threshold);
         let chosen = (0..self.ranges.len()).filter(|&place| direct(place)).fold(0_u16, |set, place| set | 1 << place);
         self.with_least_blocked(chosen, at_least.into())
     }
@@ -86,7 +86,7 @@ impl<T: Real> Round<T> {
         while (set.count_ones() as usize) < enough {
             let mut least: Option<(usize, T)> = None;
             for (place, range) in self.ranges.iter().enumerate() {
-                let blocked = probability(range.blocked);
+                let blocked = probability(range.p_nlos);
                 if set >> place & 1 == 0 && least.is_none_or(|(_, other)| blocked < other) {
                     least = Some((place, blocked));
                 }
@@ -102,8 +102,8 @@ impl<T: Real> Round<T> {
         let area = settings.area.map(|area| Area { min: [area.min[0], area.min[1]], max: [area.max[0], area.max[1]] });
         let fix =
             self.solve_in(settings, settings.solvers.plane, &Constraints { side: Side::Unknown, area }, |range| {
-                let distance = flatten(length(range, settings), range.place[2] - height);
-                RangeSample::new([range.place[0], range.place[1]], distance)
+                let distance = flatten(length(range, settings), range.position_m[2] - height);
+                RangeSample::new([range.position_m[0], range.position_m[1]], distance)
             })?;
         let [x, y] = fix.position;
         let mut covariance = [[T::ZERO; 3]; 3];
@@ -123,7 +123,7 @@ impl<T: Real> Round<T> {
     #[inline(never)]
     fn solve_space(&self, settings: &Settings<T>, side: Side<T, 3>) -> Result<Fix<T, 3>, SolveError> {
         self.solve_in(settings, settings.solvers.space, &Constraints { side, area: settings.area }, |range| {
-            RangeSample::new(range.place, length(range, settings))
+            RangeSample::new(range.position_m, length(range, settings))
         })
     }
 
@@ -152,15 +152,15 @@ impl<T: Real> Round<T> {
         let Some(first) = self.tdoas.first() else { return Err(SolveError::TooFewAnchors) };
         let mut samples: Vec<TdoaSample<T>, MAX_ANCHORS> = Vec::new();
         for tdoa in self.tdoas.iter().filter(|tdoa| tdoa.reference == first.reference) {
-            let sigma = white(settings, tdoa.deviations[1], probability(tdoa.blocked[1]));
-            let _ = samples.push(TdoaSample { anchor: tdoa.place, difference: tdoa.difference, sigma });
+            let sigma = white(settings, tdoa.deviations_m[1], probability(tdoa.p_nlos[1]));
+            let _ = samples.push(TdoaSample { anchor: tdoa.position_m, difference: tdoa.difference_m, sigma });
         }
-        let sigma = white(settings, first.deviations[0], probability(first.blocked[0]));
+        let sigma = white(settings, first.deviations_m[0], probability(first.p_nlos[0]));
         let start = match settings.dimensions {
             Dimensions::Space { side: Side::Of(point) } => Some(point),
             Dimensions::Space { side: Side::Unknown } | Dimensions::Plane { .. } => None,
         };
-        let mut fix = hyperbolic(&samples, first.reference_place, sigma, settings.dimensions.height(), start)?;
+        let mut fix = hyperbolic(&samples, first.reference_m, sigma, settings.dimensions.height(), start)?;
         // Hyperbolas know no bounds: where the tag cannot be, the nearest place where it can.
         fix.position = Constraints { side: Side::Unknown, area: settings.area }.inside(fix.position);
         Ok(fix)
@@ -175,17 +175,17 @@ fn spread(used: AnchorSet, chosen: u16) -> AnchorSet {
 
 /// A range as it is to be used.
 pub(super) fn length<T: Real>(range: &Range<T>, settings: &Settings<T>) -> T {
-    let excess = if settings.mitigate { range.excess.unwrap_or(T::ZERO) } else { T::ZERO };
-    range.distance - excess
+    let excess = if settings.mitigate { range.excess_m.unwrap_or(T::ZERO) } else { T::ZERO };
+    range.distance_m - excess
 }
 
 /// The deviation of a single range, all its errors together.
 fn deviation<T: Real>(range: &Range<T>, settings: &Settings<T>) -> T {
-    white(settings, range.deviation, probability(range.blocked))
+    white(settings, range.deviation_m, probability(range.p_nlos))
 }
 
 fn white<T: Real>(settings: &Settings<T>, own: T, blocked: T) -> T {
-    let noise = &settings.noise;
+    let noise = &settings.filter.noise;
     // What nobody says weighs no range against another: a round by itself does without that doubt.
     let both = |blocked: T| {
         let blocked = Some(blocked);
@@ -193,7 +193,7 @@ fn white<T: Real>(settings: &Settings<T>, own: T, blocked: T) -> T {
         // As given, to the last bit, where there is nothing to add.
         if variance > own.squared() { variance.sqrt() } else { own }
     };
-    match settings.blocked {
+    match settings.filter.blocked {
         Blocked::TwoVariances { threshold, direct_m2, blocked_m2 } => {
             if blocked >= threshold {
                 blocked_m2.sqrt()

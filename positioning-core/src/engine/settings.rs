@@ -1,7 +1,7 @@
 //! How the engine is to work.
 
 use crate::linear::b_wls_in_parts;
-use crate::track::{Blocked, Motion, Noise};
+use crate::track::{Blocked, FilterSettings, Motion, Noise};
 use crate::{Area, Method, Real, Side, Solver};
 
 /// Whether there is a memory between rounds.
@@ -102,23 +102,11 @@ pub struct Settings<T> {
     pub solvers: Solvers<T>,
     /// Where a solved position can be at all.
     pub area: Option<Area<T, 3>>,
-    /// How the tag moves.
-    pub motion: Motion<T>,
-    /// How ranges err.
-    pub noise: Noise<T>,
-    /// What a missing line of sight means.
-    pub blocked: Blocked<T>,
-    /// Whether ranges are shortened by their `excess`. Off by default: what was learnt in one building is wrong in the next
+    /// How the filter of a track works.
+    pub filter: FilterSettings<T>,
+    /// Whether ranges are shortened by their `excess_m`. Off by default: what was learnt in one building is wrong in the next
     /// (V. Barral et al. 2019, tables 4 and 5).
     pub mitigate: bool,
-    /// Linearisations of one measurement: 1 is the extended Kalman filter, more the iterated one.
-    pub iterations: u8,
-    /// A measurement beyond so many deviations is refused.
-    pub gate: T,
-    /// So many refused measurements of one source that are alike reopen its gate; ranges shorter than the way to the anchor do not.
-    pub patience: u8,
-    /// Deviation of the unknown velocity at the start, metres a second and axis.
-    pub speed: T,
     /// Variance of the first position, m² and axis; `None`: that of the solved position, and a bit.
     pub start_variance: Option<T>,
     /// A track whose position has become more uncertain than this is given up, metres of standard deviation, all axes together.
@@ -137,14 +125,16 @@ impl<T: Real> Settings<T> {
             dimensions,
             solvers: Solvers::robust(),
             area: None,
-            motion: Motion::Adaptive { calm: T::of(0.3), brisk: T::of(3.0) },
-            noise: Noise::indoors(),
-            blocked: Blocked::Weigh,
+            filter: FilterSettings {
+                motion: Motion::Adaptive { calm: T::of(0.3), brisk: T::of(3.0) },
+                noise: Noise::indoors(),
+                blocked: Blocked::Weigh,
+                iterations: 3,
+                gate: T::of(4.0),
+                patience: 6,
+                speed: T::of(0.7),
+            },
             mitigate: false,
-            iterations: 3,
-            gate: T::of(4.0),
-            patience: 6,
-            speed: T::of(0.7),
             start_variance: None,
             lost: T::of(5.0),
             gap_us: 10_000_000,
@@ -160,14 +150,29 @@ impl<T: Real> Settings<T> {
 
     /// The textbook's filter: white noise, no gates, no supervisor, only what `motion`, `blocked` and `iterations` say.
     pub fn plain(dimensions: Dimensions<T>, motion: Motion<T>, blocked: Blocked<T>, iterations: u8) -> Self {
-        Self {
-            motion,
-            blocked,
-            iterations,
-            noise: Noise::white(),
-            gate: T::of(1.0e6),
-            supervised: false,
-            ..Self::track(dimensions)
+        let tracking = Self::track(dimensions);
+        let (noise, gate) = (Noise::white(), T::of(1.0e6));
+        let filter = FilterSettings { motion, blocked, iterations, noise, gate, ..tracking.filter };
+        Self { filter, supervised: false, ..tracking }
+    }
+
+    /// The same, where ranges err so.
+    pub fn with_noise(self, noise: Noise<T>) -> Self {
+        Self { filter: FilterSettings { noise, ..self.filter }, ..self }
+    }
+
+    /// The same, where a missing line of sight means this.
+    pub fn with_blocked(self, blocked: Blocked<T>) -> Self {
+        Self { filter: FilterSettings { blocked, ..self.filter }, ..self }
+    }
+}
+
+impl<T: Copy> Dimensions<T> {
+    /// The height, where it is known.
+    pub(crate) fn height(&self) -> Option<T> {
+        match self {
+            Self::Plane { height } => Some(*height),
+            Self::Space { .. } => None,
         }
     }
 }

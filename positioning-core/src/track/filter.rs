@@ -2,27 +2,63 @@
 
 use super::anchors::{Links, Source};
 use super::gate::{Gate, GateDecision};
-use super::model::height::HeightModel;
-use super::model::position::components;
-use super::model::range::RangeModel;
-use super::model::tdoa::TdoaModel;
-use super::motion::Surprise;
+use super::motion::{Motion, Surprise};
+use super::noise::{Blocked, Noise, Variances};
 use super::state::{COMMON, POSITION, REFERENCE, State, VELOCITY};
 use super::update::{Innovation, Model, update};
 use crate::Real;
-use crate::engine::{Dimensions, Range, Settings, Tdoa};
 
-/// No measurement counts as better than this, metres: `f32` keeps the covariance of ten metres beside it.
-const LEAST_SIGMA_M: f64 = 0.01;
 /// The velocity beyond which a link's error forgets no faster, metres a second: nobody runs faster indoors.
 const FASTEST: f64 = 10.0;
-
 /// A link's error is not a usual one beyond so many of its deviations …
 const UNUSUAL: f64 = 1.7;
 /// … and beyond this, metres.
 const UNUSUAL_M: f64 = 0.2;
-/// A beacon's is not beyond so many of its deviations.
-const UNUSUAL_BEACON: f64 = 3.0;
+/// Numbers that have a gate of their own: a height, the three of a position, and as many more.
+const OWN_GATES: usize = 8;
+
+/// How the filter works.
+#[derive(Clone, Copy, Debug)]
+pub struct FilterSettings<T> {
+    /// How the tag moves.
+    pub motion: Motion<T>,
+    /// How ranges err.
+    pub noise: Noise<T>,
+    /// What a missing line of sight means.
+    pub blocked: Blocked<T>,
+    /// Linearisations of one measurement: 1 is the extended Kalman filter, more the iterated one.
+    pub iterations: u8,
+    /// A measurement beyond so many deviations is refused.
+    pub gate: T,
+    /// So many refused measurements of one source that are alike reopen its gate; ranges shorter than the way to the anchor do not.
+    pub patience: u8,
+    /// Deviation of the unknown velocity at the start, metres a second and axis.
+    pub speed: T,
+}
+
+/// Which gate a number has to pass.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum GateOf {
+    /// That of a range's link, by its place in the table; the link's noise is learnt.
+    Range(usize),
+    /// That of a difference's link; the link's noise is learnt.
+    Tdoa(usize),
+    /// That of an axis of positions by beacons.
+    Beacons(usize),
+    /// One of its own.
+    Own(usize),
+}
+
+/// A link whose error is carried to now.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CarriedLink<T> {
+    /// Its place in the table.
+    pub(crate) place: usize,
+    /// The state that is its error.
+    pub(crate) state: usize,
+    /// The variance of a reception's noise, m².
+    pub(crate) white: T,
+}
 
 /// What became of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,8 +81,9 @@ pub(crate) struct Filter<T> {
     surprise: Surprise<T>,
     /// The reception of the reference anchor whose error is a state now.
     reference: Option<(u16, u64)>,
-    height_gate: Gate<T>,
-    position_gates: [Gate<T>; 3],
+    own_gates: [Gate<T>; OWN_GATES],
+    /// The height is known.
+    flat: bool,
 }
 
 impl<T: Real> Filter<T> {
@@ -58,20 +95,27 @@ impl<T: Real> Filter<T> {
             now_us: 0,
             surprise: Surprise::none(),
             reference: None,
-            height_gate: Gate::default(),
-            position_gates: [Gate::default(); 3],
+            own_gates: [Gate::default(); OWN_GATES],
+            flat: false,
         }
     }
 
-    /// Starts at a position with its covariance; nothing is known of the velocity but that it is a tag's.
+    /// Starts at a position with its covariance, in the plane where `flat`; nothing is known of the velocity but that it is a tag's.
     #[inline(never)]
-    pub(crate) fn start(&mut self, now_us: u64, position: [T; 3], covariance: &[[T; 3]; 3], settings: &Settings<T>) {
+    pub(crate) fn start(
+        &mut self,
+        now_us: u64,
+        position: [T; 3],
+        covariance: &[[T; 3]; 3],
+        flat: bool,
+        settings: &FilterSettings<T>,
+    ) {
+        self.flat = flat;
         self.links.clear();
         self.state.forget_links();
         self.reference = None;
         self.surprise = Surprise::none();
         self.now_us = now_us;
-        let flat = settings.dimensions.height().is_some();
         let speed = if settings.motion.moves() { settings.speed.squared() } else { T::ZERO };
         for axis in 0..3 {
             let known = flat && axis == 2;
@@ -86,48 +130,59 @@ impl<T: Real> Filter<T> {
     }
 
     /// Carries the track forward; times before its own leave it where it is.
-    pub(crate) fn advance(&mut self, now_us: u64, settings: &Settings<T>) {
+    pub(crate) fn advance(&mut self, now_us: u64, settings: &FilterSettings<T>) {
         let dt = seconds(now_us.saturating_sub(self.now_us));
         if dt > T::ZERO {
-            settings.motion.advance(&mut self.state, dt, self.surprise, settings.dimensions.height().is_some());
+            settings.motion.advance(&mut self.state, dt, self.surprise, self.flat);
             self.now_us = now_us;
         }
     }
 
-    /// A range to an anchor, blocked with probability `blocked`, where somebody knows.
-    pub(crate) fn range(&mut self, range: &Range<T>, blocked: Option<T>, settings: &Settings<T>) -> UpdateResult {
-        let own = range.deviation.at_least(T::of(LEAST_SIGMA_M)).squared();
-        let (place, white) = self.link(range.anchor, own, blocked, settings);
-        let model = RangeModel { anchor: range.place, range: range.distance, link: Links::<T>::state(place) };
-        let innovation = Innovation::of(&self.state, &model);
-        let s = innovation.predicted + white;
-        let (value, predicted) = (innovation.value, innovation.predicted);
-        let excess = value + self.state.mean.get(Links::<T>::state(place)).copied().unwrap_or(T::ZERO);
-        let Some(link) = self.links.at(place) else { return UpdateResult::Rejected };
-        let passage = link.gate.judge_range(value, excess, s, settings.gate, settings.patience);
-        if passage == GateDecision::Accept {
-            link.shown.learn(&settings.noise, value, predicted, s);
-        }
-        self.take(&model, &innovation, white, passage, Some(Links::<T>::state(place)), settings)
-    }
-
-    /// The place of a link, its error carried to now, and the white variance of a range over it.
-    fn link(&mut self, anchor: u16, own: T, blocked: Option<T>, settings: &Settings<T>) -> (usize, T) {
+    /// A link to an anchor, its error carried to now; `own` is the variance of the reception's noise in line of sight, m², and `p_nlos`
+    /// the probability that there is none, where that is known.
+    pub(crate) fn anchor_link(
+        &mut self,
+        anchor: u16,
+        own: T,
+        p_nlos: Option<T>,
+        settings: &FilterSettings<T>,
+    ) -> CarriedLink<T> {
+        let noise = &settings.noise;
         let (place, fresh) = self.links.place(Source::Anchor(anchor), self.now_us);
-        let Some(link) = self.links.at(place) else { return (place, own) };
+        let state = Links::<T>::state(place);
+        let Some(link) = self.links.at(place) else { return CarriedLink { place, state, white: own } };
         let variances = match settings.blocked {
-            super::Blocked::TwoVariances { threshold, direct_m2, blocked_m2 } => {
-                let white = if blocked.is_some_and(|blocked| blocked >= threshold) { blocked_m2 } else { direct_m2 };
-                super::noise::Variances { white, link: settings.noise.link_sigma.squared() }
+            Blocked::TwoVariances { threshold, direct_m2, blocked_m2 } => {
+                let white = if p_nlos.is_some_and(|p_nlos| p_nlos >= threshold) { blocked_m2 } else { direct_m2 };
+                Variances { white, link: noise.link_sigma.squared() }
             }
-            super::Blocked::Alike => link.shown.variances(&settings.noise, own, None),
-            super::Blocked::Ignore { .. } | super::Blocked::Weigh => {
-                link.shown.variances(&settings.noise, own, blocked)
-            }
+            Blocked::Alike => link.shown.variances(noise, own, None),
+            Blocked::Ignore { .. } | Blocked::Weigh => link.shown.variances(noise, own, p_nlos),
         };
         let usual = (T::of(UNUSUAL * UNUSUAL) * variances.link).at_least(T::of(UNUSUAL_M * UNUSUAL_M));
-        self.carry(place, fresh, [variances.link, usual], [settings.noise.link_seconds, settings.noise.link_metres]);
-        (place, variances.white)
+        self.carry(place, fresh, [variances.link, usual], [noise.link_seconds, noise.link_metres]);
+        CarriedLink { place, state, white: variances.white }
+    }
+
+    /// The error of positions by beacons along an axis, of this variance and usual up to this square, m², carried to now.
+    pub(crate) fn beacon_link(
+        &mut self,
+        axis: u8,
+        variance_and_usual: [T; 2],
+        settings: &FilterSettings<T>,
+    ) -> CarriedLink<T> {
+        let noise = &settings.noise;
+        let (place, fresh) = self.links.place(Source::Beacons(axis), self.now_us);
+        self.carry(place, fresh, variance_and_usual, [noise.beacon_seconds, noise.beacon_metres]);
+        CarriedLink { place, state: Links::<T>::state(place), white: T::ZERO }
+    }
+
+    /// Differences are to this reception of the reference anchor, whose noise has this variance, m².
+    pub(crate) fn set_reference(&mut self, anchor: u16, white: T) {
+        if self.reference != Some((anchor, self.now_us)) {
+            self.reference = Some((anchor, self.now_us));
+            self.state.reset(REFERENCE, T::ZERO, white);
+        }
     }
 
     /// Carries a link's error of this variance to now, which is `usual` up to this square; it is another `after` so many seconds, or
@@ -153,92 +208,38 @@ impl<T: Real> Filter<T> {
         link.measured_us = self.now_us;
     }
 
-    /// A difference of two arrivals.
-    pub(crate) fn tdoa(&mut self, tdoa: &Tdoa<T>, blocked: [Option<T>; 2], settings: &Settings<T>) -> UpdateResult {
-        let own = tdoa.deviations.map(|sigma| sigma.at_least(T::of(LEAST_SIGMA_M)).squared());
-        let (reference, reference_white) = self.link(tdoa.reference, own[0], blocked[0], settings);
-        let (place, white) = self.link(tdoa.anchor, own[1], blocked[1], settings);
-        if self.reference != Some((tdoa.reference, self.now_us)) {
-            self.reference = Some((tdoa.reference, self.now_us));
-            self.state.reset(REFERENCE, T::ZERO, reference_white);
-        }
-        let model = TdoaModel {
-            anchor: tdoa.place,
-            reference: tdoa.reference_place,
-            difference: tdoa.difference,
-            link: Links::<T>::state(place),
-            reference_link: Links::<T>::state(reference),
+    /// Weighs one number against the track, asks its gate, and takes it in; `white` is the variance of its noise.
+    pub(crate) fn observe(
+        &mut self,
+        model: &impl Model<T>,
+        white: T,
+        gate: GateOf,
+        settings: &FilterSettings<T>,
+    ) -> UpdateResult {
+        let innovation = Innovation::of(&self.state, model);
+        let (value, predicted) = (innovation.value, innovation.predicted);
+        let s = predicted + white;
+        let (limit, patience) = (settings.gate, settings.patience);
+        let (decision, link) = match gate {
+            GateOf::Range(place) | GateOf::Tdoa(place) | GateOf::Beacons(place) => {
+                let state = Links::<T>::state(place);
+                let excess = value + self.state.mean.get(state).copied().unwrap_or(T::ZERO);
+                let Some(link) = self.links.at(place) else { return UpdateResult::Rejected };
+                let decision = match gate {
+                    GateOf::Range(_) => link.gate.judge_range(value, excess, s, limit, patience),
+                    GateOf::Tdoa(_) | GateOf::Beacons(_) | GateOf::Own(_) => link.gate.check(value, s, limit, patience),
+                };
+                if decision == GateDecision::Accept && !matches!(gate, GateOf::Beacons(_)) {
+                    link.shown.learn(&settings.noise, value, predicted, s);
+                }
+                (decision, Some(state))
+            }
+            GateOf::Own(own) => {
+                let Some(gate) = self.own_gates.get_mut(own) else { return UpdateResult::Rejected };
+                (gate.check(value, s, limit, patience), None)
+            }
         };
-        let innovation = Innovation::of(&self.state, &model);
-        let s = innovation.predicted + white;
-        let Some(link) = self.links.at(place) else { return UpdateResult::Rejected };
-        let passage = link.gate.check(innovation.value, s, settings.gate, settings.patience);
-        if passage == GateDecision::Accept {
-            link.shown.learn(&settings.noise, innovation.value, innovation.predicted, s);
-        }
-        self.take(&model, &innovation, white, passage, Some(Links::<T>::state(place)), settings)
-    }
-
-    /// A position in the plane by beacons, of whose variance the share `lasting` stays with the place.
-    pub(crate) fn by_beacons(
-        &mut self,
-        position: [T; 3],
-        covariance: &[[T; 3]; 3],
-        lasting: T,
-        settings: &Settings<T>,
-    ) -> UpdateResult {
-        let mut fate = UpdateResult::Accepted;
-        let components = components(position, covariance, T::of(LEAST_SIGMA_M * LEAST_SIGMA_M));
-        for (axis, (model, variance)) in (0_u8..2).zip(components) {
-            let (place, fresh) = self.links.place(Source::Beacons(axis), self.now_us);
-            let (shadow, noise) = (lasting * variance, &settings.noise);
-            let usual = T::of(UNUSUAL_BEACON * UNUSUAL_BEACON) * shadow;
-            self.carry(place, fresh, [shadow, usual], [noise.beacon_seconds, noise.beacon_metres]);
-            let white = (variance - shadow).at_least(T::of(LEAST_SIGMA_M * LEAST_SIGMA_M));
-            let link = Links::<T>::state(place);
-            let model = model.with_link(link);
-            let innovation = Innovation::of(&self.state, &model);
-            let Some(followed) = self.links.at(place) else { return UpdateResult::Rejected };
-            let s = innovation.predicted + white;
-            let passage = followed.gate.check(innovation.value, s, settings.gate, settings.patience);
-            let taken = self.take(&model, &innovation, white, passage, Some(link), settings);
-            if taken != UpdateResult::Accepted {
-                fate = taken;
-            }
-        }
-        fate
-    }
-
-    /// A height and its deviation.
-    pub(crate) fn height(&mut self, height: T, deviation: T, settings: &Settings<T>) -> UpdateResult {
-        let model = HeightModel { height };
-        let innovation = Innovation::of(&self.state, &model);
-        let variance = deviation.at_least(T::of(LEAST_SIGMA_M)).squared();
-        let s = innovation.predicted + variance;
-        let passage = self.height_gate.check(innovation.value, s, settings.gate, settings.patience);
-        self.take(&model, &innovation, variance, passage, None, settings)
-    }
-
-    /// A position with its covariance.
-    pub(crate) fn position(
-        &mut self,
-        position: [T; 3],
-        covariance: &[[T; 3]; 3],
-        settings: &Settings<T>,
-    ) -> UpdateResult {
-        let mut fate = UpdateResult::Accepted;
-        let components = components(position, covariance, T::of(LEAST_SIGMA_M * LEAST_SIGMA_M));
-        for (place, (model, variance)) in components.into_iter().enumerate() {
-            let innovation = Innovation::of(&self.state, &model);
-            let s = innovation.predicted + variance;
-            let Some(gate) = self.position_gates.get_mut(place) else { continue };
-            let passage = gate.check(innovation.value, s, settings.gate, settings.patience);
-            let taken = self.take(&model, &innovation, variance, passage, None, settings);
-            if taken != UpdateResult::Accepted {
-                fate = taken;
-            }
-        }
-        fate
+        self.take(model, &innovation, white, decision, link, settings)
     }
 
     /// Sets the height that is known.
@@ -253,12 +254,12 @@ impl<T: Real> Filter<T> {
         model: &impl Model<T>,
         innovation: &Innovation<T>,
         white: T,
-        passage: GateDecision,
+        decision: GateDecision,
         link: Option<usize>,
-        settings: &Settings<T>,
+        settings: &FilterSettings<T>,
     ) -> UpdateResult {
         let square = innovation.value.squared();
-        match passage {
+        match decision {
             GateDecision::Reject => UpdateResult::Rejected,
             GateDecision::Accept => {
                 let normalised = square / (innovation.predicted + white);
@@ -271,7 +272,7 @@ impl<T: Real> Filter<T> {
                 match link {
                     Some(link) => self.state.widen(link, square.at_most(T::of(100.0))),
                     None => (0..3)
-                        .filter(|&axis| axis != 2 || settings.dimensions.height().is_none())
+                        .filter(|&axis| axis != 2 || !self.flat)
                         .for_each(|axis| self.state.widen(POSITION + axis, T::ONE)),
                 }
                 let again = Innovation::of(&self.state, model);
@@ -282,18 +283,8 @@ impl<T: Real> Filter<T> {
     }
 }
 
-impl<T: Copy> Dimensions<T> {
-    /// The height, where it is known.
-    pub(crate) fn height(&self) -> Option<T> {
-        match self {
-            Self::Plane { height } => Some(*height),
-            Self::Space { .. } => None,
-        }
-    }
-}
-
 /// Microseconds as seconds; an hour is as good as ever.
-pub(crate) fn seconds<T: Real>(microseconds: u64) -> T {
+fn seconds<T: Real>(microseconds: u64) -> T {
     T::count(microseconds.min(3_600_000_000) as usize) * T::of(1.0e-6)
 }
 

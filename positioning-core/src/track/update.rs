@@ -145,120 +145,35 @@ fn iterate<T: Real>(state: &mut State<T>, model: &dyn Model<T>, first: &Innovati
 
 #[cfg(test)]
 mod tests {
-    use std::vec::Vec;
-
-    use nalgebra::{DMatrix, DVector};
+    use nalgebra::DMatrix;
 
     use super::*;
-    use crate::track::model::height::HeightModel;
-    use crate::track::model::position::components;
-    use crate::track::model::range::RangeModel;
-    use crate::track::model::tdoa::TdoaModel;
-    use crate::track::state::{COMMON, LINKS, REFERENCE, VELOCITY};
+    use crate::track::state::{COMMON, LINKS, VELOCITY};
 
-    /// A track with doubts about everything, none of them independent of the others.
-    fn doubtful<T: Real>() -> State<T> {
-        let mut state = State::new();
-        let means =
-            [(0, 1.0), (1, -2.0), (2, 0.5), (3, 0.3), (4, -0.1), (COMMON, 0.05), (LINKS, 0.1), (LINKS + 1, -0.04)];
-        for place in [0, 1, 2, 3, 4, 5, COMMON, LINKS, LINKS + 1, REFERENCE] {
-            let mean = means.iter().find(|(at, _)| *at == place).map_or(0.0, |(_, mean)| *mean);
-            state.reset(place, T::of(mean), T::of(0.5 + 0.1 * place as f64));
-        }
-        for (one, other, both) in
-            [(0, 1, 0.2), (0, 3, 0.15), (1, LINKS, -0.1), (2, COMMON, 0.1), (LINKS, LINKS + 1, 0.2)]
-        {
-            state.set_covariance(one, other, T::of(both));
-        }
-        state
+    /// The distance to a point, metres, with the error of a link.
+    struct Distance<T> {
+        to: [T; 3],
+        metres: T,
+        link: usize,
     }
 
-    fn dense<T: Real>(state: &State<T>) -> (DVector<f64>, DMatrix<f64>) {
-        let mean = DVector::from_fn(STATES, |i, _| state.mean[i].to_f64());
-        (mean, DMatrix::from_fn(STATES, STATES, |r, c| state.covariance(r, c).to_f64()))
-    }
-
-    fn models() -> Vec<(&'static str, std::boxed::Box<dyn Model<f64>>)> {
-        use std::boxed::Box;
-        let anchor = [4.0, 1.0, 2.5];
-        let covariance = [[0.04, 0.01, 0.0], [0.01, 0.09, -0.02], [0.0, -0.02, 0.2]];
-        let [x, y, z] = components([1.1, -2.1, 0.4], &covariance, 1e-6).map(|(model, _)| model);
-        std::vec![
-            ("range", Box::new(RangeModel { anchor, range: 4.7, link: LINKS })),
-            (
-                "tdoa",
-                Box::new(TdoaModel {
-                    anchor,
-                    reference: [-3.0, 2.0, 2.0],
-                    difference: -0.4,
-                    link: LINKS,
-                    reference_link: LINKS + 1
-                })
-            ),
-            ("height", Box::new(HeightModel { height: 0.7 })),
-            ("lasting", Box::new(x.with_link(LINKS + 1))),
-            ("x", Box::new(x)),
-            ("y", Box::new(y)),
-            ("z", Box::new(z)),
-        ]
-    }
-
-    /// The Jacobian of a model by central differences of its innovation.
-    fn differences(model: &dyn Model<f64>, mean: &[f64; STATES]) -> DVector<f64> {
-        const STEP: f64 = 1e-5;
-        DVector::from_fn(STATES, |i, _| {
-            let at = |step: f64| {
-                let mut moved = *mean;
-                moved[i] += step;
-                model.linearise(&moved).innovation
-            };
-            -(at(STEP) - at(-STEP)) / (2.0 * STEP)
-        })
-    }
-
-    #[test]
-    fn derivatives_are_those_of_the_expected_number() {
-        let state = doubtful::<f64>();
-        for (name, model) in models() {
-            let linearised = model.linearise(&state.mean);
-            let expected = differences(&*model, &state.mean);
-            let mut found = DVector::zeros(STATES);
-            for axis in 0..3 {
-                found[axis] += linearised.position[axis];
+    impl<T: Real> Model<T> for Distance<T> {
+        fn linearise(&self, mean: &[T; STATES]) -> Linearised<T> {
+            let across: [T; 3] = core::array::from_fn(|axis| mean[axis] - self.to[axis]);
+            let far = (across[0].squared() + across[1].squared() + across[2].squared()).sqrt();
+            Linearised {
+                innovation: self.metres - far - mean[COMMON] - mean[self.link],
+                position: across.map(|component| component / far),
+                others: [(COMMON, T::ONE), (self.link, T::ONE), (0, T::ZERO)],
+                curvature: T::ONE / far,
             }
-            for (other, slope) in linearised.others {
-                found[other] += slope;
-            }
-            assert!((found - expected).amax() < 1e-6, "{name}");
-        }
-    }
-
-    #[test]
-    fn one_update_is_the_textbooks_with_full_matrices() {
-        for (name, model) in models() {
-            let mut state = doubtful::<f64>();
-            let (mean, covariance) = dense(&state);
-            let h = differences(&*model, &state.mean);
-            let variance = 0.02;
-            let s = (h.transpose() * &covariance * &h)[0] + variance;
-            let gain = &covariance * &h / s;
-            let expected_mean = mean + &gain * model.linearise(&state.mean).innovation;
-            let expected_covariance = (DMatrix::identity(STATES, STATES) - &gain * h.transpose()) * covariance;
-
-            let innovation = Innovation::at(&state, model.linearise(&state.mean));
-            assert!((innovation.predicted + variance - s).abs() < 1e-6, "{name}");
-            innovation.absorb(&mut state, s, 1.0 / s);
-            state.shift(&innovation.across, innovation.value / s);
-            let (mean, covariance) = dense(&state);
-            assert!((mean - expected_mean).amax() < 1e-5, "{name}");
-            assert!((covariance - expected_covariance).amax() < 1e-5, "{name}");
         }
     }
 
     #[test]
     fn the_iterated_update_ends_at_the_likeliest_state_and_a_single_one_does_not() {
         // A range of 1 m to an anchor 0.5 m away, to a tag known to 0.5 m: the step is as long as the distance.
-        let model = RangeModel { anchor: [0.0, 0.0, 0.0], range: 1.0, link: LINKS };
+        let model = Distance { to: [0.0, 0.0, 0.0], metres: 1.0, link: LINKS };
         let variance = 0.0025;
         let start = || {
             let mut state = State::<f64>::new();
@@ -301,14 +216,14 @@ mod tests {
         for k in 0..5000_u32 {
             let angle = 0.7 * f64::from(k);
             let anchor = [10.0 * angle.cos() as f32, 10.0 * angle.sin() as f32, (k % 3) as f32];
-            let model = RangeModel { anchor, range: 10.0, link: LINKS + k as usize % 16 };
+            let model = Distance { to: anchor, metres: 10.0, link: LINKS + k as usize % 16 };
             let innovation = Innovation::of(&state, &model);
             update(&mut state, &model, &innovation, 1e-4, 3);
             if k % 10 == 0 {
                 state.advance(0.02, [0.1; 3]);
             }
             if k % 500 == 0 {
-                let (_, covariance) = dense(&state);
+                let covariance = DMatrix::from_fn(STATES, STATES, |r, c| f64::from(state.covariance(r, c)));
                 let least = covariance.clone().symmetric_eigenvalues().min();
                 assert!(least > -1e-7 * covariance.trace(), "step {k}: {least}");
             }

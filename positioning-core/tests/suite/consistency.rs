@@ -114,17 +114,18 @@ impl Tag {
         let squares: f64 = (0..degrees).map(|_| normal(rng).powi(2)).sum();
         let spread = if degrees == 0 { 1.0 } else { (squares / degrees as f64).sqrt() };
         let error = self.common + self.links[anchor] + sigma * normal(rng) / spread;
-        let place = ANCHORS[anchor].map(|c| c as f32);
-        let distance = (true_range(anchor, self.at) + error) as f32;
-        let blocked = self.blocked[anchor];
-        Measurement::Range(Range { anchor: anchor as u16, place, distance, deviation: 0.03, blocked, excess: None })
+        let position_m = ANCHORS[anchor].map(|c| c as f32);
+        let distance_m = (true_range(anchor, self.at) + error) as f32;
+        let (anchor, p_nlos) = (anchor as u16, self.blocked[anchor]);
+        Measurement::Range(Range { anchor, position_m, distance_m, deviation_m: 0.03, p_nlos, excess_m: None })
     }
 }
 
 #[test]
 fn a_plain_filter_errs_as_much_as_it_says() {
     let motion = Motion::ConstantVelocity { acceleration: 0.3 };
-    let settings = Settings { speed: 0.2, ..Settings::plain(PLANE, motion, Blocked::Alike, 3) };
+    let mut settings = Settings::plain(PLANE, motion, Blocked::Alike, 3);
+    settings.filter.speed = 0.2;
     let errors = Errors::of(settings, 60, 11, |rng| Tag::new(Noise::white(), 0.3, 0.0, [None; 8], rng));
     assert!(BAND.contains(&errors.mean()), "{}", errors.mean());
     assert!((0.30..=0.50).contains(&errors.inside()), "{}", errors.inside());
@@ -135,12 +136,12 @@ fn a_filter_that_knows_of_lasting_errors_errs_as_much_as_it_says() {
     let motion = Motion::ConstantVelocity { acceleration: 0.3 };
     let noise =
         Noise { common_sigma: 0.12, link_sigma: 0.1, link_seconds: 1.0e6, link_metres: 1.0e6, ..Noise::white() };
-    let settings = Settings { noise, ..Settings::plain(PLANE, motion, Blocked::Alike, 3) };
+    let settings = Settings::plain(PLANE, motion, Blocked::Alike, 3).with_noise(noise);
     let tag = |rng: &mut Pcg64| Tag::new(noise, 0.3, 0.0, [None; 8], rng);
     let right = Errors::of(settings, 60, 12, tag).mean();
     assert!(BAND.contains(&right), "{right}");
     // Without such states the same ranges would be believed far too well.
-    let wrong = Errors::of(Settings { noise: Noise::white(), ..settings }, 60, 12, tag).mean();
+    let wrong = Errors::of(settings.with_noise(Noise::white()), 60, 12, tag).mean();
     assert!(wrong > 10.0, "{wrong}");
 }
 
@@ -148,7 +149,7 @@ fn a_filter_that_knows_of_lasting_errors_errs_as_much_as_it_says() {
 #[test]
 fn the_settings_of_a_tag_err_as_much_as_they_say() {
     let noise = Noise::<f32>::by_powers();
-    let settings = Settings { noise, ..Settings::track(PLANE) };
+    let settings = Settings::track(PLANE).with_noise(noise);
     for (way, acceleration, homing) in [("lies", 0.0, 0.0), ("strolls", 0.3, 0.25), ("walks", 0.8, 0.25)] {
         for (rounds, asked) in [(20, true), (60, true), (150, true), (60, false)] {
             let errors = Errors::of(settings, rounds, 13, |rng| {

@@ -2,7 +2,8 @@
 
 use nalgebra::Matrix3;
 use positioning_core::engine::{
-    BeaconPosition, Dimensions, Engine, Measurement, Missing, Range, Settings, Solvers, Start, Tdoa, Verdict,
+    BeaconPosition, Dimensions, Engine, ExternalPosition, Height, Measurement, Missing, Range, Settings, Solvers,
+    Start, Tdoa, Verdict,
 };
 use positioning_core::{Blocked, Constraints, Method, Motion, Noise, RangeSample, Side, flatten, robust};
 use rand::Rng;
@@ -29,11 +30,11 @@ pub(crate) const ROUND_US: u64 = 100_000;
 fn range(anchor: usize, distance: f64, blocked: Option<f32>) -> Measurement<f32> {
     Measurement::Range(Range {
         anchor: anchor as u16,
-        place: ANCHORS[anchor].map(|c| c as f32),
-        distance: distance as f32,
-        deviation: 0.03,
-        blocked,
-        excess: None,
+        position_m: ANCHORS[anchor].map(|c| c as f32),
+        distance_m: distance as f32,
+        deviation_m: 0.03,
+        p_nlos: blocked,
+        excess_m: None,
     })
 }
 
@@ -60,7 +61,7 @@ fn circle(now_us: u64) -> [f64; 2] {
 fn one_range_in_ten_may_be_anything() {
     let error = |noise: Noise<f32>, share: f64| {
         let mut rng = rng(3);
-        let mut engine = Engine::new(Settings { noise, ..Settings::track(PLANE) });
+        let mut engine = Engine::new(Settings::track(PLANE).with_noise(noise));
         let links: Vec<f64> = ANCHORS.iter().map(|_| 0.05 * normal(&mut rng)).collect();
         let mut squares = Vec::new();
         for k in 1..600_u64 {
@@ -163,7 +164,7 @@ fn silence_makes_a_track_doubtful_then_ends_it_and_a_round_begins_another() {
         sigma(&mut engine, 3_600_000_000),
         Err(Missing::SolveError(positioning_core::SolveError::TooFewAnchors))
     );
-    let height = engine.step(last + 3_600_000_000, &Measurement::Height { height: 1.0, deviation: 0.1 });
+    let height = engine.step(last + 3_600_000_000, &Measurement::Height(Height { height_m: 1.0, deviation_m: 0.1 }));
     assert!(matches!(height.fix, Err(Missing::Lost(Start::Gap | Start::Lost))), "{height:?}");
     let error = round(&mut engine, last + 3_600_100_000, [7.0, 6.0], |_| 0.0).expect("a track");
     assert!(error < 0.1, "{error}");
@@ -183,7 +184,7 @@ fn a_clock_that_begins_anew_ends_the_track_and_a_little_disorder_does_not() {
 
 #[test]
 fn a_tag_without_memory_gets_what_the_solver_says() {
-    let settings = Settings { noise: Noise::white(), ..Settings::solve(PLANE, Solvers::of(Method::Robust)) };
+    let settings = Settings::solve(PLANE, Solvers::of(Method::Robust)).with_noise(Noise::white());
     let mut engine = Engine::new(settings);
     let mut rng = rng(5);
     for k in 1..50 {
@@ -216,7 +217,7 @@ fn blocked_ranges_are_ignored_unless_a_round_would_keep_too_few() {
     let run = |at_least: u8, mode_solve: bool| {
         let blocked = Blocked::Ignore { threshold: 0.5, at_least };
         let base = if mode_solve { Settings::solve(PLANE, Solvers::of(Method::Nls)) } else { Settings::track(PLANE) };
-        let mut engine = Engine::new(Settings { blocked, ..base });
+        let mut engine = Engine::new(base.with_blocked(blocked));
         let mut used = 0;
         for k in 1..4 {
             for anchor in 0..ANCHORS.len() {
@@ -239,9 +240,10 @@ fn a_range_is_corrected_only_where_the_settings_say_so() {
     for (mitigate, expected) in [(false, 0.5), (true, 0.0)] {
         let mut engine = Engine::new(Settings { mitigate, ..Settings::solve(PLANE, Solvers::of(Method::Nls)) });
         for anchor in [0, 2, 4] {
-            let place = ANCHORS[anchor].map(|c| c as f32);
-            let distance = true_range(anchor, [4.0, 3.0]) as f32 + 0.5;
-            let measured = Range { anchor: 0, place, distance, deviation: 0.03, blocked: None, excess: Some(0.5) };
+            let position_m = ANCHORS[anchor].map(|c| c as f32);
+            let distance_m = true_range(anchor, [4.0, 3.0]) as f32 + 0.5;
+            let excess_m = Some(0.5);
+            let measured = Range { anchor: 0, position_m, distance_m, deviation_m: 0.03, p_nlos: None, excess_m };
             engine.step(1, &Measurement::Range(measured));
         }
         let fix = engine.step(1, &Measurement::RoundEnd).fix.expect("three ranges");
@@ -253,39 +255,42 @@ fn a_range_is_corrected_only_where_the_settings_say_so() {
 #[test]
 fn heights_and_positions_are_measurements_too() {
     let tag = [4.0, 3.0, 1.0];
-    let mut engine = Engine::new(Settings::<f32> {
-        motion: Motion::Static { wander: 0.0 },
-        ..Settings::track(Dimensions::Space { side: Side::Unknown })
-    });
+    let mut engine = Engine::new(lying(Dimensions::Space { side: Side::Unknown }));
     let far = [4.6, 2.7, 1.4].map(|c| c as f32);
-    let start = engine.step(
-        1,
-        &Measurement::Position { position: far, covariance: [[0.5, 0.1, 0.0], [0.1, 0.5, 0.0], [0.0, 0.0, 0.5]] },
-    );
+    let start = engine.step(1, &external(far, [[0.5, 0.1, 0.0], [0.1, 0.5, 0.0], [0.0, 0.0, 0.5]]));
     assert_eq!(start.verdict, Verdict::Started(Start::First));
     let first = start.fix.expect("a track");
     let covariance = [[0.09, 0.0, 0.0], [0.0, 0.09, 0.0], [0.0, 0.0, 0.09]];
     for k in 2..200_u64 {
-        engine.step(k * 1000, &Measurement::Position { position: tag.map(|c| c as f32), covariance });
+        engine.step(k * 1000, &external(tag.map(|c| c as f32), covariance));
         engine.step(k * 1000, &Measurement::RoundEnd);
     }
-    let fix = engine.step(200_000, &Measurement::Height { height: 1.0, deviation: 0.02 }).fix.expect("a track");
+    let fix =
+        engine.step(200_000, &Measurement::Height(Height { height_m: 1.0, deviation_m: 0.02 })).fix.expect("a track");
     let error = distance(&fix.position.map(f64::from), &tag);
     assert!(error < 0.05, "{error}");
     assert!(fix.sigma()[2] < 0.03 && fix.sigma()[0] < first.sigma()[0]);
 }
 
+/// A tag that lies still.
+fn lying(dimensions: Dimensions<f32>) -> Settings<f32> {
+    let mut settings = Settings::track(dimensions);
+    settings.filter.motion = Motion::Static { wander: 0.0 };
+    settings
+}
+
+fn external(position_m: [f32; 3], covariance_m2: [[f32; 3]; 3]) -> Measurement<f32> {
+    Measurement::Position(ExternalPosition { position_m, covariance_m2 })
+}
+
 /// What a map of levels has a tag at.
-fn located(covariance: [f32; 3], lasting: f32) -> Measurement<f32> {
-    Measurement::BeaconPosition(BeaconPosition { position: [4.0, 4.0], covariance, lasting })
+fn located(covariance_m2: [f32; 3], lasting: f32) -> Measurement<f32> {
+    Measurement::BeaconPosition(BeaconPosition { position_m: [4.0, 4.0], covariance_m2, lasting })
 }
 
 #[test]
 fn a_position_of_a_map_starts_a_track_and_its_error_lasts() {
-    let settings = || Settings::<f32> {
-        motion: Motion::Static { wander: 0.0 },
-        ..Settings::track(Dimensions::Plane { height: 1.0 })
-    };
+    let settings = || lying(Dimensions::Plane { height: 1.0 });
     let mut engine = Engine::new(settings());
     assert_eq!(engine.step(1, &located([4.0, 0.0, 4.0], 1.0)).verdict, Verdict::Held);
     let start = engine.step(1, &Measurement::RoundEnd);
@@ -296,7 +301,7 @@ fn a_position_of_a_map_starts_a_track_and_its_error_lasts() {
     for (lasting, expected) in [(1.0, 1.664), (0.0, 0.063)] {
         let mut engine = Engine::new(settings());
         let covariance = [[9.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0; 3]];
-        engine.step(1, &Measurement::Position { position: [4.0, 4.0, 1.0], covariance });
+        engine.step(1, &external([4.0, 4.0, 1.0], covariance));
         for k in 1..=1000_u64 {
             engine.step(1 + 100 * k, &located([4.0, 0.0, 4.0], lasting));
             engine.step(1 + 100 * k, &Measurement::RoundEnd);
@@ -336,38 +341,38 @@ fn nasty(rng: &mut Pcg64) -> f32 {
 fn hostile(rng: &mut Pcg64, tag: [f64; 2]) -> Measurement<f32> {
     let anchor = rng.random_range(0..40_u16);
     let known = usize::from(anchor) % ANCHORS.len();
-    let place =
+    let position_m =
         if rng.random_bool(0.05) { [nasty(rng), nasty(rng), nasty(rng)] } else { ANCHORS[known].map(|c| c as f32) };
     let bad = rng.random_bool(0.2);
-    let blocked = rng.random_bool(0.5).then(|| nasty(rng));
+    let p_nlos = rng.random_bool(0.5).then(|| nasty(rng));
     match rng.random_range(0..12) {
         2 => Measurement::BeaconPosition(BeaconPosition {
-            position: [nasty(rng), nasty(rng)],
-            covariance: core::array::from_fn(|_| nasty(rng)),
+            position_m: [nasty(rng), nasty(rng)],
+            covariance_m2: core::array::from_fn(|_| nasty(rng)),
             lasting: nasty(rng),
         }),
-        0 => Measurement::Height { height: nasty(rng), deviation: nasty(rng) },
-        1 => Measurement::Position {
-            position: [nasty(rng), nasty(rng), nasty(rng)],
-            covariance: core::array::from_fn(|_| core::array::from_fn(|_| nasty(rng))),
-        },
+        0 => Measurement::Height(Height { height_m: nasty(rng), deviation_m: nasty(rng) }),
+        1 => external(
+            [nasty(rng), nasty(rng), nasty(rng)],
+            core::array::from_fn(|_| core::array::from_fn(|_| nasty(rng))),
+        ),
         3 => Measurement::Tdoa(Tdoa {
             anchor,
-            place,
+            position_m,
             reference: rng.random_range(0..4),
-            reference_place: ANCHORS[0].map(|c| c as f32),
-            difference: nasty(rng),
-            deviations: [nasty(rng), nasty(rng)],
-            blocked: [blocked, None],
+            reference_m: ANCHORS[0].map(|c| c as f32),
+            difference_m: nasty(rng),
+            deviations_m: [nasty(rng), nasty(rng)],
+            p_nlos: [p_nlos, None],
         }),
         4 => Measurement::RoundEnd,
         _ => Measurement::Range(Range {
             anchor,
-            place,
-            distance: if bad { nasty(rng) } else { true_range(known, tag) as f32 },
-            deviation: if bad { nasty(rng) } else { 0.03 },
-            blocked,
-            excess: rng.random_bool(0.2).then(|| nasty(rng)),
+            position_m,
+            distance_m: if bad { nasty(rng) } else { true_range(known, tag) as f32 },
+            deviation_m: if bad { nasty(rng) } else { 0.03 },
+            p_nlos,
+            excess_m: rng.random_bool(0.2).then(|| nasty(rng)),
         }),
     }
 }
@@ -384,13 +389,10 @@ fn whatever_comes_there_is_a_position_with_a_covariance_or_a_reason() {
             Motion::ConstantVelocity { acceleration: 1.0 },
             Motion::Adaptive { calm: 0.1, brisk: 2.0 },
         ];
-        let mut engine = Engine::new(Settings {
-            blocked: blocked[run % 4],
-            motion: motion[run % 3],
-            iterations: (run % 6) as u8,
-            mitigate: run % 5 == 0,
-            ..Settings::track(dimensions)
-        });
+        let mut settings = Settings { mitigate: run % 5 == 0, ..Settings::track(dimensions) };
+        let filter = &mut settings.filter;
+        (filter.blocked, filter.motion, filter.iterations) = (blocked[run % 4], motion[run % 3], (run % 6) as u8);
+        let mut engine = Engine::new(settings);
         let mut now: u64 = rng.random_range(0..10_000_000);
         for _ in 0..400 {
             now = match rng.random_range(0..200) {

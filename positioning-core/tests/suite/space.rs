@@ -1,6 +1,6 @@
 //! Tracks in space: a height that ranges do not tell, and rounds with holes.
 
-use positioning_core::engine::{Dimensions, Engine, Measurement, Range, Settings, Solvers};
+use positioning_core::engine::{Dimensions, Engine, Height, Measurement, Range, Settings, Solvers};
 use positioning_core::{Noise, Side};
 use rand::Rng;
 
@@ -29,7 +29,7 @@ fn run(settings: Settings<f32>, heights: [f64; 2], loss: f64) -> Score {
     });
     let (mut across, mut height, mut fixed, mut told, mut rounds) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for _ in 0..40 {
-        let mut engine = Engine::new(Settings { noise: Noise::by_powers(), ..settings });
+        let mut engine = Engine::new(settings.with_noise(Noise::by_powers()));
         let common = 0.1 * normal(&mut rng);
         let links: [f64; 6] = core::array::from_fn(|_| 0.06 * normal(&mut rng));
         let (from, turn) = (rng.random_range(0.0..6.3), rng.random_range(-0.4..0.4));
@@ -42,11 +42,11 @@ fn run(settings: Settings<f32>, heights: [f64; 2], loss: f64) -> Score {
                 if !rng.random_bool(loss) {
                     let range = Range {
                         anchor: anchor as u16,
-                        place: place.map(|c| c as f32),
-                        distance: (distance(place, &tag) + error) as f32,
-                        deviation: 0.03,
-                        blocked: Some(0.1),
-                        excess: None,
+                        position_m: place.map(|c| c as f32),
+                        distance_m: (distance(place, &tag) + error) as f32,
+                        deviation_m: 0.03,
+                        p_nlos: Some(0.1),
+                        excess_m: None,
                     };
                     engine.step(now_us, &Measurement::Range(range));
                 }
@@ -98,13 +98,13 @@ fn a_height_that_is_told_is_kept() {
     for k in 1..=60_u64 {
         for (anchor, place) in anchors.iter().enumerate() {
             // All too long by 0.15 m: a tag that looked for its height would be too low.
-            let distance = (distance(place, &tag) + 0.15) as f32;
-            let (anchor, place) = (anchor as u16, place.map(|c: f64| c as f32));
-            let range = Range { anchor, place, distance, deviation: 0.03, blocked: None, excess: None };
+            let distance_m = (distance(place, &tag) + 0.15) as f32;
+            let (anchor, position_m) = (anchor as u16, place.map(|c: f64| c as f32));
+            let range = Range { anchor, position_m, distance_m, deviation_m: 0.03, p_nlos: None, excess_m: None };
             engine.step(100_000 * k, &Measurement::Range(range));
         }
         engine.step(100_000 * k, &Measurement::RoundEnd);
-        let output = engine.step(100_000 * k, &Measurement::Height { height: 0.8, deviation: 0.05 });
+        let output = engine.step(100_000 * k, &Measurement::Height(Height { height_m: 0.8, deviation_m: 0.05 }));
         if let Ok(fix) = output.fix {
             sigma = fix.sigma()[2];
             assert!(k < 10 || (f64::from(fix.position[2]) - 0.8).abs() < 0.1, "{fix:?}");

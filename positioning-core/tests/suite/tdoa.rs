@@ -1,7 +1,7 @@
 //! Differences of arrival against full matrices.
 
 use nalgebra::{DMatrix, DVector, Matrix2};
-use positioning_core::engine::{Dimensions, Engine, Measurement, Settings, Tdoa};
+use positioning_core::engine::{Dimensions, Engine, ExternalPosition, Measurement, Settings, Tdoa};
 use positioning_core::{Blocked, Motion, SolveError, TdoaSample, hyperbolic};
 
 use crate::support::{distance, normal, rng};
@@ -88,18 +88,23 @@ fn differences_one_by_one_make_the_update_of_their_full_covariance() {
     let mut engine = Engine::new(plain);
     // A hair beside the truth, so that all linearisations are the same.
     let start = [3.000_02, 1.999_99, 1.0];
-    engine
-        .step(1, &Measurement::Position { position: start, covariance: [[0.5, 0.1, 0.0], [0.1, 0.4, 0.0], [0.0; 3]] });
+    engine.step(
+        1,
+        &Measurement::Position(ExternalPosition {
+            position_m: start,
+            covariance_m2: [[0.5, 0.1, 0.0], [0.1, 0.4, 0.0], [0.0; 3]],
+        }),
+    );
     let mut fix = None;
     for i in 1..5 {
         let tdoa = Tdoa {
             anchor: i as u16,
-            place: ANCHORS[i],
+            position_m: ANCHORS[i],
             reference: 0,
-            reference_place: ANCHORS[0],
-            difference: difference(i, &tag),
-            deviations: [SIGMAS[0], SIGMAS[i]],
-            blocked: [None; 2],
+            reference_m: ANCHORS[0],
+            difference_m: difference(i, &tag),
+            deviations_m: [SIGMAS[0], SIGMAS[i]],
+            p_nlos: [None; 2],
         };
         fix = engine.step(1, &Measurement::Tdoa(tdoa)).fix.ok();
     }
@@ -129,12 +134,12 @@ fn a_track_of_differences_starts_by_itself_and_holds() {
         for i in 1..5 {
             let tdoa = Tdoa {
                 anchor: i as u16,
-                place: ANCHORS[i].map(|c| c as f32),
+                position_m: ANCHORS[i].map(|c| c as f32),
                 reference: 0,
-                reference_place: ANCHORS[0].map(|c| c as f32),
-                difference: (difference(i, &tag) + 0.03 * normal(&mut rng) - reference) as f32,
-                deviations: [0.03; 2],
-                blocked: [None; 2],
+                reference_m: ANCHORS[0].map(|c| c as f32),
+                difference_m: (difference(i, &tag) + 0.03 * normal(&mut rng) - reference) as f32,
+                deviations_m: [0.03; 2],
+                p_nlos: [None; 2],
             };
             engine.step(50_000 * k, &Measurement::Tdoa(tdoa));
         }

@@ -125,8 +125,8 @@ fn settings(algorithm: Algorithm, configuration: Configuration) -> Settings<f32>
         Algorithm::Iekf => {
             Settings { solvers: Solvers::of(Method::Nls), ..Settings::plain(dimensions, motion, blocked, 5) }
         }
-        Algorithm::Nls => Settings { blocked, ..Settings::solve(dimensions, Solvers::of(Method::Nls)) },
-        Algorithm::Engine => Settings { blocked, ..Settings::track(dimensions) },
+        Algorithm::Nls => Settings::solve(dimensions, Solvers::of(Method::Nls)).with_blocked(blocked),
+        Algorithm::Engine => Settings::track(dimensions).with_blocked(blocked),
     };
     Settings { mitigate, ..base }
 }
@@ -139,11 +139,11 @@ fn errors_m(rounds: &[Round], algorithm: Algorithm, configuration: Configuration
         for (anchor, heard) in round.ranges.iter().enumerate() {
             let range = Range {
                 anchor: anchor as u16,
-                place: ANCHORS_M[anchor].map(|c| c as f32),
-                distance: heard.range_m as f32,
-                deviation: hall::DIRECT_SIGMA_M as f32,
-                blocked: Some(heard.blocked_score as f32),
-                excess: Some(heard.excess_m as f32),
+                position_m: ANCHORS_M[anchor].map(|c| c as f32),
+                distance_m: heard.range_m as f32,
+                deviation_m: hall::DIRECT_SIGMA_M as f32,
+                p_nlos: Some(heard.blocked_score as f32),
+                excess_m: Some(heard.excess_m as f32),
             };
             engine.step(round.t_us, &Measurement::Range(range));
         }

@@ -226,12 +226,12 @@ impl Point {
             for (i, place) in BEACONS_M.iter().enumerate().skip(1) {
                 let tdoa = Tdoa {
                     anchor: i as u16,
-                    place: place.map(|c| c as f32),
+                    position_m: place.map(|c| c as f32),
                     reference: 0,
-                    reference_place: BEACONS_M[0].map(|c| c as f32),
-                    difference: (set[i].distance_m - set[0].distance_m) as f32,
-                    deviations: [channel::DIRECT_SIGMA_M; 2],
-                    blocked: [blocked(detector, &set[0]), blocked(detector, &set[i])],
+                    reference_m: BEACONS_M[0].map(|c| c as f32),
+                    difference_m: (set[i].distance_m - set[0].distance_m) as f32,
+                    deviations_m: [channel::DIRECT_SIGMA_M; 2],
+                    p_nlos: [blocked(detector, &set[0]), blocked(detector, &set[i])],
                 };
                 engine.step(now_us, &Measurement::Tdoa(tdoa));
             }
@@ -259,18 +259,18 @@ fn settings(way: Way) -> Option<Settings<f32>> {
             Some(plain(Blocked::TwoVariances { threshold: 2.0, direct_m2: 0.5, blocked_m2: 0.5 }))
         }
         Way::Ekf => Some(plain(Blocked::garcia())),
-        Way::Calibrated => Some(Settings {
-            motion: still,
-            area: Some(AREA_M),
-            noise: Noise {
+        Way::Calibrated => {
+            let noise = Noise {
                 link_sigma: 0.1,
                 blocked_link_sigma: channel::BLOCKED_SIGMA_M,
                 blocked_noise_sigma: channel::BLOCKED_SIGMA_M,
                 link_seconds: 1.0e3,
                 ..Noise::indoors()
-            },
-            ..Settings::track(dimensions)
-        }),
+            };
+            let mut settings = Settings::track(dimensions).with_noise(noise);
+            (settings.filter.motion, settings.area) = (still, Some(AREA_M));
+            Some(settings)
+        }
     }
 }
 

@@ -13,8 +13,9 @@ mod table;
 
 use baliza_report::{Statistics, mean};
 use positioning_core::ble::fingerprint::{Map, MapError, Nearest, Point, encode};
-use positioning_core::ble::multilateration::{self, Heard};
+use positioning_core::ble::multilateration;
 use positioning_core::ble::path_loss::{PathLoss, Wall};
+use positioning_core::ble::rssi::RssiObservation;
 use positioning_core::{Area, Constraints, Method, RangeSample, Side};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -238,9 +239,14 @@ impl Parameter {
                 std::array::from_fn(|i| RangeSample::new(BEACONS_M[i], range(measured[i])));
             positioning_core::solve(method, &samples, constraints).ok().map(|fix| fix.position)
         };
-        let heard = |deviation| -> [Heard<f64, 2>; BEACONS_M.len()] {
+        let heard = |deviation| -> [RssiObservation<f64, 2>; BEACONS_M.len()] {
             let path_loss = PathLoss { level_1m: LEVEL_1M_DBM, exponent: EXPONENTS[0], deviation };
-            std::array::from_fn(|i| Heard { place: BEACONS_M[i], above: 0.0, rssi: measured[i], path_loss })
+            std::array::from_fn(|i| RssiObservation {
+                beacon_m: BEACONS_M[i],
+                above_m: 0.0,
+                rssi_dbm: measured[i],
+                path_loss,
+            })
         };
         match (algorithm, self) {
             (Algorithm::Fingerprinting, _) => {

@@ -13,7 +13,7 @@ use firmware_common::lines::LinePace;
 use firmware_tag::motion;
 use firmware_tag::motion::lis2dh12::{Lis2dh12, Sa0Pad};
 use firmware_tag::scan::{self, Plan};
-use firmware_tag::{AnchorPlace, KnownBeacons, LoadedModels, Locator, RateControl, TaskChannels};
+use firmware_tag::{AnchorPosition, KnownBeacons, LocatorConfig, RateControl, TaskChannels, site_models};
 use positioning_core::Blocked;
 use positioning_core::engine::Solvers;
 use positioning_core::nlos::Model;
@@ -269,13 +269,13 @@ fn eui(address: u16) -> u64 {
 }
 
 /// How a scenario's tags make positions.
-fn locator<'a>(tag: &TagSettings, anchors: &'a [AnchorPlace], model: Option<&'a Model<'a>>) -> Locator<'a> {
-    let mut locator = Locator::new(tag.height_m, anchors).with_model(model);
+fn locator<'a>(tag: &TagSettings, anchors: &'a [AnchorPosition], model: Option<&'a Model<'a>>) -> LocatorConfig<'a> {
+    let mut locator = LocatorConfig::new(tag.height_m, anchors).with_model(model);
     if let Some(method) = tag.method {
         locator = locator.solving(Solvers::of(method));
     }
     if !tag.weigh_nlos {
-        locator.settings.blocked = Blocked::Alike;
+        locator.settings.engine.filter.blocked = Blocked::Alike;
     }
     locator
 }
@@ -387,7 +387,7 @@ async fn live<R: Restart + 'static>(
     radio: R,
     delay: SimDelay,
     machine: impl Protocol,
-    (locator, rates): (Locator<'_>, RateControl),
+    (locator, rates): (LocatorConfig<'_>, RateControl),
     sink: TagSink,
     (ears, sensor): (Option<Ears>, Option<Sensor>),
 ) -> Infallible {
@@ -410,13 +410,13 @@ async fn tag_tasks<R: Restart + 'static>(
     radio: R,
     delay: SimDelay,
     machine: impl Protocol,
-    (locator, rates): (Locator<'_>, RateControl),
+    (locator, rates): (LocatorConfig<'_>, RateControl),
     (channels, sink): (&Rc<TaskChannels<NoopRawMutex>>, &Rc<TagSink>),
     ears: Option<Ears>,
 ) -> Infallible {
     let processor = sink.processor.clone();
     let background = delay.for_background();
-    let Some(Ears { air, address, path, plan, known, site_models }) = ears else {
+    let Some(Ears { air, address, path, plan, known, site_models: region }) = ears else {
         let ranging = firmware_tag::ranging(radio, delay, machine, channels, &**sink);
         return join(ranging, firmware_tag::engine(channels, background, locator, rates, &**sink)).await.0;
     };
@@ -426,9 +426,9 @@ async fn tag_tasks<R: Restart + 'static>(
         air.scanner(address, path, move |data, rssi_dbm| scan::receive(&channels, &*sink, data, rssi_dbm))
     };
     let scanner = Interfering { scanner, world, processor, address };
-    let models = site_models.as_deref().map_or(Err(wire::config::LoadError::Missing), wire::config::decode_models);
-    let surveyed = LoadedModels::of(models, &known, |condition| sink.unused(condition));
-    let locator = locator.with_beacons(KnownBeacons::new(&known, None)).with_surveyed(&surveyed);
+    let models = region.as_deref().map_or(Err(wire::config::LoadError::Missing), wire::config::decode_models);
+    let models = site_models(models, &known, |condition| sink.unused(condition));
+    let locator = locator.with_beacons(KnownBeacons::new(&known, None)).with_site_models(&models);
     let ranging = firmware_tag::ranging(radio, delay, machine, channels, &**sink);
     let engine = firmware_tag::engine(channels, background.clone(), locator, rates, &**sink);
     join3(ranging, engine, scan::run(channels, plan, scanner, background, &**sink)).await.0
@@ -494,7 +494,7 @@ impl Firmware for TagFirmware {
                         period,
                     });
                     let machine = Charged::new(machine, &sink.processor);
-                    let places = scenario.anchors.iter().map(|anchor| AnchorPlace {
+                    let places = scenario.anchors.iter().map(|anchor| AnchorPosition {
                         address: anchor.address,
                         position_m: anchor.at.map(|metres| metres as f32),
                     });

@@ -5,7 +5,7 @@ use std::rc::Rc;
 use positioning_core::ble::fingerprint::{Map, Receiver, locate};
 use sim::scenario::{Scenario, What};
 use system_tests::{Run, TAG};
-use wire::config::{BeaconModel, MODELS_BYTES, SiteModels, encode_models};
+use wire::config::{BeaconModel, MODELS_BYTES, StoredSiteModels, encode_models};
 use wire::telemetry::{Condition, Levels, RoomEstimate, RssiModelError};
 
 use super::{by_beacons, errors};
@@ -18,7 +18,7 @@ const ROOMS: &[u8] = include_bytes!("../../../examples/fingerprints.rooms");
 fn region(map: &[u8]) -> Vec<u8> {
     let beacons: Vec<u8> = (1..=6).flat_map(|minor| [1, 0, minor, 0]).collect();
     let model = positioning_core::ble::rooms::Model::decode(ROOMS).map(|(_, rest)| &ROOMS[..ROOMS.len() - rest.len()]);
-    let models = SiteModels {
+    let models = StoredSiteModels {
         map: Some(BeaconModel { beacons: &beacons, model: map }),
         rooms: Some(BeaconModel { beacons: &beacons, model: model.expect("a model of rooms") }),
         room_names: "",

@@ -69,7 +69,7 @@ pub struct Pages {
     pub offsets: [u32; 2],
     /// The size of each, which the flash erases as a whole, bytes.
     pub size: u32,
-    /// Where [`SiteModels`](crate::config::SiteModels) are, from the flash's beginning, [`MODELS_BYTES`](crate::config::MODELS_BYTES) long: beside
+    /// Where [`StoredSiteModels`](crate::config::StoredSiteModels) are, from the flash's beginning, [`MODELS_BYTES`](crate::config::MODELS_BYTES) long: beside
     /// the pages, before or behind them. Boards without Bluetooth have none.
     pub models: Option<u32>,
 }

@@ -1,6 +1,6 @@
 //! What a tag knows of beacons' RSSI values on the spot: a map of fingerprints and a model of rooms, in flash beside the record's pages.
 //!
-//! A region is a page's header with other letters, as [`decode`](crate::config::decode) has it for records, and [`SiteModels`] in postcard:
+//! A region is a page's header with other letters, as [`decode`](crate::config::decode) has it for records, and [`StoredSiteModels`] in postcard:
 //!
 //! | offset | bytes | what |
 //! |---|---|---|
@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 use crate::config::page::{Framed, HEADER_BYTES, Letters, parse, seal};
 use crate::config::{LoadError, MAX_BEACONS};
 
-/// The version of [`SiteModels`]; a reader takes no other.
+/// The version of [`StoredSiteModels`]; a reader takes no other.
 pub const MODELS_VERSION: u8 = 1;
 /// Bytes of flash for them: a map of 200 points and 12 beacons with deviations takes 4056, a model of thirteen rooms and twelve beacons
 /// 4120.
@@ -31,7 +31,7 @@ const LETTERS: Letters = *b"BLZB";
 
 /// What a tag knows of RSSI values on the spot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct SiteModels<'a> {
+pub struct StoredSiteModels<'a> {
     /// A map, as `positioning_core::ble::fingerprint::Map` lays it out.
     #[serde(borrow)]
     pub map: Option<BeaconModel<'a>>,
@@ -64,7 +64,7 @@ impl<'a> BeaconModel<'a> {
 }
 
 /// The models as the beginning of a region; the rest of the buffer is 0xFF, as erased flash is. `None` where they do not fit.
-pub fn encode_models<'b>(models: &SiteModels<'_>, region: &'b mut [u8; MODELS_BYTES]) -> Option<&'b [u8]> {
+pub fn encode_models<'b>(models: &StoredSiteModels<'_>, region: &'b mut [u8; MODELS_BYTES]) -> Option<&'b [u8]> {
     region.fill(0xFF);
     let (_, body) = region.split_at_mut(HEADER_BYTES);
     let length = postcard::to_slice(models, body).ok()?.len();
@@ -75,12 +75,12 @@ pub fn encode_models<'b>(models: &SiteModels<'_>, region: &'b mut [u8; MODELS_BY
 ///
 /// # Errors
 /// [`LoadError::Missing`]: it is erased; [`LoadError::Version`]: they are of another version; else [`LoadError::Corrupt`].
-pub fn decode_models(region: &[u8]) -> Result<SiteModels<'_>, LoadError> {
+pub fn decode_models(region: &[u8]) -> Result<StoredSiteModels<'_>, LoadError> {
     let (header, body) = parse(LETTERS, region)?;
     if header.version != MODELS_VERSION {
         return Err(LoadError::Version(header.version));
     }
-    match postcard::take_from_bytes::<SiteModels<'_>>(body) {
+    match postcard::take_from_bytes::<StoredSiteModels<'_>>(body) {
         Ok((models, [])) if [models.map, models.rooms].iter().flatten().all(BeaconModel::is_sane) => Ok(models),
         Ok(_) | Err(_) => Err(LoadError::Corrupt),
     }
@@ -94,7 +94,7 @@ pub fn load_models<'b>(
     flash: &mut impl ReadNorFlash,
     at: u32,
     region: &'b mut [u8; MODELS_BYTES],
-) -> Result<SiteModels<'b>, LoadError> {
+) -> Result<StoredSiteModels<'b>, LoadError> {
     flash.read(at, region).map_err(|_| LoadError::Corrupt)?;
     decode_models(region)
 }

@@ -1,7 +1,7 @@
 //! Models of beacons' levels: their bytes, and what is left of them where the power fails.
 
 use baliza_wire::config::{
-    BeaconModel, LoadError, MODELS_BYTES, SiteModels, decode_models, encode_models, load_models,
+    BeaconModel, LoadError, MODELS_BYTES, StoredSiteModels, decode_models, encode_models, load_models,
 };
 use embedded_storage::nor_flash::NorFlash;
 
@@ -10,15 +10,15 @@ use crate::flash::Flash;
 /// Beacons 1-7 and 300-2.
 const BEACONS: [u8; 8] = [1, 0, 7, 0, 44, 1, 2, 0];
 
-fn models(map: &[u8]) -> SiteModels<'_> {
-    SiteModels {
+fn models(map: &[u8]) -> StoredSiteModels<'_> {
+    StoredSiteModels {
         map: Some(BeaconModel { beacons: &BEACONS, model: map }),
         rooms: Some(BeaconModel { beacons: &BEACONS[..4], model: b"RM" }),
         room_names: "hall\nattic",
     }
 }
 
-fn encoded(models: &SiteModels<'_>) -> Vec<u8> {
+fn encoded(models: &StoredSiteModels<'_>) -> Vec<u8> {
     let mut region = [0; MODELS_BYTES];
     encode_models(models, &mut region).expect("they fit").to_vec()
 }
@@ -72,7 +72,8 @@ fn none_too_long_other_and_damaged_ones_are_told_apart() {
     assert_eq!(resealed(17, 7), Err(LoadError::Corrupt), "half a beacon");
     assert_eq!(resealed(0, b'X'), Err(LoadError::Corrupt), "another's letters");
     let (many, long) = ([0; 4 * 25], [0; MODELS_BYTES]);
-    let of = |beacons, model| SiteModels { map: Some(BeaconModel { beacons, model }), ..SiteModels::default() };
+    let of =
+        |beacons, model| StoredSiteModels { map: Some(BeaconModel { beacons, model }), ..StoredSiteModels::default() };
     assert_eq!(decode_models(&encoded(&of(&many, &[]))), Err(LoadError::Corrupt), "more beacons than a tag knows");
     assert_eq!(encode_models(&of(&[], &long), &mut [0; MODELS_BYTES]), None);
 }

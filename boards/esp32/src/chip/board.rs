@@ -12,7 +12,7 @@ use firmware_common::node::{self, Start};
 use static_cell::ConstStaticCell;
 use wire::config::{Invalid, Pins, Record};
 #[cfg(feature = "ble")]
-use wire::config::{LoadError, MODELS_BYTES, SiteModels};
+use wire::config::{LoadError, MODELS_BYTES, StoredSiteModels};
 
 use super::log;
 use super::spi::{Bus, Interrupt, Port, Reset};
@@ -117,7 +117,7 @@ impl Board {
 /// # Errors
 /// There are none, or they cannot be read.
 #[cfg(feature = "ble")]
-pub fn models(flash: &mut FlashStorage<'_>) -> Result<SiteModels<'static>, LoadError> {
+pub fn models(flash: &mut FlashStorage<'_>) -> Result<StoredSiteModels<'static>, LoadError> {
     static BYTES: ConstStaticCell<[u8; MODELS_BYTES]> = ConstStaticCell::new([0; MODELS_BYTES]);
     let at = const { BOARD.pages().models.unwrap() };
     wire::config::load_models(flash, at, BYTES.take())

@@ -10,7 +10,7 @@ use baliza_board_simulated::{BOARD, Board, exit};
 use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use firmware_common::{Reporter, Settings, settings};
-use firmware_tag::{Digest, Locator, TaskChannels, places, run_as_told};
+use firmware_tag::{Digest, LocatorConfig, TaskChannels, anchor_positions, run_as_told};
 use semihosting::experimental::env::args;
 use small_air::{room, uptime_us};
 use wire::config::{LoadError, Record, Role, Solver};
@@ -43,7 +43,7 @@ fn live(board: &mut Board, record: &Record) -> Result<(), Condition> {
     let settings = Settings::of(record, room::TAG_EUI);
     let settings = settings.map_err(|invalid| Condition::NoRecord(settings::told(&LoadError::Invalid(invalid))))?;
     let Role::Tag(tag) = settings.role else { return Err(Condition::WrongRecord) };
-    let anchors = places(record);
+    let anchors = anchor_positions(record);
     let world = room::world(&settings.network);
     let radio = room::tag(&world).ok_or(Condition::RadioFailed(1))?;
     let told = (&CHANNELS, &REPORTER);
@@ -52,7 +52,7 @@ fn live(board: &mut Board, record: &Record) -> Result<(), Condition> {
         radio,
         world.delay(),
         (&settings, &tag),
-        Locator::of(&tag, record, &anchors),
+        LocatorConfig::of(&tag, record, &anchors),
         told,
         BOARD,
         |epoch| digest.take(epoch),

@@ -1,20 +1,21 @@
 //! Positions from the RSSI values of beacons whose places and path losses are known: what `baliza ble solve` does.
 //!
-//! Captures flow in. A kernel without memory takes the mean of a capture's RSSI values (14); one with memory goes through it window by
-//! window, as a tag does, and the capture's position is its last one. All is the tag's own code in the tag's own `f32`, about the middle
-//! of the beacons.
+//! Captures flow in. A method without memory takes the mean of a capture's RSSI values (14); one with memory goes through it window by
+//! window, and the capture's position is its last one. The method `engine` is the tag's own: its locator receives the advertisements one
+//! by one. All positions are about the middle of the beacons, in `f32`.
 
 mod follow;
 
 use baliza_report::mean;
 use positioning_core::ble::beacon_monitor::HealthChange;
-use positioning_core::ble::multilateration::{Heard, nonlinear, weighted_linear};
+use positioning_core::ble::multilateration::{nonlinear, weighted_linear};
 use positioning_core::ble::path_loss::{PathLoss, Wall};
 use positioning_core::ble::posterior::{PosteriorSettings, posterior};
-use positioning_core::ble::signal::rssi;
+use positioning_core::ble::rssi::RssiObservation;
+use positioning_core::ble::signal::{ListedBeacon, rssi};
 use positioning_core::{Area, Constraints, Fix, MAX_ANCHORS, Side, SolveError};
 
-use self::follow::{Follower, Memory};
+use self::follow::{Particles, Tag, listed};
 use crate::files::beacons::{self as files, Beacon, Capture, Sample, in_order};
 use crate::{Coordinates, NoPosition, Position, Solved};
 
@@ -30,7 +31,7 @@ pub enum RssiMethod {
     Nonlinear,
     /// The mean of where the tag may be.
     Posterior,
-    /// The tag's engine: one beacon position a window.
+    /// The tag's locator: one beacon position a window.
     Engine,
     /// A particle filter over the RSSI values' likelihood, window by window.
     ParticleFilter,
@@ -100,61 +101,60 @@ impl<'a> Solver<'a> {
     /// The positions of all captures, in their order, and their errors where the truth is known; and what the engine came to believe of
     /// beacons on the way, which it names by their places in the list.
     pub fn solve(&self, kernel: RssiMethod, captures: &[Capture]) -> (Vec<Solved>, Vec<HealthChange>) {
-        let mut follower: Option<Follower> = None;
-        let mut position = |capture: &Capture| {
-            let memory = match kernel {
-                RssiMethod::WeightedLinear => return self.at_once(capture, weighted_linear),
-                RssiMethod::Nonlinear => {
-                    let offset = self.setup.offset_db as f32;
-                    return self.at_once(capture, |heard| nonlinear(heard, offset, &self.constraints()));
-                }
-                RssiMethod::Posterior => {
-                    let belief = PosteriorSettings {
-                        offset_deviation: self.setup.offset_db as f32,
-                        ..PosteriorSettings::default()
-                    };
-                    return self.at_once(capture, |heard| {
+        let offset = self.setup.offset_db as f32;
+        let solved = match kernel {
+            RssiMethod::WeightedLinear => in_turn(captures, |capture| self.at_once(capture, weighted_linear)),
+            RssiMethod::Nonlinear => in_turn(captures, |capture| {
+                self.at_once(capture, |heard| nonlinear(heard, offset, &self.constraints()))
+            }),
+            RssiMethod::Posterior => {
+                let belief = PosteriorSettings { offset_deviation: offset, ..PosteriorSettings::default() };
+                in_turn(captures, |capture| {
+                    self.at_once(capture, |heard| {
                         posterior(heard, &self.reach(), self.attenuating(), &belief).map(|found| found.fix)
-                    });
-                }
-                RssiMethod::Engine => Memory::Engine,
-                RssiMethod::ParticleFilter => Memory::Particles,
-            };
-            let earlier = follower.take();
-            let learnt = earlier.as_ref().map(|earlier| earlier.learnt.clone());
-            let earlier = earlier.filter(|_| !capture.is_stay);
-            follower.insert(earlier.unwrap_or_else(|| Follower::new(self, memory, learnt))).follow(capture)
+                    })
+                })
+            }
+            RssiMethod::ParticleFilter => {
+                let mut particles = Particles::new(self);
+                in_turn(captures, |capture| particles.follow(capture))
+            }
+            RssiMethod::Engine => {
+                let list = listed(self);
+                let list: &[ListedBeacon] = &list;
+                let mut tag = Tag::new(self, &list);
+                let solved = in_turn(captures, |capture| tag.follow(capture));
+                return (solved, tag.news);
+            }
         };
-        let mut solved = vec![None; captures.len()];
-        for at in in_order(captures) {
-            solved[at] = Some(captures[at].solved(position(&captures[at])));
-        }
-        (solved.into_iter().flatten().collect(), follower.map(|last| last.learnt.news).unwrap_or_default())
+        (solved, Vec::new())
     }
 
     /// A kernel without memory over the means of a capture's RSSI values.
     fn at_once(
         &self,
         capture: &Capture,
-        kernel: impl FnOnce(&[Heard<f32, 2>]) -> Result<Fix<f32, 2>, SolveError>,
+        kernel: impl FnOnce(&[RssiObservation<f32, 2>]) -> Result<Fix<f32, 2>, SolveError>,
     ) -> Result<Position, NoPosition> {
         let scan = means(self.beacons, &capture.samples);
-        let mut heard: Vec<Heard<f32, 2>> = self.heard(&scan).into_iter().map(|(_, heard)| heard).collect();
+        let mut heard = self.heard(&scan);
         loudest(&mut heard);
         let fix = kernel(&heard).map_err(NoPosition::SolveError)?;
         Ok(self.global(fix.position, &fix.covariance, fix.used.len()))
     }
 
-    /// A scan with what is known of the beacons, and their places in the file.
-    pub(super) fn heard(&self, scan: &[Option<f32>]) -> Vec<(usize, Heard<f32, 2>)> {
-        let beacons = self.beacons.iter().zip(scan).enumerate();
-        beacons
-            .filter_map(|(index, (beacon, rssi))| {
-                let above = beacon.height_m.zip(self.setup.height_m).map_or(0.0, |(beacon, tag)| beacon - tag);
-                let (place, path_loss) = (self.local(beacon.position_m), path_loss(beacon));
-                Some((index, Heard { place, above: above as f32, rssi: (*rssi)?, path_loss }))
-            })
-            .collect()
+    /// A scan with what is known of the beacons.
+    pub(super) fn heard(&self, scan: &[Option<f32>]) -> Vec<RssiObservation<f32, 2>> {
+        let observation = |(beacon, rssi_dbm): (&Beacon, &Option<f32>)| {
+            let (beacon_m, path_loss) = (self.local(beacon.position_m), path_loss(beacon));
+            Some(RssiObservation { beacon_m, above_m: self.above_m(beacon), rssi_dbm: (*rssi_dbm)?, path_loss })
+        };
+        self.beacons.iter().zip(scan).filter_map(observation).collect()
+    }
+
+    /// How far a beacon is above the tag, metres; 0 where that is not known.
+    pub(super) fn above_m(&self, beacon: &Beacon) -> f32 {
+        beacon.height_m.zip(self.setup.height_m).map_or(0.0, |(beacon, tag)| beacon - tag) as f32
     }
 
     /// The walls, where any takes something from a signal.
@@ -199,10 +199,19 @@ impl<'a> Solver<'a> {
     }
 }
 
+/// The positions of all captures, made in the order of time, in the order of the file.
+fn in_turn(captures: &[Capture], mut position: impl FnMut(&Capture) -> Result<Position, NoPosition>) -> Vec<Solved> {
+    let mut solved = vec![None; captures.len()];
+    for at in in_order(captures) {
+        solved[at] = Some(captures[at].solved(position(&captures[at])));
+    }
+    solved.into_iter().flatten().collect()
+}
+
 /// Of more RSSI values than a kernel can take, the loudest.
-pub(super) fn loudest(heard: &mut Vec<Heard<f32, 2>>) {
+pub(super) fn loudest(heard: &mut Vec<RssiObservation<f32, 2>>) {
     if heard.len() > MAX_ANCHORS {
-        heard.sort_by(|a, b| b.rssi.total_cmp(&a.rssi));
+        heard.sort_by(|a, b| b.rssi_dbm.total_cmp(&a.rssi_dbm));
         heard.truncate(MAX_ANCHORS);
     }
 }

@@ -1,11 +1,12 @@
-//! A recording through the tag's own engine, epoch after epoch in order of time, in the tag's own `f32`: what `baliza track` does.
+//! A recording through the tag's own locator, epoch after epoch in order of time, in the tag's own `f32`: what `baliza track` does.
 //!
 //! In flow the ranges with their times; what a recording tells of a reception becomes the probability that the link is
 //! without line of sight, by a trained model or by its powers. Out flows the position at the end of every epoch.
 
 use positioning_core::Side;
-use positioning_core::engine::{Dimensions, Engine, Measurement, Range, Settings};
-use positioning_core::nlos::{Model, NlosDetector, Reception};
+use positioning_core::engine::{Dimensions, Range, Settings};
+use positioning_core::locator::{self, Locator, Reception};
+use positioning_core::nlos::Model;
 use positioning_core::{Area, Blocked, Noise};
 
 use crate::files::{Anchor, Coordinates, Epoch, Measured};
@@ -48,18 +49,15 @@ pub fn settings(setup: &Setup, weighting: Weighting, trained: bool) -> Settings<
         Weighting::Alike => Blocked::Alike,
     };
     let noise = if trained { Noise::by_model() } else { Noise::by_powers() };
-    Settings { blocked, noise, ..Settings::track(dimensions) }
+    Settings::track(dimensions).with_blocked(blocked).with_noise(noise)
 }
 
 /// Follows a tag through a recording.
 pub struct Tracker<'a> {
     anchors: &'a [Anchor],
     setup: Setup,
-    engine: Engine<f32>,
-    judge: NlosDetector<'a>,
-    /// Where the tag was at the end of the last epoch, in the engine's frame, where that is known.
-    last: Option<[f32; 3]>,
-    /// What is zero for the engine, metres.
+    locator: Locator<'a, 0>,
+    /// What is zero for the locator, metres.
     origin: [f64; 3],
     /// The time of the first epoch, and of the last one, seconds.
     times_s: Option<(f64, f64)>,
@@ -76,16 +74,9 @@ impl<'a> Tracker<'a> {
                 max: [local(0, greatest[0]), local(1, greatest[1]), f32::INFINITY],
             }
         });
-        let engine = Engine::new(settings);
-        Self {
-            anchors,
-            setup,
-            engine,
-            judge: NlosDetector::new(model.map(|model| model as _)),
-            last: None,
-            origin,
-            times_s: None,
-        }
+        let classifier = model.map(|model| model as _);
+        let locator = Locator::new(locator::Settings { classifier, ..locator::Settings::new(settings) });
+        Self { anchors, setup, locator, origin, times_s: None }
     }
 
     /// The position at the end of the next epoch, and its error where the truth is known.
@@ -105,18 +96,17 @@ impl<'a> Tracker<'a> {
                     Height::Fixed(z) => z,
                     Height::FromTruth => epoch.truth.and_then(|truth| truth.z_m).ok_or(NoPosition::HeightUnknown)?,
                 };
-                self.engine.set_height((height_m - self.origin[2]) as f32);
+                self.locator.set_height((height_m - self.origin[2]) as f32);
                 false
             }
         };
-        for measured in &epoch.ranges {
-            if let Some(range) = self.range(now_us, measured) {
-                self.engine.step(now_us, &Measurement::Range(range));
+        for (index, measured) in epoch.ranges.iter().enumerate() {
+            if let Some(range) = self.range(measured) {
+                let Told { features, power_dbm, .. } = measured.told;
+                self.locator.range(now_us, index, range, &Reception { features, power_dbm });
             }
         }
-        let fix = self.engine.step(now_us, &Measurement::RoundEnd).fix.map_err(NoPosition::Missing);
-        self.last = fix.ok().map(|fix| fix.position);
-        let fix = fix?;
+        let fix = self.locator.end_round(now_us, epoch.ranges.len()).fix.map_err(NoPosition::Missing)?;
         let [x_m, y_m, z_m] = std::array::from_fn(|axis| f64::from(fix.position[axis]) + self.origin[axis]);
         let [sigma_x, sigma_y, sigma_z] = fix.sigma().map(f64::from);
         Ok(Position {
@@ -139,16 +129,13 @@ impl<'a> Tracker<'a> {
         ((now - first + BEGIN_S) * 1.0e6) as u64
     }
 
-    fn range(&mut self, now_us: u64, measured: &Measured) -> Option<Range<f32>> {
+    fn range(&self, measured: &Measured) -> Option<Range<f32>> {
         let place = &self.anchors.get(measured.anchor)?.place;
         let flat = self.setup.space == Space::Plane(Height::Unknown);
         let z_m = if flat { self.origin[2] } else { place.z_m? };
         let local = |axis: usize, coordinate: f64| (coordinate - self.origin[axis]) as f32;
-        let place = [local(0, place.x_m), local(1, place.y_m), local(2, z_m)];
-        let (anchor, distance) = (u16::try_from(measured.anchor).ok()?, measured.range_m as f32);
-        let RowDiagnostics { features, range_m, power_dbm } = measured.diagnostics;
-        let ends_m = self.last.map(|last| [last, place]);
-        let blocked = self.judge.blocked(now_us, anchor, &Reception { features, range_m, power_dbm, ends_m });
-        Some(Range { anchor, place, distance, deviation: DEVIATION_M, blocked, excess: None })
+        let position_m = [local(0, place.x_m), local(1, place.y_m), local(2, z_m)];
+        let (anchor, distance_m) = (u16::try_from(measured.anchor).ok()?, measured.range_m as f32);
+        Some(Range { anchor, position_m, distance_m, deviation_m: DEVIATION_M, p_nlos: None, excess_m: None })
     }
 }

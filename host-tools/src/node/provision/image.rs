@@ -243,7 +243,7 @@ fn from_hex(text: &str) -> Result<Vec<u8>, (u64, String)> {
 mod tests {
     use super::*;
     use crate::node::provision::{EXAMPLE, Site};
-    use wire::config::{SiteModels, encode_models};
+    use wire::config::{StoredSiteModels, encode_models};
 
     fn record() -> Record {
         let site = Site::parse("site.toml".as_ref(), EXAMPLE).expect("the example is right");
@@ -344,9 +344,12 @@ mod tests {
 
     #[test]
     fn models_of_beacons_stand_where_the_board_has_them() {
-        let region = encode_models(&SiteModels { room_names: "hall", ..SiteModels::default() }, &mut [0; MODELS_BYTES])
-            .expect("they fit")
-            .to_vec();
+        let region = encode_models(
+            &StoredSiteModels { room_names: "hall", ..StoredSiteModels::default() },
+            &mut [0; MODELS_BYTES],
+        )
+        .expect("they fit")
+        .to_vec();
         for (board, address, place) in [(Board::Dwm1001, 0x7C000, 0), (Board::Esp32C3, 0x9000, 8192)] {
             let record = record();
             let contents = Contents { site_models: Some(&region), ..of(&record, None) };

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use positioning_core::ble::fingerprint::{MAX_NODE_POINTS, Map};
 use positioning_core::ble::rooms::{Classifier, Model, NodeModel};
-use wire::config::{Beacon, BeaconModel, MODELS_BYTES, SiteModels, Solver, decode_models, encode_models};
+use wire::config::{Beacon, BeaconModel, MODELS_BYTES, Solver, StoredSiteModels, decode_models, encode_models};
 
 use super::calibrated::numbers;
 use super::document::{Document, Lines};
@@ -103,7 +103,7 @@ pub fn encode(map: Option<&[u8]>, rooms: Option<&ModelFile>, beacons: &[Beacon])
         of_rooms =
             bind(rooms.names.beacons.iter().map(|name| called(name)), beacons).map_err(|what| (Part::Rooms, what))?;
     }
-    let models = SiteModels {
+    let models = StoredSiteModels {
         map: map.map(|model| BeaconModel { beacons: &of_map, model }),
         rooms: rooms.map(|rooms| BeaconModel { beacons: &of_rooms, model: &rooms.model }),
         room_names: &rooms.map(|rooms| rooms.names.rooms.join("\n")).unwrap_or_default(),

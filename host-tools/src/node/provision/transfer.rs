@@ -149,7 +149,7 @@ mod tests {
     use crate::node::probe::supports;
     use crate::node::provision::{EXAMPLE, Site};
     use std::collections::BTreeMap;
-    use wire::config::{BeaconModel, Record, SiteModels, decode_models, encode_models};
+    use wire::config::{BeaconModel, Record, StoredSiteModels, decode_models, encode_models};
 
     #[derive(Clone, Default)]
     struct Memory {
@@ -203,7 +203,7 @@ mod tests {
     /// Models that fill more than a page, of this byte.
     fn site_models(byte: u8) -> Vec<u8> {
         let map = Some(BeaconModel { beacons: &[], model: &[byte; 5000] });
-        let models = SiteModels { map, ..SiteModels::default() };
+        let models = StoredSiteModels { map, ..StoredSiteModels::default() };
         encode_models(&models, &mut [0; MODELS_BYTES]).expect("they fit").to_vec()
     }
 

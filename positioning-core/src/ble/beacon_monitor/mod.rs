@@ -11,65 +11,51 @@ pub use history::BeaconHealth;
 
 use heapless::Vec;
 
-use super::multilateration::Heard;
 use super::offset::ReceiverOffset;
 use super::path_loss::Wall;
 use super::posterior::{Posterior, PosteriorSettings, posterior, too_loud};
-use crate::engine::BeaconPosition;
+use super::rssi::{BeaconRssi, RssiObservation};
+use crate::measurement::BeaconPosition;
 use crate::{Area, MAX_ANCHORS, Real, SolveError};
 use history::History;
 
 /// Beacons are judged no sooner again, microseconds.
 const PASS_US: u64 = 3_000_000;
 /// After so many metres of way the shadows are others …
-const SHADOW_M: f64 = 2.0;
+const SHADOW_M: f32 = 2.0;
 /// … and after so many seconds: people move.
-const SHADOW_S: f64 = 60.0;
+const SHADOW_S: f32 = 60.0;
 /// A tag may be so far outside of the box around all that stands, metres.
-const MARGIN_M: f64 = 0.5;
+const MARGIN_M: f32 = 0.5;
 /// A position that so few others give judges nobody.
 const JUDGES: usize = 3;
 /// What others say of a beacon counts so much beside what anchors say: their own path losses are not quite right either. Over two
 /// recordings with calibrated beacons none is named by it, two of thirteen would be by 1.
-const PEERS: f64 = 0.5;
-
-/// The RSSI of a beacon in a window.
-#[derive(Clone, Copy, Debug)]
-pub struct Level<T> {
-    /// Its place in the list.
-    pub beacon: usize,
-    /// The RSSI, and the beacon's path loss; its deviation is of what stays with the place.
-    pub heard: Heard<T, 2>,
-    /// The deviation of the RSSI by noise, dB.
-    pub noise: T,
-    /// It jumps about as the RSSI values of two senders do.
-    pub is_torn: bool,
-}
+const PEERS: f32 = 0.5;
 
 /// Where a tag can be.
 #[derive(Clone, Copy, Debug)]
-pub struct Site<'a, T> {
+pub struct Site<'a> {
     /// The box around it.
-    pub area: Area<T, 2>,
+    pub area: Area<f32, 2>,
     /// What takes something from a signal.
-    pub walls: &'a [Wall<T>],
+    pub walls: &'a [Wall<f32>],
 }
 
-impl<T: Real> Site<'_, T> {
+impl Site<'_> {
     /// The box around all that stands in a place of which nothing else is known: beacons hang on the walls of what they cover.
-    pub fn around(places: impl Iterator<Item = [T; 2]>) -> Option<Self> {
+    pub fn around(places: impl Iterator<Item = [f32; 2]>) -> Option<Self> {
         let of_one = |place| Area { min: place, max: place };
-        let boxed = places.fold(None, |area: Option<Area<T, 2>>, place| {
+        let boxed = places.fold(None, |area: Option<Area<f32, 2>>, place| {
             Some(area.map_or(of_one(place), |area| both(&area, &of_one(place))))
         })?;
-        let margin = T::of(MARGIN_M);
-        let area = Area { min: boxed.min.map(|least| least - margin), max: boxed.max.map(|most| most + margin) };
+        let area = Area { min: boxed.min.map(|least| least - MARGIN_M), max: boxed.max.map(|most| most + MARGIN_M) };
         Some(Self { area, walls: &[] })
     }
 }
 
 /// The box around two.
-fn both<T: Real>(one: &Area<T, 2>, other: &Area<T, 2>) -> Area<T, 2> {
+fn both(one: &Area<f32, 2>, other: &Area<f32, 2>) -> Area<f32, 2> {
     Area {
         min: core::array::from_fn(|axis| one.min[axis].at_most(other.min[axis])),
         max: core::array::from_fn(|axis| one.max[axis].at_least(other.max[axis])),
@@ -78,26 +64,26 @@ fn both<T: Real>(one: &Area<T, 2>, other: &Area<T, 2>) -> Area<T, 2> {
 
 /// A position that beacons have not made.
 #[derive(Clone, Copy, Debug)]
-pub struct Known<T> {
+pub struct Known {
     /// Metres.
-    pub position: [T; 2],
+    pub position_m: [f32; 2],
     /// Variance of an axis, m².
-    pub variance: T,
+    pub variance_m2: f32,
 }
 
-impl<T: Real> Known<T> {
+impl Known {
     /// As a box of the same variance.
-    fn area(&self) -> Area<T, 2> {
-        let half = (T::of(3.0) * self.variance).sqrt();
-        Area { min: self.position.map(|middle| middle - half), max: self.position.map(|middle| middle + half) }
+    fn area(&self) -> Area<f32, 2> {
+        let half = Real::sqrt(3.0 * self.variance_m2);
+        Area { min: self.position_m.map(|middle| middle - half), max: self.position_m.map(|middle| middle + half) }
     }
 }
 
 /// Where the RSSI values have a tag.
 #[derive(Clone, Copy, Debug)]
-pub struct Located<T> {
+pub struct Located {
     /// For the engine.
-    pub position: BeaconPosition<T>,
+    pub position: BeaconPosition<f32>,
     /// What made it: bit i is the window's i-th RSSI.
     pub used: u16,
 }
@@ -116,199 +102,211 @@ pub struct HealthChange {
 
 /// What is known of up to `N` listed beacons.
 #[derive(Clone, Debug)]
-pub struct BeaconMonitor<T, const N: usize> {
-    receiver: ReceiverOffset<T>,
-    histories: [History<T>; N],
-    pass: Pass<T>,
-    /// Places that the receiver's offset has not been learnt at.
-    due: T,
-    /// The box around all places that anchors have had the tag at: where it was, it can be.
-    been: Option<Area<T, 2>>,
+pub struct BeaconMonitor<const N: usize> {
+    state: State,
+    histories: [History<f32>; N],
+}
+
+/// What is known of all of them together.
+#[derive(Clone, Debug)]
+struct State {
+    receiver: ReceiverOffset<f32>,
+    pass: Pass,
+    /// Positions that the receiver's offset has not been learnt at.
+    due: f32,
+    /// The box around all positions that anchors have given the tag: where it was, it can be.
+    been: Option<Area<f32, 2>>,
     news: Option<HealthChange>,
 }
 
 /// Once through all beacons.
 #[derive(Clone, Copy, Debug)]
-struct Pass<T> {
+struct Pass {
     began_us: u64,
     /// Where it began, metres.
-    at: Option<[T; 2]>,
-    /// How much of what is heard was not heard in the last one.
-    weight: T,
-    /// The same for what only another place changes: how channels fade.
-    moved: T,
-    /// The next beacon to be judged is this one, or one after it.
-    next: usize,
+    at_m: Option<[f32; 2]>,
+    /// How much of what is received was not received in the last one.
+    weight: f32,
+    /// The same for what only another position changes: how channels fade.
+    moved: f32,
+    /// The next beacon to be rated is this one, or one after it.
+    next: u16,
 }
 
-/// Listed beacons of a node.
-pub const ON_NODE: usize = 24;
-
-impl BeaconMonitor<f32, ON_NODE> {
-    /// [`locate`](Self::locate), compiled in this crate, as [`Engine::step_on_node`](crate::engine::Engine::step_on_node) is.
-    ///
-    /// # Errors
-    /// The same.
-    #[inline(never)]
-    pub fn locate_on_node(
-        &mut self,
-        now_us: u64,
-        rssis: &[Level<f32>],
-        site: &Site<'_, f32>,
-        known: Option<&Known<f32>>,
-    ) -> Result<Located<f32>, SolveError> {
-        self.locate(now_us, rssis, site, known)
-    }
-}
-
-impl<T: Real, const N: usize> BeaconMonitor<T, N> {
-    /// All are where they are listed, and the receiver is as the calibration's, give or take `deviation` dB; 0: it is.
-    pub fn new(deviation: T) -> Self {
-        Self {
-            receiver: ReceiverOffset::new(deviation),
-            histories: [History::default(); N],
-            pass: Pass { began_us: 0, at: None, weight: T::ONE, moved: T::ONE, next: 0 },
-            due: T::ONE,
+impl<const N: usize> BeaconMonitor<N> {
+    /// All are where they are listed, and the receiver is as the calibration's, give or take `deviation_db`; 0: it is.
+    pub fn new(deviation_db: f32) -> Self {
+        let state = State {
+            receiver: ReceiverOffset::new(deviation_db),
+            pass: Pass { began_us: 0, at_m: None, weight: 1.0, moved: 1.0, next: 0 },
+            due: 1.0,
             been: None,
             news: None,
-        }
+        };
+        Self { state, histories: [History::default(); N] }
     }
 
     /// What the receiver reads too loud.
-    pub fn receiver(&self) -> &ReceiverOffset<T> {
-        &self.receiver
+    pub fn receiver(&self) -> &ReceiverOffset<f32> {
+        &self.state.receiver
     }
 
     /// What is believed of a beacon; nothing bad of one that is not listed.
     pub fn health(&self, beacon: usize) -> BeaconHealth {
-        self.histories.get(beacon).map_or(BeaconHealth::Agrees, |record| record.health)
+        standing(&self.histories, beacon)
     }
 
     /// What is new of a beacon since it was asked last.
     pub fn take_news(&mut self) -> Option<HealthChange> {
-        self.news.take()
+        self.state.news.take()
     }
 
     /// The position by the RSSI values of a window, of which the first [`MAX_ANCHORS`] count. `known` is where anchors have the tag.
     ///
     /// # Errors
-    /// As [`posterior`]; [`SolveError::TooFewAnchors`] also where all that are heard are doubted.
-    #[inline(never)]
+    /// As [`posterior`]; [`SolveError::TooFewAnchors`] also where all that are received are doubted.
     pub fn locate(
         &mut self,
         now_us: u64,
-        rssis: &[Level<T>],
-        site: &Site<'_, T>,
-        known: Option<&Known<T>>,
-    ) -> Result<Located<T>, SolveError> {
+        window: &[BeaconRssi],
+        site: &Site<'_>,
+        known: Option<&Known>,
+    ) -> Result<Located, SolveError> {
+        // Not generic: compiled in this crate, and so optimised as it is, whatever the image is optimised for.
+        self.state.locate(&mut self.histories, now_us, window, site, known)
+    }
+}
+
+fn standing(histories: &[History<f32>], beacon: usize) -> BeaconHealth {
+    histories.get(beacon).map_or(BeaconHealth::Agrees, |record| record.health)
+}
+
+impl State {
+    #[inline(never)]
+    fn locate(
+        &mut self,
+        histories: &mut [History<f32>],
+        now_us: u64,
+        window: &[BeaconRssi],
+        site: &Site<'_>,
+        known: Option<&Known>,
+    ) -> Result<Located, SolveError> {
         let belief = PosteriorSettings { offset_deviation: self.receiver.deviation(), ..PosteriorSettings::default() };
-        let mut heard: Vec<Heard<T, 2>, MAX_ANCHORS> = Vec::new();
-        let (mut lasting, mut all, mut used) = (T::ZERO, T::ZERO, 0_u16);
-        for (place, rssi, one) in self.believed(rssis) {
-            let stays = rssi.heard.path_loss.deviation.squared();
+        let mut heard: Vec<RssiObservation<f32, 2>, MAX_ANCHORS> = Vec::new();
+        let (mut lasting, mut all, mut used) = (0.0, 0.0, 0_u16);
+        for (index, rssi, one) in self.believed(histories, window) {
+            let stays = rssi.observation.path_loss.deviation.squared();
             lasting += stays;
-            all += stays + rssi.noise.squared();
-            used |= 1 << place;
+            all += stays + rssi.noise_db.squared();
+            used |= 1 << index;
             // There is room for all.
             let _ = heard.push(one);
         }
-        if let Some(Known { position, .. }) = known {
-            let here = Area { min: *position, max: *position };
+        if let Some(Known { position_m, .. }) = known {
+            let here = Area { min: *position_m, max: *position_m };
             self.been = Some(self.been.map_or(here, |been| both(&been, &here)));
         }
         let site = &Site { area: self.been.map_or(site.area, |been| both(&been, &site.area)), ..*site };
         let found = posterior(&heard, &site.area, site.walls, &belief);
-        let at = known.map(|known| known.position).or(found.as_ref().ok().map(|found| found.fix.position));
-        if let Some(at) = at {
-            self.update_track(now_us, at);
+        let at_m = known.map(|known| known.position_m).or(found.as_ref().ok().map(|found| found.fix.position));
+        if let Some(at_m) = at_m {
+            self.begin_pass(now_us, at_m);
         }
-        self.judge_next(now_us, rssis, site, known, &belief);
-        if self.due >= T::ONE && self.receiver.deviation() > T::ZERO {
+        self.rate_next(histories, now_us, window, site, known, &belief);
+        if self.due >= 1.0 && self.receiver.deviation() > 0.0 {
             let there = known.map(|known| posterior(&heard, &known.area(), site.walls, &belief));
             if let Ok(Posterior { offset, offset_variance, .. }) = there.unwrap_or(found) {
                 self.receiver.learn(offset, offset_variance);
-                self.due = T::ZERO;
+                self.due = 0.0;
             }
         }
         let fix = found?.fix;
         let [[xx, xy], [_, yy]] = fix.covariance;
-        let lasting = (lasting / all.at_least(T::EPSILON)).at_most(T::ONE);
-        Ok(Located { position: BeaconPosition { position: fix.position, covariance: [xx, xy, yy], lasting }, used })
+        let lasting = (lasting / all.at_least(f32::EPSILON)).at_most(1.0);
+        let position = BeaconPosition { position_m: fix.position, covariance_m2: [xx, xy, yy], lasting };
+        Ok(Located { position, used })
     }
 
-    /// The RSSI values that make positions, with their places in the window and as [`corrected`](Self::corrected): sane ones, of beacons that
-    /// agree.
-    fn believed<'l>(&'l self, rssis: &'l [Level<T>]) -> impl Iterator<Item = (usize, &'l Level<T>, Heard<T, 2>)> {
-        let agrees = |(_, rssi): &(usize, &Level<T>)| self.health(rssi.beacon) == BeaconHealth::Agrees;
-        let counted = rssis.iter().enumerate().take(MAX_ANCHORS).filter(agrees);
-        counted.map(|(place, rssi)| (place, rssi, self.corrected(rssi))).filter(|(_, _, one)| one.is_sane())
+    /// The RSSI values that make positions, with their index in the window and as [`corrected`](Self::corrected): sane ones, of
+    /// beacons that agree.
+    fn believed<'l>(
+        &'l self,
+        histories: &'l [History<f32>],
+        window: &'l [BeaconRssi],
+    ) -> impl Iterator<Item = (usize, &'l BeaconRssi, RssiObservation<f32, 2>)> {
+        let agrees = |(_, rssi): &(usize, &BeaconRssi)| standing(histories, rssi.beacon.into()) == BeaconHealth::Agrees;
+        let counted = window.iter().enumerate().take(MAX_ANCHORS).filter(agrees);
+        counted.map(|(index, rssi)| (index, rssi, self.corrected(rssi))).filter(|(_, _, one)| one.is_sane())
     }
 
     /// An RSSI as the calibration's receiver would have it, with all of its deviation.
     #[inline(never)]
-    fn corrected(&self, rssi: &Level<T>) -> Heard<T, 2> {
-        let mut heard = rssi.heard;
-        heard.rssi = self.receiver.correct(heard.rssi);
-        heard.path_loss.deviation = (heard.path_loss.deviation.squared() + rssi.noise.squared()).sqrt();
+    fn corrected(&self, rssi: &BeaconRssi) -> RssiObservation<f32, 2> {
+        let mut heard = rssi.observation;
+        heard.rssi_dbm = self.receiver.correct(heard.rssi_dbm);
+        heard.path_loss.deviation = Real::sqrt(heard.path_loss.deviation.squared() + rssi.noise_db.squared());
         heard
     }
 
     /// Begins the next pass where the last one has ended.
-    fn update_track(&mut self, now_us: u64, at: [T; 2]) {
+    fn begin_pass(&mut self, now_us: u64, at_m: [f32; 2]) {
         let since_us = now_us.saturating_sub(self.pass.began_us);
-        let mut moved = T::ONE;
-        let weight = match self.pass.at {
-            None => T::ONE,
+        let mut moved = 1.0;
+        let weight = match self.pass.at_m {
+            None => 1.0,
             Some(_) if since_us < PASS_US => return,
             Some(last) => {
-                let way = ((at[0] - last[0]).squared() + (at[1] - last[1]).squared()).sqrt();
-                let seconds = T::count(since_us.min(3_600_000_000) as usize) * T::of(1.0e-6);
-                moved = (way * T::of(1.0 / SHADOW_M)).at_most(T::ONE);
-                (moved + seconds * T::of(1.0 / SHADOW_S)).at_most(T::ONE)
+                let way = Real::sqrt((at_m[0] - last[0]).squared() + (at_m[1] - last[1]).squared());
+                let seconds = f32::count(since_us.min(3_600_000_000) as usize) * 1.0e-6;
+                moved = (way * (1.0 / SHADOW_M)).at_most(1.0);
+                (moved + seconds * (1.0 / SHADOW_S)).at_most(1.0)
             }
         };
         self.due += weight;
-        self.pass = Pass { began_us: now_us, at: Some(at), weight, moved, next: 0 };
+        self.pass = Pass { began_us: now_us, at_m: Some(at_m), weight, moved, next: 0 };
     }
 
-    /// Judges the next of the beacons that are heard.
+    /// Rates the next of the beacons that are received.
     #[inline(never)]
-    fn judge_next(
+    fn rate_next(
         &mut self,
+        histories: &mut [History<f32>],
         now_us: u64,
-        rssis: &[Level<T>],
-        site: &Site<'_, T>,
-        known: Option<&Known<T>>,
-        belief: &PosteriorSettings<T>,
+        window: &[BeaconRssi],
+        site: &Site<'_>,
+        known: Option<&Known>,
+        belief: &PosteriorSettings<f32>,
     ) {
         let next = self.pass.next;
-        let candidates = rssis.iter().enumerate().take(MAX_ANCHORS).filter(|(_, rssi)| rssi.beacon >= next);
-        let Some((place, rssi)) = candidates.min_by_key(|(_, rssi)| rssi.beacon) else { return };
+        let candidates = window.iter().enumerate().take(MAX_ANCHORS).filter(|(_, rssi)| rssi.beacon >= next);
+        let Some((index, rssi)) = candidates.min_by_key(|(_, rssi)| rssi.beacon) else { return };
         self.pass.next = rssi.beacon.saturating_add(1);
         let one = self.corrected(rssi);
         // Anchors need no others, and the receiver's offset is doubted as far as it is known.
         let off = match known {
             Some(known) => too_loud(&one, &[], &known.area(), site.walls, belief),
             None => {
-                let others = self.believed(rssis).filter(|(other, _, _)| *other != place).map(|(_, _, one)| one);
-                let others: Vec<Heard<T, 2>, MAX_ANCHORS> = others.collect();
+                let others = self.believed(histories, window).filter(|(other, _, _)| *other != index);
+                let others: Vec<RssiObservation<f32, 2>, MAX_ANCHORS> = others.map(|(_, _, one)| one).collect();
                 if others.len() < JUDGES {
                     return;
                 }
-                // Where one beacon is does not hang on how many others share a shadow.
-                too_loud(&one, &others, &site.area, site.walls, &PosteriorSettings { trust: T::ONE, ..*belief })
+                // Where one beacon is does not depend on how many others share a shadow.
+                too_loud(&one, &others, &site.area, site.walls, &PosteriorSettings { trust: 1.0, ..*belief })
             }
         };
-        let (Some([excess, variance]), Some(record)) = (off, self.histories.get_mut(rssi.beacon)) else { return };
+        let (Some([excess, variance]), Some(record)) = (off, histories.get_mut(usize::from(rssi.beacon))) else {
+            return;
+        };
         // Where a tag stands, the RSSI values of three channels may be as far apart as those of two senders.
         let weight = if rssi.is_torn { self.pass.moved } else { self.pass.weight };
-        let weight = if known.is_some() { weight } else { weight * T::of(PEERS) };
+        let weight = if known.is_some() { weight } else { weight * PEERS };
         let change = record.take(now_us, excess.squared() / variance, rssi.is_torn, weight);
         let Some((standing, seconds)) = change else { return };
-        self.news = Some(HealthChange { beacon: rssi.beacon, health: standing, seconds });
+        self.news = Some(HealthChange { beacon: rssi.beacon.into(), health: standing, seconds });
         if known.is_none() {
             // What it has spoilt is no sign against the others.
-            self.histories.iter_mut().for_each(History::clear_suspicion);
+            histories.iter_mut().for_each(History::clear_suspicion);
         }
     }
 }

@@ -1,18 +1,16 @@
 //! The particle filter (15): ways from whatever says how likely a place is.
 //!
 //! Likelihoods of places flow in, one a window of integration; out flow position and covariance. What is likely is the caller's: a
-//! position that a kernel found ([`Towards`], the thesis' way), RSSI values through their path loss ([`Levels`]), a map of fingerprints, a room:
+//! position that a kernel found ([`Towards`], the thesis' way), RSSI values through their path loss ([`RssiLikelihood`]), a map of fingerprints, a room:
 //! any [`Likelihood`]. `N` particles of five numbers each, no more memory; randomness from a seed.
 
-mod levels;
 mod random;
 mod resample;
 
-pub use levels::Levels;
-pub(crate) use levels::Term;
 pub use random::Random;
 
 use super::path_loss::Wall;
+use super::rssi::RssiLikelihood;
 use crate::{Area, Real};
 
 /// Particles of a filter on a node.
@@ -35,6 +33,13 @@ impl<T, F: Fn([T; 2]) -> T> Likelihood<T> for F {
     #[inline(always)]
     fn ln_at(&self, position: [T; 2]) -> T {
         self(position)
+    }
+}
+
+impl<T: Real> Likelihood<T> for RssiLikelihood<'_, T> {
+    #[inline]
+    fn ln_at(&self, position: [T; 2]) -> T {
+        self.seen_from(position).0
     }
 }
 

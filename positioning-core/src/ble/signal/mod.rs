@@ -1,15 +1,13 @@
-//! From adverts to scans: each RSSI is judged, smoothed by a Kalman filter of its beacon, and averaged over a window (14).
+//! From advertisements to scans: each RSSI is judged, and smoothed by a Kalman filter of its beacon.
 //!
 //! Reported RSSI values flow in with their times; out flows a scan, the RSSI of every beacon now, `None` where it is not heard. What no
 //! receiver can have measured is refused with its reason, and changes nothing.
 
 mod beacons;
 mod kalman;
-mod window;
 
-pub use beacons::{Beacons, Verdict};
+pub use beacons::{BeaconList, BeaconSignals, ListedBeacon, NEAREST, Scan, WINDOW_US};
 pub use kalman::{Kalman, Smoothing, Step};
-pub use window::{INTEGRATED, Window};
 
 use crate::Real;
 
@@ -50,20 +48,9 @@ pub fn rssi<T: Real>(rssi_dbm: T) -> Result<T, RssiError> {
     }
 }
 
-/// Puts the fall-back RSSI values of the beacons that are not heard into a scan, dBm (table 5.3): the RSSI at which a beacon is
-/// usually missed, so that its silence tells of its distance. Beacons beyond the list, and those whose fall-back is no RSSI, stay
-/// unheard.
-pub fn fall_back<T: Real>(scan: &mut [Option<T>], rssis: &[T]) {
-    for (heard, &fall_back) in scan.iter_mut().zip(rssis) {
-        if heard.is_none() {
-            *heard = rssi(fall_back).ok();
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{RssiError, fall_back, rssi};
+    use super::{RssiError, rssi};
 
     #[test]
     fn what_no_receiver_measures_is_refused_with_its_reason() {
@@ -75,12 +62,5 @@ mod tests {
         assert_eq!(rssi(f32::NAN), Err(RssiError::NotFinite));
         assert_eq!(rssi(f32::NEG_INFINITY), Err(RssiError::NotFinite));
         assert_eq!((rssi(-1.0_f32), rssi(-127.0_f32)), (Ok(-1.0), Ok(-127.0)));
-    }
-
-    #[test]
-    fn silence_becomes_the_level_of_table_5_3() {
-        let mut scan = [Some(-60.0), None, None, None];
-        fall_back(&mut scan, &[-90.0, -90.0, f32::NAN]);
-        assert_eq!(scan, [Some(-60.0), Some(-90.0), None, None]);
     }
 }

@@ -1,5 +1,5 @@
 //! The benchmark of fusion: a walking tag with ranges to anchors and powers of beacons, each alone and both together, by the fusion of
-//! patent ES 2 397 388 ([`super::Fusion`]) and by the engine's extended Kalman filter with positions by powers.
+//! patent ES 2 397 388 ([`super::Fusion`]) and by the tag's locator.
 //!
 //! [`world`] states what is drawn. Everybody knows the hall, the tag's height, places and the noise of ranges; nobody is told which
 //! anchors are blocked. Errors are horizontal, from the fifth second of each walk on, of the mean of what the filter believes.
@@ -9,10 +9,11 @@ pub mod world;
 
 use baliza_report::{Statistics, mean};
 use positioning_core::Area;
-use positioning_core::ble::beacon_monitor::{BeaconMonitor, Level, Site};
-use positioning_core::ble::multilateration;
-use positioning_core::ble::path_loss::PathLoss;
-use positioning_core::engine::{self, Dimensions, Engine, Measurement, Range};
+use positioning_core::ble::beacon_monitor::Site;
+use positioning_core::ble::signal::ListedBeacon;
+use positioning_core::engine::{self, Dimensions, Range};
+use positioning_core::locator::{self, Locator, Reception};
+use positioning_core::nlos::Features;
 
 use crate::fusion::{self, Channel, Fusion, ON_NODE, Observation, Settings, Sources};
 use world::{BELIEVED, Conditions, HALL_M, HEIGHT_M, Round};
@@ -31,9 +32,6 @@ const BEGIN_US: u64 = 5_000_000;
 const NODES: usize = 12;
 /// States of the fusion: eight beacons and four anchors in the plane.
 const STATES: usize = fusion::states(2, 8, 4);
-/// Deviations of a power for the Kalman filter, dB: of fading, and of what lasts (shadowing and the beacon's own).
-const FADING_DB: f64 = 2.5;
-const LASTING_DB: f64 = 4.0;
 
 /// What is listened to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -182,7 +180,7 @@ fn score(algorithm: Algorithm, heard: Heard, conditions: &Conditions, walks: &[V
         let found = match algorithm {
             Algorithm::Fusion => fused::<ON_HOST>(rounds, heard, conditions, walk as u64),
             Algorithm::FusionOnNode => fused::<ON_NODE>(rounds, heard, conditions, walk as u64),
-            Algorithm::Engine => filtered(rounds, heard, conditions),
+            Algorithm::Engine => located(rounds, heard, conditions),
         };
         for (round, found) in rounds.iter().zip(found).filter(|(round, _)| round.t_us >= BEGIN_US) {
             rounds_counted += 1;
@@ -247,54 +245,47 @@ fn fused<const H: usize>(rounds: &[Round], heard: Heard, conditions: &Conditions
         .collect()
 }
 
-/// A position a round by the engine.
-fn filtered(rounds: &[Round], heard: Heard, conditions: &Conditions) -> Vec<Option<Found>> {
-    let dimensions = Dimensions::Plane { height: HEIGHT_M as f32 };
-    let settings = engine::Settings { area: Some(area()), ..engine::Settings::track(dimensions) };
-    let mut engine: Engine<f32> = Engine::new(settings);
-    // Nobody's receiver is off here, and no beacon stands elsewhere.
-    let mut surroundings = Box::new(BeaconMonitor::<f32, { world::MOST_BEACONS }>::new(0.0));
-    let path_loss =
-        PathLoss { level_1m: BELIEVED[0] as f32, exponent: BELIEVED[1] as f32, deviation: LASTING_DB as f32 };
-    let site = Site { area: Area { min: [0.0; 2], max: HALL_M.map(|side| side as f32) }, walls: &[] };
+/// A position a round by the locator of a tag.
+fn located(rounds: &[Round], heard: Heard, conditions: &Conditions) -> Vec<Option<Found>> {
+    let engine = engine::Settings::track(Dimensions::Plane { height: HEIGHT_M as f32 });
+    let [rssi_1m_dbm, path_loss_exponent] = BELIEVED.map(|believed| Some(believed as f32));
+    let list = std::array::from_fn::<_, { world::MOST_BEACONS }, _>(|beacon| {
+        let position_m = single(world::beacon_m(beacon));
+        ListedBeacon { position_m, rssi_1m_dbm, path_loss_exponent }
+    });
+    let list: &[ListedBeacon] = &list;
+    let settings = locator::Settings {
+        site: Some(Site { area: Area { min: [0.0; 2], max: HALL_M.map(|side| side as f32) }, walls: &[] }),
+        // Nobody's receiver is off here.
+        receiver_db: 0.0,
+        window_us: world::ROUND_US,
+        ..locator::Settings::new(engine::Settings { area: Some(area()), ..engine }).with_beacons(&list)
+    };
+    let mut locator = Box::new(Locator::<{ world::MOST_BEACONS }>::new(settings));
+    let unknown = Reception { features: Features::default(), power_dbm: f32::NAN };
     rounds
         .iter()
         .map(|round| {
-            if heard != Heard::Uwb {
-                let levels: Vec<Level<f32>> = (0..world::MOST_BEACONS)
-                    .filter_map(|beacon| {
-                        let of_it: Vec<f64> =
-                            round.powers.iter().filter(|power| power.1 == beacon).map(|power| power.2).collect();
-                        let count = of_it.len() as f64;
-                        let [x, y, z] = single(world::beacon_m(beacon));
-                        let level = (of_it.iter().sum::<f64>() / count) as f32;
-                        let heard = multilateration::Heard {
-                            place: [x, y],
-                            above: z - HEIGHT_M as f32,
-                            rssi: level,
-                            path_loss,
-                        };
-                        let noise = (FADING_DB / count.sqrt()) as f32;
-                        (count > 0.0).then_some(Level { beacon, heard, noise, is_torn: false })
-                    })
-                    .collect();
-                if let Ok(located) = surroundings.locate(round.t_us, &levels, &site, None) {
-                    engine.step(round.t_us, &Measurement::BeaconPosition(located.position));
-                }
+            for &(t_us, beacon, dbm) in round.powers.iter().filter(|_| heard != Heard::Uwb) {
+                locator.advertisement(t_us, beacon, dbm as f32, BELIEVED[0] as f32);
             }
-            for &(anchor, metres) in round.ranges.iter().filter(|_| heard != Heard::Ble) {
+            let by_beacons = locator.end_window(round.t_us);
+            for (index, &(anchor, metres)) in round.ranges.iter().filter(|_| heard != Heard::Ble).enumerate() {
                 let range = Range {
                     anchor: anchor as u16,
-                    place: single(world::anchor_m(anchor)),
-                    distance: metres as f32,
-                    deviation: conditions.range_sigma_m as f32,
-                    blocked: None,
-                    excess: None,
+                    position_m: single(world::anchor_m(anchor)),
+                    distance_m: metres as f32,
+                    deviation_m: conditions.range_sigma_m as f32,
+                    p_nlos: None,
+                    excess_m: None,
                 };
-                engine.step(round.t_us, &Measurement::Range(range));
+                locator.range(round.t_us, index, range, &unknown);
             }
-            let fix = engine.step(round.t_us, &Measurement::RoundEnd).fix;
-            fix.ok().map(|fix| {
+            let update = match heard {
+                Heard::Ble => by_beacons?,
+                Heard::Uwb | Heard::Both => locator.end_round(round.t_us, round.ranges.len()),
+            };
+            update.fix.ok().map(|fix| {
                 let plane = [0, 1].map(|r| [0, 1].map(|c| f64::from(fix.covariance[r][c])));
                 ([fix.position[0], fix.position[1]].map(f64::from), plane)
             })

@@ -1,13 +1,14 @@
 use positioning_core::Real;
 use positioning_core::ble::fingerprint::{Point, encode};
 use positioning_core::ble::rooms::{Kind, Model, Svm};
+use std::boxed::Box;
 use std::vec::Vec;
 use wire::ble::{Advertised, IBeacon};
 use wire::config::{MODELS_BYTES, decode_models, encode_models};
 
 use super::*;
 use crate::channels::Heard;
-use crate::{KnownBeacons, Locator, Tracker};
+use crate::{KnownBeacons, LocatorConfig, Tracker};
 
 /// The corners of a square of 6 m, at the tag's height: beacons 1-1 to 1-4 stand there.
 const CORNERS: [[f32; 2]; 4] = [[0.0, 0.0], [6.0, 0.0], [6.0, 6.0], [0.0, 6.0]];
@@ -35,20 +36,20 @@ fn levels_at(place: [f32; 2]) -> [f64; 4] {
     })
 }
 
-/// A lattice of 13 × 13 points, 0.5 m apart, of those RSSI values with deviations of 1.5 dB.
-fn map() -> Vec<u8> {
+/// A lattice of 13 × 13 points, 0.5 m apart, of those levels with deviations of 1.5 dB.
+fn map_bytes() -> Vec<u8> {
     let places: Vec<[f32; 2]> = (0..169_u8).map(|k| [f32::from(k / 13) * 0.5, f32::from(k % 13) * 0.5]).collect();
-    let rssis: Vec<[Option<f64>; 4]> = places.iter().map(|place| levels_at(*place).map(Some)).collect();
+    let levels: Vec<[Option<f64>; 4]> = places.iter().map(|place| levels_at(*place).map(Some)).collect();
     let points: Vec<Point> = places
         .iter()
-        .zip(&rssis)
-        .map(|(place, rssis)| Point { position_m: place.map(f64::from), rssis, deviations: &[1.5; 4] })
+        .zip(&levels)
+        .map(|(place, levels)| Point { position_m: place.map(f64::from), levels, deviations: &[1.5; 4] })
         .collect();
     encode(&points, &[1, 2, 3, 4], &[-95.0; 4], Some(0.5), &mut [0; 4096]).expect("it fits").to_vec()
 }
 
-/// Two rooms, which the RSSI of 1-1 tells apart: above −80 dBm the first. x = 5 · 0.2 · (RSSI + 80).
-fn rooms() -> Vec<u8> {
+/// Two rooms, which the level of 1-1 tells apart: above −80 dBm the first. x = 5 · 0.2 · (level + 80).
+fn rooms_bytes() -> Vec<u8> {
     let bytes = |numbers: &[f32]| -> Vec<u8> { numbers.iter().flat_map(|n| n.to_le_bytes()).collect() };
     let (fallback, planes) = (bytes(&[-95.0]), bytes(&[16.0, 0.2]));
     let svm = Svm { rooms: 2, slope: 5.0, fallback_dbm: &fallback, planes: &planes };
@@ -62,7 +63,7 @@ fn numbers(minors: &[u8]) -> Vec<u8> {
 /// A region with a map of these beacons, and with rooms.
 fn region(minors: &[u8], map: &[u8], rooms: &[u8]) -> Vec<u8> {
     let (of_map, of_rooms) = (numbers(minors), numbers(&[1]));
-    let models = SiteModels {
+    let models = StoredSiteModels {
         map: Some(BeaconModel { beacons: &of_map, model: map }),
         rooms: Some(BeaconModel { beacons: &of_rooms, model: rooms }),
         room_names: "",
@@ -71,18 +72,18 @@ fn region(minors: &[u8], map: &[u8], rooms: &[u8]) -> Vec<u8> {
 }
 
 /// What a tag takes of a region, and what it complains of.
-fn taken<'r>(region: &'r [u8], list: &[Beacon]) -> (LoadedModels<'r>, Vec<Condition>) {
+fn taken<'r>(region: &'r [u8], list: &[Beacon]) -> (SiteModels<'r>, Vec<Condition>) {
     let mut complaints = Vec::new();
-    let surveyed = LoadedModels::of(decode_models(region), list, |condition| complaints.push(condition));
-    (surveyed, complaints)
+    let site_models = site_models(decode_models(region), list, |condition| complaints.push(condition));
+    (site_models, complaints)
 }
 
-fn tracker<'a>(list: &'a [Beacon], surveyed: &'a LoadedModels<'a>) -> Tracker<'a> {
-    let locator = Locator::new(Some(1.0), &[]).with_beacons(KnownBeacons::new(list, None));
-    Tracker::new(locator.with_surveyed(surveyed))
+fn tracker<'a>(list: &'a [Beacon], models: &'a SiteModels<'a>) -> Tracker<'a> {
+    let config = LocatorConfig::new(Some(1.0), &[]).with_beacons(KnownBeacons::new(list, None));
+    Tracker::new(Box::leak(Box::new(config.with_site_models(models))))
 }
 
-/// One window, in which each beacon is heard ten times with its RSSI there; the position.
+/// One window, in which each beacon is heard ten times with its level there; the position.
 fn window(tracker: &mut Tracker<'_>, from_us: u64, rssi_dbm: &[(u16, i8)]) -> Option<[f32; 3]> {
     for k in 0..10 {
         for (minor, rssi_dbm) in rssi_dbm {
@@ -96,7 +97,7 @@ fn window(tracker: &mut Tracker<'_>, from_us: u64, rssi_dbm: &[(u16, i8)]) -> Op
 }
 
 fn rounded(place: [f32; 2]) -> Vec<(u16, i8)> {
-    (1..).zip(levels_at(place).map(|rssi| rssi.round() as i8)).collect()
+    (1..).zip(levels_at(place).map(|level| level.round() as i8)).collect()
 }
 
 fn off(found: [f32; 3], [x, y]: [f32; 2]) -> f32 {
@@ -105,34 +106,34 @@ fn off(found: [f32; 3], [x, y]: [f32; 2]) -> f32 {
 
 #[test]
 fn a_tag_with_a_map_knows_walls_that_path_loss_does_not() {
-    let (list, region) = (list(), region(&[1, 2, 3, 4], &map(), &rooms()));
-    let (surveyed, complaints) = taken(&region, &list);
+    let (list, region) = (list(), region(&[1, 2, 3, 4], &map_bytes(), &rooms_bytes()));
+    let (models, complaints) = taken(&region, &list);
     assert!(complaints.is_empty(), "{complaints:?}");
     let place = [1.5, 2.0];
-    let by_map = window(&mut tracker(&list, &surveyed), 0, &rounded(place)).expect("a position");
-    let nothing = LoadedModels::default();
+    let by_map = window(&mut tracker(&list, &models), 0, &rounded(place)).expect("a position");
+    let nothing = SiteModels::default();
     let by_path_loss = window(&mut tracker(&list, &nothing), 0, &rounded(place)).expect("a position");
-    // RSSI values are rounded to a decibel, the lattice's to a half: at 2 m from the nearest beacon a decibel is 0.25 m.
+    // Levels are rounded to a decibel, the lattice's to a half: at 2 m from the nearest beacon a decibel is 0.25 m.
     assert!(off(by_map, place) < 0.4, "{by_map:?}");
     assert!(off(by_path_loss, place) > 0.8, "{by_path_loss:?}");
 }
 
 #[test]
 fn a_beacon_that_the_map_does_not_know_changes_nothing_and_alone_it_is_heeded_by_its_path_loss() {
-    let (list, region) = (list(), region(&[1, 2, 3, 4], &map(), &rooms()));
-    let (surveyed, _) = taken(&region, &list);
+    let (list, region) = (list(), region(&[1, 2, 3, 4], &map_bytes(), &rooms_bytes()));
+    let (models, _) = taken(&region, &list);
     let place = [4.0, 2.0];
     let mut heard = rounded(place);
-    let without = window(&mut tracker(&list, &surveyed), 0, &heard).expect("a position");
+    let without = window(&mut tracker(&list, &models), 0, &heard).expect("a position");
     // It seems to be 10 m off.
     heard.push((9, -80));
-    let mut with = tracker(&list, &surveyed);
+    let mut with = tracker(&list, &models);
     assert_eq!(window(&mut with, 0, &heard), Some(without));
     // Less of the map is heard than it knows.
-    let mut fewer = tracker(&list, &surveyed);
+    let mut fewer = tracker(&list, &models);
     let found = window(&mut fewer, 0, &heard[1..4]).expect("a position");
     assert!(off(found, place) < 0.8, "{found:?}");
-    let mut none = tracker(&list, &surveyed);
+    let mut none = tracker(&list, &models);
     for t_us in [0, 1_000_000] {
         let found = window(&mut none, t_us, &heard[4..]);
         assert!(found.is_none_or(|found| found.iter().all(|metres| metres.is_finite())), "{found:?}");
@@ -141,10 +142,10 @@ fn a_beacon_that_the_map_does_not_know_changes_nothing_and_alone_it_is_heeded_by
 
 #[test]
 fn levels_that_are_none_spoil_nothing() {
-    let (list, region) = (list(), region(&[1, 2, 3, 4], &map(), &rooms()));
-    let (surveyed, _) = taken(&region, &list);
+    let (list, region) = (list(), region(&[1, 2, 3, 4], &map_bytes(), &rooms_bytes()));
+    let (models, _) = taken(&region, &list);
     for rssi_dbm in [127, 0, -128] {
-        let mut tracker = tracker(&list, &surveyed);
+        let mut tracker = tracker(&list, &models);
         let all: Vec<_> = (1..=4).map(|minor| (minor, rssi_dbm)).collect();
         assert_eq!(window(&mut tracker, 0, &all), None);
         let mut mixed = rounded([4.0, 2.0]);
@@ -157,7 +158,7 @@ fn levels_that_are_none_spoil_nothing() {
 #[test]
 fn what_cannot_be_used_is_complained_of_once_and_the_rest_is_used() {
     use wire::telemetry::Levels::{All, Map, Rooms};
-    let (list, map, rooms) = (list(), map(), rooms());
+    let (list, map, rooms) = (list(), map_bytes(), rooms_bytes());
     let said = |region: &[u8]| taken(region, &list).1;
     assert_eq!(said(&[0xFF; 64]), [], "nothing is nothing to complain of");
     let whole = region(&[1, 2, 3, 4], &map, &rooms);
@@ -172,8 +173,8 @@ fn what_cannot_be_used_is_complained_of_once_and_the_rest_is_used() {
     assert_eq!(said(&region(&[1, 2, 3, 4], &newer, &rooms)), [Condition::Unused(Map, RssiModelError::Version(9))]);
     assert_eq!(said(&region(&[1, 2, 3, 7], &map, &rooms)), [Condition::Unused(Map, RssiModelError::OtherBeacons)]);
     assert_eq!(said(&region(&[1, 2, 3], &map, &rooms)), [Condition::Unused(Map, RssiModelError::Invalid)]);
-    let surveyed = Point { position_m: [0.0; 2], rssis: &[Some(-60.0)], deviations: &[] };
-    let plain = encode(&[surveyed], &[1], &[-95.0], None, &mut [0; 64]).expect("it fits").to_vec();
+    let point = Point { position_m: [0.0; 2], levels: &[Some(-60.0)], deviations: &[] };
+    let plain = encode(&[point], &[1], &[-95.0], None, &mut [0; 64]).expect("it fits").to_vec();
     assert_eq!(said(&region(&[1], &plain, &rooms)), [Condition::Unused(Map, RssiModelError::Invalid)]);
     let cut = region(&[1, 2, 3, 4], &map, &rooms[..20]);
     assert_eq!(said(&cut), [Condition::Unused(Rooms, RssiModelError::Corrupt)]);
@@ -182,9 +183,9 @@ fn what_cannot_be_used_is_complained_of_once_and_the_rest_is_used() {
 
 #[test]
 fn a_room_is_told_when_it_changes_and_every_five_seconds() {
-    let (list, region) = (list(), region(&[1, 2, 3, 4], &map(), &rooms()));
-    let (surveyed, _) = taken(&region, &list);
-    let mut tracker = tracker(&list, &surveyed);
+    let (list, region) = (list(), region(&[1, 2, 3, 4], &map_bytes(), &rooms_bytes()));
+    let (models, _) = taken(&region, &list);
+    let mut tracker = tracker(&list, &models);
     let mut told = Vec::new();
     // x = ± 10: certain within 10⁻⁴. Thirteen windows in the first room, then the second.
     for k in 0..40 {

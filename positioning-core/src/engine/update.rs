@@ -1,16 +1,22 @@
-//! One measurement at a time: whether it is one, and into the track or the round with it.
+//! The update by one measurement: it goes into the track, or is kept for the end of the round.
 
-use super::measurement::{BeaconPosition, Range, Tdoa, height_is_sane, known, position_is_sane, probability};
 use super::round::length;
 use super::{Engine, Mode, Verdict};
 use crate::Real;
+use crate::measurement::{BeaconPosition, ExternalPosition, Height, Observation, Range, Tdoa, probability};
 use crate::track::{Blocked, UpdateResult};
 
 impl<T: Real> Engine<T> {
-    pub(super) fn range(&mut self, range: &Range<T>) -> Verdict {
-        if !range.is_sane() {
-            return Verdict::NotSane;
+    /// A measurement that changes a track by itself, and no round.
+    fn observe(&mut self, observation: &impl Observation<T>) -> Verdict {
+        if self.track.is_err() {
+            return Verdict::NoTrack;
         }
+        let result = observation.update(&mut self.filter, &self.settings.filter);
+        self.conclude(result, None)
+    }
+
+    pub(super) fn range(&mut self, range: &Range<T>) -> Verdict {
         let place = self.round.keep(range);
         self.round.given = self.round.given.saturating_add(1);
         if self.track.is_err() {
@@ -25,8 +31,8 @@ impl<T: Real> Engine<T> {
 
     /// Takes a range into the track, unless it is to be ignored.
     pub(super) fn check_range(&mut self, range: &Range<T>, place: Option<usize>) -> Verdict {
-        match self.settings.blocked {
-            Blocked::Ignore { threshold, .. } if probability(range.blocked) >= threshold => Verdict::Ignored,
+        match self.settings.filter.blocked {
+            Blocked::Ignore { threshold, .. } if probability(range.p_nlos) >= threshold => Verdict::Ignored,
             Blocked::Ignore { .. } | Blocked::Alike | Blocked::TwoVariances { .. } | Blocked::Weigh => {
                 self.track_range(range, place)
             }
@@ -35,15 +41,12 @@ impl<T: Real> Engine<T> {
 
     /// Takes a range into the track.
     pub(super) fn track_range(&mut self, range: &Range<T>, place: Option<usize>) -> Verdict {
-        let shortened = Range { distance: length(range, &self.settings), ..*range };
-        let fate = self.filter.range(&shortened, known(range.blocked), &self.settings);
-        self.verdict(fate, place)
+        let shortened = Range { distance_m: length(range, &self.settings), ..*range };
+        let result = shortened.update(&mut self.filter, &self.settings.filter);
+        self.conclude(result, place)
     }
 
     pub(super) fn tdoa(&mut self, tdoa: &Tdoa<T>) -> Verdict {
-        if !tdoa.is_sane() {
-            return Verdict::NotSane;
-        }
         self.round.given = self.round.given.saturating_add(1);
         if self.track.is_err() {
             return if self.round.tdoas.push(*tdoa).is_ok() { Verdict::Held } else { Verdict::NoTrack };
@@ -53,20 +56,17 @@ impl<T: Real> Engine<T> {
 
     /// Takes a difference into the track, unless it is to be ignored.
     pub(super) fn check_tdoa(&mut self, tdoa: &Tdoa<T>) -> Verdict {
-        if let Blocked::Ignore { threshold, .. } = self.settings.blocked
-            && tdoa.blocked.iter().any(|&blocked| probability(blocked) >= threshold)
+        if let Blocked::Ignore { threshold, .. } = self.settings.filter.blocked
+            && tdoa.p_nlos.iter().any(|&p_nlos| probability(p_nlos) >= threshold)
         {
             return Verdict::Ignored;
         }
-        let fate = self.filter.tdoa(tdoa, tdoa.blocked.map(known), &self.settings);
-        self.verdict(fate, None)
+        let result = tdoa.update(&mut self.filter, &self.settings.filter);
+        self.conclude(result, None)
     }
 
-    /// Keeps a position by beacons for the round's end; of several the last. In space it tells no height, and too little.
+    /// Keeps a position by beacons for the round's end; of several the last. In space it has no height, and too little information.
     pub(super) fn beacon_position(&mut self, position: &BeaconPosition<T>) -> Verdict {
-        if !position.is_sane() {
-            return Verdict::NotSane;
-        }
         if self.settings.dimensions.height().is_none() {
             return Verdict::Ignored;
         }
@@ -75,26 +75,17 @@ impl<T: Real> Engine<T> {
         Verdict::Held
     }
 
-    pub(super) fn height(&mut self, height: T, deviation: T) -> Verdict {
-        if !height_is_sane(height, deviation) {
-            return Verdict::NotSane;
+    pub(super) fn external_height(&mut self, height: &Height<T>) -> Verdict {
+        if self.track.is_ok() {
+            self.height.set_external();
         }
-        if self.track.is_err() {
-            return Verdict::NoTrack;
-        }
-        self.height_source.set_external();
-        let fate = self.filter.height(height, deviation, &self.settings);
-        self.verdict(fate, None)
+        self.observe(height)
     }
 
-    pub(super) fn position(&mut self, position: &[T; 3], covariance: &[[T; 3]; 3]) -> Verdict {
-        if !position_is_sane(position, covariance) {
-            return Verdict::NotSane;
-        }
+    pub(super) fn external_position(&mut self, position: &ExternalPosition<T>) -> Verdict {
         if self.track.is_ok() {
-            self.height_source.set_external();
-            let fate = self.filter.position(*position, covariance, &self.settings);
-            return self.verdict(fate, None);
+            self.height.set_external();
+            return self.observe(position);
         }
         match self.settings.mode {
             Mode::Solve => Verdict::NoTrack,
@@ -102,21 +93,22 @@ impl<T: Real> Engine<T> {
                 let height = self.settings.dimensions.height();
                 let start = core::array::from_fn(|axis| match height {
                     Some(height) if axis == 2 => height,
-                    Some(_) | None => position[axis],
+                    Some(_) | None => position.position_m[axis],
                 });
-                Verdict::Started(self.start(start, covariance))
+                Verdict::Started(self.start(start, &position.covariance_m2))
             }
         }
     }
 
-    pub(super) fn verdict(&mut self, fate: UpdateResult, place: Option<usize>) -> Verdict {
-        self.supervisor.count(fate == UpdateResult::Rejected);
-        match fate {
+    /// Counts what became of a measurement; `place` is that of a range in its round.
+    pub(super) fn conclude(&mut self, result: UpdateResult, place: Option<usize>) -> Verdict {
+        self.supervisor.count(result == UpdateResult::Rejected);
+        match result {
             UpdateResult::Rejected => Verdict::Refused,
             UpdateResult::Accepted | UpdateResult::Readmitted => {
                 self.used_us = self.now_us;
                 self.round.count(place);
-                if fate == UpdateResult::Accepted { Verdict::Used } else { Verdict::Readmitted }
+                if result == UpdateResult::Accepted { Verdict::Used } else { Verdict::Readmitted }
             }
         }
     }

@@ -5,8 +5,7 @@
 
 use heapless::Vec;
 
-use super::Likelihood;
-use crate::ble::multilateration::Heard;
+use super::RssiObservation;
 use crate::ble::path_loss::{Wall, attenuation};
 use crate::{MAX_ANCHORS, Real};
 
@@ -16,16 +15,16 @@ const NEAREST_M: f64 = 0.3;
 /// One beacon: its RSSI is off by `base + slope · log₂ d²`, dB.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Term<T> {
-    place: [T; 2],
+    beacon_m: [T; 2],
     above: T,
     base: T,
     slope: T,
     weight: T,
 }
 
-/// The likelihood of the RSSI values of one scan.
+/// The likelihood of positions by the RSSI values of one scan.
 #[derive(Clone, Debug)]
-pub struct Levels<'a, T> {
+pub struct RssiLikelihood<'a, T> {
     terms: Vec<Term<T>, MAX_ANCHORS>,
     /// 1 ⁄ (Σ w + 1 ⁄ σₒ²), of the offset that is integrated out.
     share: T,
@@ -35,13 +34,13 @@ pub struct Levels<'a, T> {
     walls: &'a [Wall<T>],
 }
 
-impl<'a, T: Real> Levels<'a, T> {
+impl<'a, T: Real> RssiLikelihood<'a, T> {
     /// Of RSSI values that were heard, at most [`MAX_ANCHORS`] of them; what is not sane is left out.
     ///
     /// `offset_deviation` is how far the receiver's own offset may be from none, dB. `trust`, up to 1, is how much of it is news: what
     /// shadows an RSSI at a place is there in the next scan again, and counts once in the time it takes to leave the place (a
     /// second or two), not once a scan.
-    pub fn of(heard: &[Heard<T, 2>], offset_deviation: T, trust: T) -> Self {
+    pub fn of(heard: &[RssiObservation<T, 2>], offset_deviation: T, trust: T) -> Self {
         let (mut terms, mut weights) = (Vec::new(), T::ZERO);
         for heard in heard.iter().filter(|heard| heard.is_sane()) {
             let term = Term::of(heard);
@@ -86,9 +85,9 @@ impl<'a, T: Real> Levels<'a, T> {
     /// By how much an RSSI is too loud for a place, dB. Near the beacon, where the model ends, the distance is rounded off.
     #[inline(always)]
     pub(crate) fn residual(&self, term: &Term<T>, position: [T; 2]) -> T {
-        let (x, y) = (position[0] - term.place[0], position[1] - term.place[1]);
+        let (x, y) = (position[0] - term.beacon_m[0], position[1] - term.beacon_m[1]);
         let residual = term.base + term.slope * (x.squared() + y.squared() + term.above).log2_about();
-        if self.walls.is_empty() { residual } else { residual + attenuation(self.walls, term.place, position) }
+        if self.walls.is_empty() { residual } else { residual + attenuation(self.walls, term.beacon_m, position) }
     }
 
     /// How many RSSI values it holds.
@@ -113,22 +112,15 @@ impl<'a, T: Real> Levels<'a, T> {
     }
 }
 
-impl<T: Real> Likelihood<T> for Levels<'_, T> {
-    #[inline]
-    fn ln_at(&self, position: [T; 2]) -> T {
-        self.seen_from(position).0
-    }
-}
-
 impl<T: Real> Term<T> {
     /// Of an RSSI that is sane.
     #[inline(never)]
-    pub(crate) fn of(heard: &Heard<T, 2>) -> Self {
+    pub(crate) fn of(heard: &RssiObservation<T, 2>) -> Self {
         let path_loss = &heard.path_loss;
         Self {
-            place: heard.place,
-            above: heard.above.squared().at_least(T::of(NEAREST_M * NEAREST_M)),
-            base: heard.rssi - path_loss.level_1m,
+            beacon_m: heard.beacon_m,
+            above: heard.above_m.squared().at_least(T::of(NEAREST_M * NEAREST_M)),
+            base: heard.rssi_dbm - path_loss.level_1m,
             // 10 n log₁₀ d = 5 n log₁₀ 2 · log₂ d².
             slope: path_loss.exponent * T::of(5.0 * core::f64::consts::LOG10_2),
             weight: T::ONE / path_loss.deviation.squared(),
@@ -138,22 +130,26 @@ impl<T: Real> Term<T> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Levels, Likelihood};
-    use crate::ble::multilateration::Heard;
     use crate::ble::path_loss::{PathLoss, Wall};
+    use crate::ble::rssi::{RssiLikelihood, RssiObservation};
 
-    fn heard(place: [f64; 2], rssi: f64) -> Heard<f64, 2> {
-        Heard { place, above: 0.0, rssi, path_loss: PathLoss { level_1m: -50.0, exponent: 2.0, deviation: 4.0 } }
+    fn heard(place: [f64; 2], rssi: f64) -> RssiObservation<f64, 2> {
+        RssiObservation {
+            beacon_m: place,
+            above_m: 0.0,
+            rssi_dbm: rssi,
+            path_loss: PathLoss { level_1m: -50.0, exponent: 2.0, deviation: 4.0 },
+        }
     }
 
     #[test]
     fn the_likelihood_is_that_of_a_hand_calculation() {
         // At 5 m, d² = 25 + 0.09: residual −66 + 50 + 10 log₁₀ 25.09 = −2.004993, squared 4.019998, −½ · 4.019998 ⁄ 16 = −0.125625.
-        let one = Levels::of(&[heard([0.0, 0.0], -66.0)], 0.0, 1.0).ln_at([3.0, 4.0]);
+        let one = RssiLikelihood::of(&[heard([0.0, 0.0], -66.0)], 0.0, 1.0).seen_from([3.0, 4.0]).0;
         assert!((one + 0.125_625).abs() < 1e-6, "{one}");
         // From (0, 4) d² is 25.09 and 52.09; the second residual −62 + 50 + 10 log₁₀ 52.09 = 5.167544, squared 26.703507: −0.960110.
         let both = [heard([3.0, 0.0], -66.0), heard([6.0, 0.0], -62.0)];
-        let at = |offset_deviation, trust| Levels::of(&both, offset_deviation, trust).ln_at([0.0, 4.0]);
+        let at = |offset_deviation, trust| RssiLikelihood::of(&both, offset_deviation, trust).seen_from([0.0, 4.0]).0;
         assert!((at(0.0, 1.0) + 0.960_110).abs() < 1e-6, "{}", at(0.0, 1.0));
         assert!((at(0.0, 0.25) + 0.25 * 0.960_110).abs() < 1e-6);
         // An offset of any size explains their mean, 1.581275; left are ∓3.586268: −½ · 25.722643 ⁄ 16 = −0.803833.
@@ -164,16 +160,16 @@ mod tests {
     fn a_wall_makes_the_places_behind_it_as_much_louder_as_it_takes() {
         // Without: residual -2.004993 at (3, 4). A wall of 5 dB between: 2.995007, squared 8.970067, −½ · 8.970067 ⁄ 16 = −0.280315.
         let walls = [Wall { ends: [[1.0, 0.0], [1.0, 9.0]], attenuation: 5.0 }];
-        let rssis = Levels::of(&[heard([0.0, 0.0], -66.0)], 0.0, 1.0).through(&walls);
-        assert!((rssis.ln_at([3.0, 4.0]) + 0.280_315).abs() < 1e-6, "{}", rssis.ln_at([3.0, 4.0]));
-        assert!((rssis.ln_at([-3.0, 4.0]) + 0.125_625).abs() < 1e-6, "not behind the wall");
+        let rssis = RssiLikelihood::of(&[heard([0.0, 0.0], -66.0)], 0.0, 1.0).through(&walls);
+        assert!((rssis.seen_from([3.0, 4.0]).0 + 0.280_315).abs() < 1e-6, "{}", rssis.seen_from([3.0, 4.0]).0);
+        assert!((rssis.seen_from([-3.0, 4.0]).0 + 0.125_625).abs() < 1e-6, "not behind the wall");
     }
 
     #[test]
     fn what_is_not_sane_is_left_out() {
         let bad = [heard([f64::NAN, 0.0], -60.0), heard([0.0, 0.0], f64::INFINITY), heard([0.0, 0.0], -60.0)];
-        assert_eq!(Levels::of(&bad, 0.0, 1.0).len(), 1);
-        assert_eq!(Levels::of(&[bad[2]; 20], 0.0, 1.0).len(), 16);
-        assert!(Levels::<f64>::of(&bad[..1], 0.0, 1.0).is_empty());
+        assert_eq!(RssiLikelihood::of(&bad, 0.0, 1.0).len(), 1);
+        assert_eq!(RssiLikelihood::of(&[bad[2]; 20], 0.0, 1.0).len(), 16);
+        assert!(RssiLikelihood::<f64>::of(&bad[..1], 0.0, 1.0).is_empty());
     }
 }

@@ -1,7 +1,7 @@
-//! The end of a round: it starts a track, or audits it, or is solved by itself.
+//! Track management at the end of a round: a track is started, checked or given up, or the round is solved by itself.
 
-use super::measurement::probability;
 use super::{Engine, HeightSource, Missing, Mode, Output, Start, TrackFix, Verdict};
+use crate::measurement::{Observation as _, probability};
 use crate::track::{Blocked, Supervisor};
 use crate::{Fix, Real};
 
@@ -108,20 +108,18 @@ impl<T: Real> Engine<T> {
 
     /// Lets the position by beacons into the track, where the round has one.
     fn apply_beacon_position(&mut self) {
-        let height = self.settings.dimensions.height();
-        if let Some((located, height)) = self.round.by_beacons.zip(height) {
-            let fix = located.at(height);
-            let fate = self.filter.by_beacons(fix.position, &fix.covariance, located.lasting, &self.settings);
-            self.verdict(fate, None);
+        if let (Some(position), Some(_)) = (self.round.by_beacons, self.settings.dimensions.height()) {
+            let result = position.update(&mut self.filter, &self.settings.filter);
+            self.conclude(result, None);
         }
     }
 
     /// Lets the least blocked of the ignored ranges into the track, where the settings want a round to keep some.
     fn apply_min_anchors(&mut self) {
-        let Blocked::Ignore { threshold, at_least } = self.settings.blocked else { return };
+        let Blocked::Ignore { threshold, at_least } = self.settings.filter.blocked else { return };
         let mut kept = 0_u16;
         for (place, range) in self.round.ranges.iter().enumerate() {
-            if probability(range.blocked) < threshold {
+            if probability(range.p_nlos) < threshold {
                 kept |= 1 << place;
             }
         }
@@ -150,7 +148,7 @@ impl<T: Real> Engine<T> {
         self.apply_min_anchors();
         self.apply_beacon_position();
         let doubts = self.settings.supervised && self.supervisor.doubts();
-        if (doubts || self.height_source.is_asked())
+        if (doubts || self.height.is_asked())
             && let Ok(fix) = self.round.solve(&self.settings)
         {
             let covariance = self.filter.state.position_covariance();
@@ -168,16 +166,17 @@ impl<T: Real> Engine<T> {
     fn take_height(&mut self, fix: &Fix<T, 3>) {
         if self.settings.dimensions.height().is_none()
             && !self.round.ranges.is_empty()
-            && let Some((height, deviation)) = self.height_source.of(fix)
+            && let Some(height) = self.height.of(fix)
         {
-            self.filter.height(height, deviation, &self.settings);
+            height.update(&mut self.filter, &self.settings.filter);
         }
     }
 
     /// Starts a track.
     pub(super) fn start(&mut self, position: [T; 3], covariance: &[[T; 3]; 3]) -> Start {
-        self.filter.start(self.now_us, position, covariance, &self.settings);
-        self.height_source = HeightSource::new();
+        let flat = self.settings.dimensions.height().is_some();
+        self.filter.start(self.now_us, position, covariance, flat, &self.settings.filter);
+        self.height = HeightSource::new();
         self.supervisor = Supervisor::default();
         self.track = Ok(());
         self.used_us = self.now_us;

@@ -1,0 +1,217 @@
+use super::*;
+use positioning_core::locator::AnchorPosition;
+use positioning_core::nlos::{self, Kind, Model, Platt, Shape, Skewness};
+use ranging::RadioInstant;
+use ranging::exchange::{self, Difference};
+use std::boxed::Box;
+use std::vec::Vec;
+
+/// Four anchors at the corners of a room of 3 m × 4 m, 2 m up; their order is their address, 1 to 4.
+const CORNERS: [[f32; 3]; 4] = [[0.0, 0.0, 2.0], [3.0, 0.0, 2.0], [3.0, 4.0, 2.0], [0.0, 4.0, 2.0]];
+/// From the tag the corners are √(1+1+4), √(4+1+4), √(4+9+4), √(1+9+4) m away.
+const TAG: [f32; 3] = [1.0, 1.0, 0.0];
+const FROM_TAG: [f32; 4] = [2.449_489_7, 3.0, 4.123_105_6, 3.741_657_4];
+
+fn ranges(positions: impl Fn(usize) -> Option<[f32; 3]>) -> [exchange::Range; 4] {
+    core::array::from_fn(|i| exchange::Range {
+        peer: i as u16 + 1,
+        distance_m: FROM_TAG[i],
+        deviation_m: 0.03,
+        position_m: positions(i),
+        diagnostics: Diagnostics::default(),
+    })
+}
+
+fn round(ranges: &[exchange::Range]) -> Measured<'_> {
+    Measured::Ranges(Round { number: 1, poll: RadioInstant::default(), asked: 4, ranges })
+}
+
+/// To the others from the first.
+fn differences(places: [[f32; 3]; 4]) -> Vec<Difference> {
+    let of = |i: usize| Difference {
+        peer: i as u16 + 1,
+        difference_m: FROM_TAG[i] - FROM_TAG[0],
+        deviation_m: 0.04,
+        position_m: places[i],
+        diagnostics: Diagnostics::default(),
+    };
+    (1..4).map(of).collect()
+}
+
+fn heard(reference_m: [f32; 3], differences: &[Difference]) -> Measured<'_> {
+    Measured::Differences(Differences {
+        number: 1,
+        poll: RadioInstant::default(),
+        asked: 3,
+        reference: 1,
+        reference_m,
+        reference_deviation_m: 0.03,
+        reference_diagnostics: Diagnostics::default(),
+        differences,
+    })
+}
+
+fn table() -> [AnchorPosition; 4] {
+    core::array::from_fn(|i| AnchorPosition { address: i as u16 + 1, position_m: CORNERS[i] })
+}
+
+fn tracker(config: LocatorConfig<'_>) -> Tracker<'_> {
+    Tracker::new(Box::leak(Box::new(config)))
+}
+
+fn at_floor(anchors: &[AnchorPosition]) -> Tracker<'_> {
+    tracker(LocatorConfig::new(Some(0.0), anchors))
+}
+
+/// After twenty rounds, 50 ms each.
+fn settled(mut tracker: Tracker<'_>, measured: Measured<'_>) -> Position {
+    let outcomes: Vec<_> = (1..=20).map(|k| tracker.follow(measured, None, 50_000 * k).outcome).collect();
+    outcomes.last().copied().unwrap().unwrap()
+}
+
+fn near(found: [f32; 3], expected: [f32; 3]) -> bool {
+    found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 0.01)
+}
+
+#[test]
+fn a_tag_at_a_known_height_is_found_in_the_plane() {
+    let heard = ranges(|i| Some(CORNERS[i]));
+    let position = settled(at_floor(&[]), round(&heard));
+    assert!(near(position.position_m, TAG), "{position:?}");
+    assert_eq!((position.used, position.covariance_m2[2]), (0b1111, [0.0; 3]));
+    assert!(position.covariance_m2[0][0] > 0.0);
+}
+
+#[test]
+fn configured_places_count_more_than_those_from_the_air() {
+    let heard = ranges(|_| Some([9.0, 9.0, 9.0]));
+    let table = table();
+    assert!(near(settled(at_floor(&table), round(&heard)).position_m, TAG));
+}
+
+#[test]
+fn a_range_to_an_anchor_of_unknown_place_is_left_out_and_the_others_keep_their_bits() {
+    let heard = ranges(|i| (i != 1).then_some(CORNERS[i]));
+    let position = settled(at_floor(&[]), round(&heard));
+    assert_eq!(position.used, 0b1101);
+    assert!(near(position.position_m, TAG), "{position:?}");
+}
+
+#[test]
+fn too_few_ranges_give_a_reason_until_there_is_a_track() {
+    let heard = ranges(|i| Some(CORNERS[i]));
+    let mut tracker = at_floor(&[]);
+    assert_eq!(tracker.follow(round(&heard[..2]), None, 10_000).outcome, Err(SolveError::TooFewAnchors));
+    assert!(tracker.follow(round(&heard), None, 60_000).outcome.is_ok());
+    let one = tracker.follow(round(&heard[2..3]), None, 110_000).outcome.unwrap();
+    assert_eq!(one.used, 0b1);
+    assert_eq!(tracker.follow(round(&[]), None, 160_000).outcome, Err(SolveError::TooFewAnchors));
+}
+
+#[test]
+fn a_tag_that_solves_each_round_by_itself_needs_three_ranges_in_each() {
+    let heard = ranges(|i| Some(CORNERS[i]));
+    for solver in Solver::ALL {
+        let mut tracker = self::tracker(LocatorConfig::new(Some(0.0), &[]).by(solver));
+        for k in 1..=20 {
+            let epoch = tracker.follow(round(&heard), None, 50_000 * k);
+            let found = epoch.outcome.unwrap().position_m;
+            // Squares meet where circles do not: the box knows the tag to a metre.
+            let [x, y, _] = [0, 1, 2].map(|axis| (found[axis] - TAG[axis]).abs());
+            assert!(near(found, TAG) || solver == Solver::BoundingBox && x < 1.0 && y < 1.0, "{solver:?}: {found:?}");
+            assert_eq!(epoch.solver, solver);
+        }
+        let two = tracker.follow(round(&heard[..2]), None, 1_050_000).outcome;
+        match solver {
+            Solver::Track => assert!(two.is_ok(), "{two:?}"),
+            Solver::Robust | Solver::BWls | Solver::BWlsR | Solver::BoundingBox => {
+                assert_eq!(two, Err(SolveError::TooFewAnchors), "{solver:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_solver_is_the_method_of_its_name() {
+    for solver in Solver::ALL {
+        let name = crate::method(solver).map_or("track", |method| method.method().as_str());
+        assert_eq!(name, solver.name());
+    }
+}
+
+#[test]
+fn ranges_that_cannot_belong_to_the_track_are_no_position() {
+    let heard = ranges(|i| Some(CORNERS[i]));
+    let mut tracker = at_floor(&[]);
+    for k in 1..=20 {
+        tracker.follow(round(&heard), None, 50_000 * k).outcome.unwrap();
+    }
+    let wild = heard.map(|range| exchange::Range { distance_m: 60.0, ..range });
+    assert_eq!(tracker.follow(round(&wild), None, 1_050_000).outcome, Err(SolveError::RangesDisjoint));
+}
+
+#[test]
+fn differences_find_a_tag_that_only_listens() {
+    let all = differences(CORNERS);
+    let position = settled(at_floor(&[]), heard(CORNERS[0], &all));
+    assert!(near(position.position_m, TAG), "{position:?}");
+    assert_eq!(position.used, 0b111);
+    let first = at_floor(&[]).follow(heard(CORNERS[0], &all), None, 10_000).outcome.unwrap();
+    assert_eq!(first.used, 0b111);
+    let two = &all[..1];
+    assert_eq!(at_floor(&[]).follow(heard(CORNERS[0], two), None, 10_000).outcome, Err(SolveError::TooFewAnchors));
+}
+
+#[test]
+fn differences_between_anchors_that_tell_wrong_places_are_put_right() {
+    // The second says that it is 1 m farther off than it is, 4 m instead of 3 m: 1 m too much was taken off.
+    let mut told = CORNERS;
+    told[1] = [4.0, 0.0, 2.0];
+    let mut all = differences(told);
+    all[0].difference_m -= 1.0;
+    let table = table();
+    let position = settled(at_floor(&table), heard(told[0], &all));
+    assert!(near(position.position_m, TAG), "{position:?}");
+}
+
+#[test]
+fn a_weak_first_path_is_a_doubt() {
+    // 10 dB are even odds, 20 dB 1/(1 + e^-3) = 0.953.
+    let of = |rx_power_dbm, first_path_power_dbm| {
+        let told = Diagnostics { rx_power_dbm, first_path_power_dbm, ..Diagnostics::default() };
+        let Reception { features, power_dbm } = at_floor(&[]).reception(&told);
+        let reception = nlos::Reception { features, range_m: 3.0, power_dbm, ends_m: None };
+        nlos::NlosDetector::new(None).blocked(0, 1, &reception)
+    };
+    assert!((of(-80.0, -90.0).unwrap() - 0.5).abs() < 1e-5);
+    assert!((of(-75.0, -95.0).unwrap() - 0.953).abs() < 1e-3);
+    assert_eq!(of(f32::NAN, -80.0), None);
+}
+
+#[test]
+fn what_the_impulse_response_tells_weighs_its_range() {
+    let skewness = |los_mean, nlos_mean| Skewness { feature: Feature::Skewness, los_mean, nlos_mean, deviation: 0.5 };
+    let model = Model { kind: Kind::Skewness(skewness(5.0, 0.0)), calibration: Platt::NONE };
+    let mut tracker = self::tracker(LocatorConfig::new(Some(0.0), &[]).with_model(Some(&model)));
+    assert!(tracker.wants_response());
+    // A single peak among 29 zeros: skewness (1 - 2/30)/√(1/30·29/30) = 5.2; its mirror image −5.2.
+    let shape = |peak: bool| {
+        let window: [u16; 30] = core::array::from_fn(|at| if (at == 16) == peak { 900 } else { 0 });
+        Shape::of(&window, 16.0).unwrap()
+    };
+    // Four anchors, the first of them half a metre too far: the same ranges, but its response says direct or blocked.
+    let mut heard = ranges(|i| Some(CORNERS[i]));
+    heard[0].distance_m += 0.5;
+    let mut error_m = |direct| {
+        let sounding = Sounding { peer: 1, shape: shape(direct) };
+        let mut outcome = Err(SolveError::TooFewAnchors);
+        for k in 1..=20 {
+            outcome = tracker.follow(round(&heard), Some(&sounding), 50_000 * k).outcome;
+        }
+        tracker = self::tracker(LocatorConfig::new(Some(0.0), &[]).with_model(Some(&model)));
+        let [x, y, _] = outcome.unwrap().position_m;
+        (x - TAG[0]).hypot(y - TAG[1])
+    };
+    let (believed, doubted) = (error_m(true), error_m(false));
+    assert!(doubted < 0.7 * believed, "{believed} m with it, {doubted} m doubting it");
+}

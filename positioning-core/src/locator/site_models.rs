@@ -1,0 +1,138 @@
+//! What a survey has learnt of beacons' RSSI: a fingerprint map, by which a tag is found instead of by path losses, and a classifier of
+//! rooms. Input: the smoothed RSSI values of a window. Output: a position with its covariance, and rooms.
+
+use heapless::Vec;
+
+use crate::ble::fingerprint::{Map, Receiver, locate_on_node};
+use crate::ble::rooms::{self, Classifier as _, MAX_BEACONS, RoomEstimate, RoomHysteresis, Svm};
+use crate::measurement::BeaconPosition;
+
+/// What a map's RSSI values are off by where nothing was measured twice, dB²: recorded surveys have deviations of 3 to 5 dB. It stays
+/// while the tag does not move; the noise of a window comes beside.
+const LASTING_DB2: f32 = 16.0;
+/// The receiver's offset is learnt from one window in so many: those between have the same shadows.
+const LEARNT: u64 = 4;
+/// In which room the tag is, is told again after so long, microseconds.
+const REPEATED_US: u64 = 5_000_000;
+
+/// A model of beacons, and the index in the list of each of its beacons, in its order.
+#[derive(Clone, Debug)]
+pub struct ForBeacons<M> {
+    /// The model.
+    pub model: M,
+    /// Indices.
+    pub beacons: Vec<u8, MAX_BEACONS>,
+}
+
+/// What a survey of the site gives a tag.
+#[derive(Clone, Debug, Default)]
+pub struct SiteModels<'a> {
+    /// The fingerprint map.
+    pub map: Option<ForBeacons<Map<'a>>>,
+    /// The classifier of rooms.
+    pub rooms: Option<ForBeacons<Svm<'a>>>,
+}
+
+/// The room that the tag is in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RoomUpdate {
+    /// Since the clock's zero, microseconds.
+    pub t_us: u64,
+    /// Which.
+    pub rooms: RoomEstimate,
+    /// Their smoothed probabilities, in the order of `rooms`; 0 where there are fewer.
+    pub probabilities: [f32; 2],
+    /// It is another than before.
+    pub is_new: bool,
+}
+
+/// What becomes of it from window to window.
+#[derive(Clone, Debug)]
+pub(super) struct SiteTracker<'a> {
+    models: &'a SiteModels<'a>,
+    receiver: Receiver<f32>,
+    window_us: u64,
+    /// When the receiver was learnt last.
+    learnt_us: Option<u64>,
+    presence: RoomHysteresis,
+    /// What was told last of rooms, and when.
+    told: Option<(RoomEstimate, u64)>,
+    /// What there is to tell.
+    update: Option<RoomUpdate>,
+}
+
+impl<M> ForBeacons<M> {
+    /// The RSSI values in the model's order of beacons.
+    fn ordered(&self, rssi_dbm: &[Option<f32>]) -> Vec<Option<f32>, MAX_BEACONS> {
+        self.beacons.iter().map(|index| rssi_dbm.get(usize::from(*index)).copied().flatten()).collect()
+    }
+}
+
+impl<'a> SiteTracker<'a> {
+    /// Nothing was received yet.
+    pub(super) fn new(models: &'a SiteModels<'a>, window_us: u64) -> Self {
+        Self {
+            models,
+            receiver: Receiver::default(),
+            window_us,
+            learnt_us: None,
+            presence: RoomHysteresis::new(rooms::Settings::default()),
+            told: None,
+            update: None,
+        }
+    }
+
+    /// The position by the map; `None` without a map, or where none of its beacons is received.
+    pub(super) fn locate(
+        &mut self,
+        now_us: u64,
+        rssi_dbm: &[Option<f32>],
+        noise_db2: f32,
+    ) -> Option<BeaconPosition<f32>> {
+        let map = self.models.map.as_ref()?;
+        let believed = Receiver { noise_db2, ..self.receiver };
+        let posterior = locate_on_node(&map.model, &map.ordered(rssi_dbm), &believed).ok()?;
+        let pause_us = self.window_us.saturating_mul(LEARNT);
+        if self.learnt_us.is_none_or(|before_us| now_us.saturating_sub(before_us) >= pause_us) {
+            self.receiver.learn(&posterior);
+            self.learnt_us = Some(now_us);
+        }
+        let lasting = LASTING_DB2 / (LASTING_DB2 + noise_db2);
+        Some(BeaconPosition { position_m: posterior.position, covariance_m2: posterior.covariance, lasting })
+    }
+
+    /// Whether the map knows the beacon of this index in the list.
+    pub(super) fn maps(&self, beacon: u16) -> bool {
+        self.models.map.as_ref().is_some_and(|map| map.beacons.iter().any(|known| u16::from(*known) == beacon))
+    }
+
+    /// Notes the room that belongs to these RSSI values, where there is a classifier: [`take_room`](Self::take_room) has what is to be
+    /// told.
+    pub(super) fn note_room(&mut self, now_us: u64, rssi_dbm: &[Option<f32>]) {
+        let Some(rooms) = &self.models.rooms else { return };
+        let probabilities = rooms.model.probabilities(&rooms.ordered(rssi_dbm));
+        let rooms = self.presence.step(now_us, probabilities.as_ref());
+        let is_new = self.told.is_none_or(|(before, _)| before != rooms);
+        if !is_new && self.told.is_none_or(|(_, told_us)| now_us.saturating_sub(told_us) < REPEATED_US) {
+            return;
+        }
+        self.told = Some((rooms, now_us));
+        let p = |room| self.presence.probability(room);
+        let probabilities = match rooms {
+            RoomEstimate::Unknown => [0.0; 2],
+            RoomEstimate::Room(room) => [p(room), 0.0],
+            RoomEstimate::Between(one, other) => [p(one), p(other)],
+        };
+        self.update = Some(RoomUpdate { t_us: now_us, rooms, probabilities, is_new });
+    }
+
+    /// What there is to tell of rooms.
+    pub(super) fn take_room(&mut self) -> Option<RoomUpdate> {
+        self.update.take()
+    }
+
+    /// Whether it is in a room, as far as is known.
+    pub(super) fn is_in_a_room(&self) -> bool {
+        self.presence.answer() != RoomEstimate::Unknown
+    }
+}

@@ -1,0 +1,45 @@
+//! A height: z = p₃ + n. From a barometer, or from knowing how a tag is carried.
+
+use super::{HEIGHT_GATE, Observation, sane, variance};
+use crate::Real;
+use crate::track::state::{POSITION, STATES};
+use crate::track::{Filter, FilterSettings, Linearised, Model, UpdateResult};
+
+/// A height.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Height<T> {
+    /// Metres.
+    pub height_m: T,
+    /// Standard deviation, metres.
+    pub deviation_m: T,
+}
+
+/// The height alone.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct HeightModel<T> {
+    pub(crate) height_m: T,
+}
+
+impl<T: Real> Model<T> for HeightModel<T> {
+    #[inline(always)]
+    fn linearise(&self, mean: &[T; STATES]) -> Linearised<T> {
+        Linearised {
+            innovation: self.height_m - mean[POSITION + 2],
+            position: [T::ZERO, T::ZERO, T::ONE],
+            others: [(0, T::ZERO); 3],
+            curvature: T::ZERO,
+        }
+    }
+}
+
+impl<T: Real> Observation<T> for Height<T> {
+    fn is_sane(&self) -> bool {
+        sane(self.height_m.abs(), self.deviation_m)
+    }
+
+    fn update(&self, filter: &mut Filter<T>, settings: &FilterSettings<T>) -> UpdateResult {
+        let model = HeightModel { height_m: self.height_m };
+        filter.observe(&model, variance(self.deviation_m), HEIGHT_GATE, settings)
+    }
+}

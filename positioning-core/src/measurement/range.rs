@@ -1,0 +1,58 @@
+//! A range: r = ‖p − a‖ + c + b + n, with the error c common to all ranges and the error b of the link (V. Barral et al., Sensors 19,
+//! 2019, equations 13 and 14, with the errors that last taken out of n).
+
+use super::{Observation, known, line_of_sight, magnitude, sane, variance};
+use crate::Real;
+use crate::track::state::{COMMON, STATES};
+use crate::track::{Filter, FilterSettings, GateOf, Linearised, Model, UpdateResult};
+
+/// A range to an anchor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Range<T> {
+    /// The anchor's address.
+    pub anchor: u16,
+    /// The anchor's position, metres.
+    pub position_m: [T; 3],
+    /// The measured distance, metres.
+    pub distance_m: T,
+    /// Standard deviation of the range's noise in line of sight, metres.
+    pub deviation_m: T,
+    /// Probability, 0 to 1, that the link is without line of sight; `None`: unknown.
+    pub p_nlos: Option<T>,
+    /// By how much the range is believed to be too long, metres; used only where the settings say so.
+    pub excess_m: Option<T>,
+}
+
+/// A range with the state that is its link's error.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RangeModel<'a, T> {
+    pub(crate) range: &'a Range<T>,
+    pub(crate) link: usize,
+}
+
+impl<T: Real> Model<T> for RangeModel<'_, T> {
+    #[inline(always)]
+    fn linearise(&self, mean: &[T; STATES]) -> Linearised<T> {
+        let (distance, unit) = line_of_sight(&[mean[0], mean[1], mean[2]], &self.range.position_m);
+        let link = mean.get(self.link).copied().unwrap_or(T::ZERO);
+        Linearised {
+            innovation: self.range.distance_m - distance - mean[COMMON] - link,
+            position: unit,
+            others: [(COMMON, T::ONE), (self.link, T::ONE), (0, T::ZERO)],
+            curvature: T::ONE / distance,
+        }
+    }
+}
+
+impl<T: Real> Observation<T> for Range<T> {
+    fn is_sane(&self) -> bool {
+        let excess = self.excess_m.unwrap_or(T::ZERO);
+        sane(magnitude(&self.position_m) + self.distance_m.abs() + excess.abs(), self.deviation_m)
+    }
+
+    fn update(&self, filter: &mut Filter<T>, settings: &FilterSettings<T>) -> UpdateResult {
+        let link = filter.anchor_link(self.anchor, variance(self.deviation_m), known(self.p_nlos), settings);
+        filter.observe(&RangeModel { range: self, link: link.state }, link.white, GateOf::Range(link.place), settings)
+    }
+}
