@@ -80,4 +80,11 @@ impl<'a> LocatorConfig<'a> {
     pub fn with_beacons(self, beacons: KnownBeacons<'a>) -> Self {
         Self { beacons, ..self }
     }
+
+    /// A tracker with this configuration, for ever.
+    #[cfg(test)]
+    pub(crate) fn tracker(self) -> crate::Tracker<'a> {
+        let Self { settings, solver, beacons } = self;
+        crate::Tracker::new(settings, solver, std::boxed::Box::leak(std::boxed::Box::new(beacons)))
+    }
 }

@@ -189,14 +189,15 @@ pub async fn ranging<R: Restart, M: RawMutex>(
 }
 
 /// The task that makes positions, sole owner of whatever that needs.
-pub async fn engine<M: RawMutex>(
+pub fn engine<M: RawMutex>(
     channels: &TaskChannels<M>,
     delay: impl DelayNs,
     locator: LocatorConfig<'_>,
     rates: RateControl,
     sink: &impl Sink,
-) -> Infallible {
-    watched_engine(channels, delay, locator, rates, sink, |_| ()).await
+) -> impl Future<Output = Infallible> {
+    // Not async: the future would hold a second copy of all this.
+    watched_engine(channels, delay, locator, rates, sink, |_| ())
 }
 
 /// The same, that shows each epoch before it is published.
@@ -208,7 +209,8 @@ async fn watched_engine<M: RawMutex>(
     sink: &impl Sink,
     mut watch: impl FnMut(&Epoch<'_>),
 ) -> Infallible {
-    let mut tracker = Tracker::new(&locator);
+    let LocatorConfig { settings, solver, beacons } = locator;
+    let mut tracker = Tracker::new(settings, solver, &beacons);
     let turns = tracker.wants_response();
     loop {
         sink.alive(Task::Engine);

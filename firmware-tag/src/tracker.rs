@@ -15,7 +15,7 @@ use wire::config::Solver;
 use wire::telemetry::{BeaconEvidence, Condition, Room, RoomProbability, Sighting};
 
 use crate::channels::{Heard, Levels};
-use crate::{HEARS_BEACONS, KnownBeacons, LISTED, LocatorConfig, Measured, Sounding};
+use crate::{HEARS_BEACONS, KnownBeacons, LISTED, Measured, Sounding};
 
 /// What became of one round, or of a window of beacons.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,12 +52,10 @@ pub struct Tracker<'a> {
 }
 
 impl<'a> Tracker<'a> {
-    /// Knows nothing of the tag yet.
-    pub fn new(config: &'a LocatorConfig<'a>) -> Self {
-        let LocatorConfig { settings, solver, beacons } = config;
-        let settings: Settings<'a> = settings.clone();
+    /// Knows nothing of the tag yet: the parts of a [`LocatorConfig`](crate::LocatorConfig).
+    pub fn new(settings: Settings<'a>, solver: Solver, beacons: &'a KnownBeacons<'a>) -> Self {
         let settings = if HEARS_BEACONS { settings.with_beacons(beacons) } else { settings };
-        Self { locator: Locator::new(settings), solver: *solver, beacons, number: 0 }
+        Self { locator: Locator::new(settings), solver, beacons, number: 0 }
     }
 
     /// Whether the impulse responses of frames are of use.
@@ -127,7 +125,7 @@ impl<'a> Tracker<'a> {
         let known = self.beacons.identify(&heard.beacon)?;
         let (rssi, measured_power) = (heard.rssi_dbm, heard.beacon.rssi_1m_dbm());
         if let Some(index) = known.place {
-            self.locator.advertisement(heard.t_us, index, rssi.into(), measured_power.into());
+            self.locator.advertisement(heard.t_us, index, rssi.into(), measured_power);
         }
         Some(Sighting { t_us: heard.t_us, beacon: known.id, rssi, measured_power })
     }

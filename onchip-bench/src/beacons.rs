@@ -3,11 +3,12 @@
 
 use oorandom::Rand32;
 use positioning_core::ble::fingerprint::{self, MAX_NODE_POINTS, Map, Motion, Nearest, Point, Receiver, Walk};
-use positioning_core::ble::multilateration::{Heard, nonlinear, weighted_linear};
-use positioning_core::ble::particles::{Levels, ON_NODE, ParticleFilter, Settings};
+use positioning_core::ble::multilateration::{nonlinear, weighted_linear};
+use positioning_core::ble::particles::{ON_NODE, ParticleFilter, Settings};
 use positioning_core::ble::path_loss::PathLoss;
 use positioning_core::ble::posterior::{PosteriorSettings, posterior};
-use positioning_core::ble::signal::{Beacons, Smoothing};
+use positioning_core::ble::rssi::{RssiLikelihood, RssiObservation};
+use positioning_core::ble::signal::{BeaconSignals, WINDOW_US};
 use positioning_core::{Area, Constraints, Real};
 
 /// Beacons that are heard.
@@ -20,6 +21,8 @@ const TAG_M: [f32; 2] = [3.1, 4.2];
 const ROOM: Area<f32, 2> = Area { min: [0.0, 0.0], max: [9.5, 7.5] };
 /// Between points of a map, metres.
 const STEP_M: f64 = 0.6;
+/// What beacons say that their RSSI is at a metre, dBm.
+const POWER_DBM: i8 = -59;
 /// Between two adverts of a beacon, microseconds.
 const INTERVAL_US: u64 = 100_000;
 /// Rounds of adverts before anything is measured.
@@ -33,16 +36,16 @@ pub trait Measure {
 
 /// Calls `measure` with one advert, after others; the beacons as they are before it.
 #[inline(never)]
-pub fn for_advert(measure: &mut impl Measure) -> Beacons<f32, KNOWN> {
+pub fn for_advert(measure: &mut impl Measure) -> BeaconSignals<KNOWN> {
     let heard = heard();
-    let mut beacons = Beacons::<f32, KNOWN>::new(Smoothing::default(), 500_000);
+    let mut beacons = BeaconSignals::<KNOWN>::new(WINDOW_US);
     for round in 0..WARM_UP {
         for (beacon, heard) in heard.iter().enumerate() {
-            beacons.receive(round * INTERVAL_US + beacon as u64, beacon, heard.rssi);
+            beacons.receive(round * INTERVAL_US + beacon as u64, beacon, heard.rssi_dbm, POWER_DBM);
         }
     }
     let (now_us, [first, ..]) = (WARM_UP * INTERVAL_US, &heard);
-    measure.call("advert", &beacons, |beacons| advert(beacons, now_us, first.rssi - 3.0, &first.path_loss));
+    measure.call("advert", &beacons, |beacons| advert(beacons, now_us, first.rssi_dbm - 3.0));
     beacons
 }
 
@@ -141,25 +144,25 @@ fn walk(walk: &mut Walk<f32>, map: &Map<'_>, scan: &[Option<f32>], now_us: u64) 
     step.map_or(f32::NAN, |found| found.position[0])
 }
 
-/// What one advert takes: its RSSI is judged and smoothed, and becomes a distance, metres.
+/// What one advertisement takes: its RSSI is judged and smoothed.
 #[inline(never)]
-fn advert(beacons: &mut Beacons<f32, KNOWN>, now_us: u64, rssi_dbm: f32, path_loss: &PathLoss<f32>) -> f32 {
-    beacons.receive(now_us, 0, rssi_dbm);
-    path_loss.distance(beacons.smoothed(0).unwrap_or(rssi_dbm))
+fn advert(beacons: &mut BeaconSignals<KNOWN>, now_us: u64, rssi_dbm: f32) -> f32 {
+    beacons.receive(now_us, 0, rssi_dbm, POWER_DBM);
+    rssi_dbm
 }
 
 #[inline(never)]
-fn scan(beacons: &Beacons<f32, KNOWN>, now_us: u64) -> f32 {
-    beacons.scan(now_us).iter().flatten().sum()
+fn scan(beacons: &BeaconSignals<KNOWN>, now_us: u64) -> f32 {
+    beacons.scan(now_us).rssi_dbm.iter().flatten().sum()
 }
 
 #[inline(never)]
-fn step(filter: &mut ParticleFilter<f32, ON_NODE>, now_us: u64, heard: &[Heard<f32, 2>; HEARD]) -> f32 {
-    let rssis = Levels::of(heard, 2.0, 0.25);
+fn step(filter: &mut ParticleFilter<f32, ON_NODE>, now_us: u64, heard: &[RssiObservation<f32, 2>; HEARD]) -> f32 {
+    let rssis = RssiLikelihood::of(heard, 2.0, 0.25);
     filter.step(now_us, &[], &rssis).map_or(f32::NAN, |estimate| estimate.position[0])
 }
 
-fn heard() -> [Heard<f32, 2>; HEARD] {
+fn heard() -> [RssiObservation<f32, 2>; HEARD] {
     let mut random = Rand32::new(9);
     core::array::from_fn(|beacon| {
         let place = crate::cases::on_perimeter(beacon as f32 / HEARD as f32);
@@ -167,6 +170,7 @@ fn heard() -> [Heard<f32, 2>; HEARD] {
         let (x, y) = (place[0] - TAG_M[0], place[1] - TAG_M[1]);
         // 24 log₁₀ d.
         let rssi = path_loss.level_1m - 12.0 * core::f32::consts::LOG10_2 * (x * x + y * y).log2_about();
-        Heard { place, above: 0.0, rssi: rssi + 8.0 * (random.rand_float() - 0.5), path_loss }
+        let rssi_dbm = rssi + 8.0 * (random.rand_float() - 0.5);
+        RssiObservation { beacon_m: place, above_m: 0.0, rssi_dbm, path_loss }
     })
 }

@@ -68,19 +68,19 @@ pub fn walk(
 pub fn range(anchor: u16, anchors: u16, tag: [f32; 3], random: f32) -> Range<f32> {
     let part = f32::from(anchor) / f32::from(anchors);
     let [x, y] = crate::cases::on_perimeter(part);
-    let place = [x, y, if anchor.is_multiple_of(2) { 2.6 } else { 0.4 }];
+    let position_m = [x, y, if anchor.is_multiple_of(2) { 2.6 } else { 0.4 }];
     let mut square = 0.0;
     for axis in 0..3 {
-        square += (tag[axis] - place[axis]).squared();
+        square += (tag[axis] - position_m[axis]).squared();
     }
     let blocked = anchor % 4 == 3;
     let excess = if blocked { 0.6 } else { 0.0 };
     Range {
         anchor,
-        place,
-        distance: square.sqrt() + excess + 0.1 * (random - 0.5),
-        deviation: 0.03,
-        blocked: Some(if blocked { 0.8 } else { 0.1 }),
-        excess: None,
+        position_m,
+        distance_m: square.sqrt() + excess + 0.1 * (random - 0.5),
+        deviation_m: 0.03,
+        p_nlos: Some(if blocked { 0.8 } else { 0.1 }),
+        excess_m: None,
     }
 }

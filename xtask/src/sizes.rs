@@ -22,7 +22,15 @@ const PURPOSES: [(&str, &[&str]); 10] = [
     ("Exchanges: frames, slots, networks, times of flight", &["ranging/"]),
     ("Line of sight", &["positioning-core/src/nlos", "firmware-tag/src/sounding"]),
     ("Beacons: levels, positions by them, rooms, scans", &["positioning-core/src/ble", "advertising/"]),
-    ("Engine: tracks", &["positioning-core/src/engine", "positioning-core/src/track"]),
+    (
+        "Engine: tracks",
+        &[
+            "positioning-core/src/engine",
+            "positioning-core/src/locator",
+            "positioning-core/src/measurement",
+            "positioning-core/src/track",
+        ],
+    ),
     ("Node record and models in flash", &["node-record/", "positioning-core/src/stored", "crc-"]),
     ("Solvers", &["positioning-core/"]),
     (

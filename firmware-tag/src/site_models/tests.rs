@@ -1,7 +1,6 @@
 use positioning_core::Real;
 use positioning_core::ble::fingerprint::{Point, encode};
 use positioning_core::ble::rooms::{Kind, Model, Svm};
-use std::boxed::Box;
 use std::vec::Vec;
 use wire::ble::{Advertised, IBeacon};
 use wire::config::{MODELS_BYTES, decode_models, encode_models};
@@ -80,7 +79,7 @@ fn taken<'r>(region: &'r [u8], list: &[Beacon]) -> (SiteModels<'r>, Vec<Conditio
 
 fn tracker<'a>(list: &'a [Beacon], models: &'a SiteModels<'a>) -> Tracker<'a> {
     let config = LocatorConfig::new(Some(1.0), &[]).with_beacons(KnownBeacons::new(list, None));
-    Tracker::new(Box::leak(Box::new(config.with_site_models(models))))
+    config.with_site_models(models).tracker()
 }
 
 /// One window, in which each beacon is heard ten times with its level there; the position.

@@ -1,9 +1,9 @@
 use super::*;
+use crate::LocatorConfig;
 use positioning_core::locator::AnchorPosition;
 use positioning_core::nlos::{self, Kind, Model, Platt, Shape, Skewness};
 use ranging::RadioInstant;
 use ranging::exchange::{self, Difference};
-use std::boxed::Box;
 use std::vec::Vec;
 
 /// Four anchors at the corners of a room of 3 m × 4 m, 2 m up; their order is their address, 1 to 4.
@@ -55,12 +55,8 @@ fn table() -> [AnchorPosition; 4] {
     core::array::from_fn(|i| AnchorPosition { address: i as u16 + 1, position_m: CORNERS[i] })
 }
 
-fn tracker(config: LocatorConfig<'_>) -> Tracker<'_> {
-    Tracker::new(Box::leak(Box::new(config)))
-}
-
 fn at_floor(anchors: &[AnchorPosition]) -> Tracker<'_> {
-    tracker(LocatorConfig::new(Some(0.0), anchors))
+    LocatorConfig::new(Some(0.0), anchors).tracker()
 }
 
 /// After twenty rounds, 50 ms each.
@@ -112,7 +108,7 @@ fn too_few_ranges_give_a_reason_until_there_is_a_track() {
 fn a_tag_that_solves_each_round_by_itself_needs_three_ranges_in_each() {
     let heard = ranges(|i| Some(CORNERS[i]));
     for solver in Solver::ALL {
-        let mut tracker = self::tracker(LocatorConfig::new(Some(0.0), &[]).by(solver));
+        let mut tracker = LocatorConfig::new(Some(0.0), &[]).by(solver).tracker();
         for k in 1..=20 {
             let epoch = tracker.follow(round(&heard), None, 50_000 * k);
             let found = epoch.outcome.unwrap().position_m;
@@ -192,7 +188,7 @@ fn a_weak_first_path_is_a_doubt() {
 fn what_the_impulse_response_tells_weighs_its_range() {
     let skewness = |los_mean, nlos_mean| Skewness { feature: Feature::Skewness, los_mean, nlos_mean, deviation: 0.5 };
     let model = Model { kind: Kind::Skewness(skewness(5.0, 0.0)), calibration: Platt::NONE };
-    let mut tracker = self::tracker(LocatorConfig::new(Some(0.0), &[]).with_model(Some(&model)));
+    let mut tracker = LocatorConfig::new(Some(0.0), &[]).with_model(Some(&model)).tracker();
     assert!(tracker.wants_response());
     // A single peak among 29 zeros: skewness (1 - 2/30)/√(1/30·29/30) = 5.2; its mirror image −5.2.
     let shape = |peak: bool| {
@@ -208,7 +204,7 @@ fn what_the_impulse_response_tells_weighs_its_range() {
         for k in 1..=20 {
             outcome = tracker.follow(round(&heard), Some(&sounding), 50_000 * k).outcome;
         }
-        tracker = self::tracker(LocatorConfig::new(Some(0.0), &[]).with_model(Some(&model)));
+        tracker = LocatorConfig::new(Some(0.0), &[]).with_model(Some(&model)).tracker();
         let [x, y, _] = outcome.unwrap().position_m;
         (x - TAG[0]).hypot(y - TAG[1])
     };

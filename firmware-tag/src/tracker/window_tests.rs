@@ -1,5 +1,5 @@
 use super::*;
-use std::boxed::Box;
+use crate::LocatorConfig;
 use wire::ble::{Advertised, IBeacon};
 use wire::config::Beacon;
 
@@ -20,8 +20,7 @@ fn heard(beacon: &Beacon, t_us: u64, rssi_dbm: i8) -> Heard {
 }
 
 fn tracker(height_m: Option<f32>, list: &[Beacon]) -> Tracker<'_> {
-    let config = LocatorConfig::new(height_m, &[]).with_beacons(KnownBeacons::new(list, None));
-    Tracker::new(Box::leak(Box::new(config)))
+    LocatorConfig::new(height_m, &[]).with_beacons(KnownBeacons::new(list, None)).tracker()
 }
 
 /// What the window after ten advertisements of each beacon brings.

@@ -7,7 +7,7 @@ use core::task::{Context, Waker};
 
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_common::Reporter;
-use firmware_tag::{Handover, Told};
+use firmware_tag::{TaskChannels, TelemetrySink};
 use ranging::dw1000::{Config, Dw1000};
 use ranging::exchange::{Action, Event, Protocol};
 use ranging::{PhyConfig, Radio, RadioDuration, RadioInstant, Start};
@@ -144,8 +144,8 @@ pub fn measure() -> Costs {
         Marks { acts: Cell::new(0), begun: Cell::new(0), stretches: RefCell::new([[(0, 0); 2]; 2 * SCRIPT.len()]) };
     {
         let reporter = Reporter::<NoopRawMutex, 256>::new(|| 0);
-        let handover = Handover::<NoopRawMutex>::new();
-        let sink = Told::new(&reporter, false);
+        let handover = TaskChannels::<NoopRawMutex>::new();
+        let sink = TelemetrySink::new(&reporter, false);
         let radio = Dw1000::new(Spi(&chip), Irq(&chip), (), Delay(&chip), Config::new(PhyConfig::FAST));
         let script = Script { chip: &chip, marks: &marks, frame: [7; 32] };
         let mut node = pin!(firmware_tag::ranging(radio, Delay(&chip), script, &handover, &sink));

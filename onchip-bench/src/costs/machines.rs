@@ -8,7 +8,7 @@ use core::pin::pin;
 use embassy_futures::join::{join, join_array};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_common::Reporter;
-use firmware_tag::{Handover, Told};
+use firmware_tag::{TaskChannels, TelemetrySink};
 use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
 use ranging::native::{Anchor, AnchorConfig, Network, Rate, Scheme, Tag, TagConfig};
 use ranging::node::{self, Listener};
@@ -154,9 +154,9 @@ pub fn measure() -> Costs {
         };
         let machine = Measured { address: config.address, machine: Tag::new(config), costs: &costs, reported: None };
         let reporter = Reporter::<NoopRawMutex, 256>::new(uptime_us);
-        let handover = Handover::<NoopRawMutex>::new();
+        let handover = TaskChannels::<NoopRawMutex>::new();
         let radio = radio.expect("the air has room");
-        firmware_tag::ranging(radio, world.delay(), machine, &handover, &Told::new(&reporter, false)).await
+        firmware_tag::ranging(radio, world.delay(), machine, &handover, &TelemetrySink::new(&reporter, false)).await
     };
     world.run(LIFE_US, pin!(join(tag, join_array(anchors))), || {});
     costs

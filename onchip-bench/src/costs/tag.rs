@@ -10,7 +10,7 @@ use core::task::{Context, Waker};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embedded_hal_async::delay::DelayNs;
 use firmware_common::{EventLog, Reporter};
-use firmware_tag::{Handover, Locator, Pace, Told};
+use firmware_tag::{LocatorConfig, RateControl, TaskChannels, TelemetrySink};
 use oorandom::Rand32;
 use positioning_core::Method;
 use positioning_core::engine::{Settings, Solvers};
@@ -48,12 +48,12 @@ fn round(ranges: u16, number: u32, random: &mut Rand32) -> (u64, [Range; MOST]) 
     let tag = [2.0 + 1.0e-6 * poll_us as f32, 3.0, 1.2];
     let made = core::array::from_fn(|anchor| {
         let measured = range(anchor as u16, ranges, tag, random.rand_float());
-        let first_path_power_dbm = if measured.blocked > Some(0.5) { -96.0 } else { -81.0 };
+        let first_path_power_dbm = if measured.p_nlos > Some(0.5) { -96.0 } else { -81.0 };
         Range {
             peer: measured.anchor + 1,
-            distance_m: measured.distance,
-            deviation_m: measured.deviation,
-            position_m: Some(measured.place),
+            distance_m: measured.distance_m,
+            deviation_m: measured.deviation_m,
+            position_m: Some(measured.position_m),
             diagnostics: Diagnostics { rx_power_dbm: -80.0, first_path_power_dbm, ..Diagnostics::default() },
         }
     });
@@ -63,16 +63,17 @@ fn round(ranges: u16, number: u32, random: &mut Rand32) -> (u64, [Range; MOST]) 
 /// Measures rounds of so many ranges, tracked or each solved by itself, in the plane or in space.
 pub fn measure(ranges: u16, tracks: bool, space: bool) -> Costs {
     let costs = Costs::default();
-    let handovers = [Handover::<Guard>::new(), Handover::new()];
+    let channels = [TaskChannels::<Guard>::new(), TaskChannels::new()];
     // Every instant is the same one: no line of the log but the first.
     let reporters = [Reporter::<Guard, BYTES>::new(|| 0), Reporter::new(|| 0)];
-    let sinks = [false, true].map(|report_ranges| Told::new(&reporters[usize::from(report_ranges)], report_ranges));
+    let sinks =
+        [false, true].map(|report_ranges| TelemetrySink::new(&reporters[usize::from(report_ranges)], report_ranges));
     let engine = |tag: usize| {
-        let mut locator = Locator::new((!space).then_some(1.2), &[]);
+        let mut locator = LocatorConfig::new((!space).then_some(1.2), &[]);
         if !tracks {
-            locator.settings = Settings::solve(locator.settings.dimensions, Solvers::of(Method::Robust));
+            locator.settings.engine = Settings::solve(locator.settings.engine.dimensions, Solvers::of(Method::Robust));
         }
-        firmware_tag::engine(&handovers[tag], Never, locator, Pace::new(Rate::Greedy, None), &sinks[tag])
+        firmware_tag::engine(&channels[tag], Never, locator, RateControl::new(Rate::Greedy, None), &sinks[tag])
     };
     let (mut silent, mut telling) = (pin!(engine(0)), pin!(engine(1)));
     run(silent.as_mut(), &reporters[0]);
@@ -83,7 +84,7 @@ pub fn measure(ranges: u16, tracks: bool, space: bool) -> Costs {
         let ranges = &made[..usize::from(ranges).min(MOST)];
         let asked = ranges.len() as u8;
         let round = Round { number: number as u16, poll: RadioInstant::from_ticks(0), asked, ranges };
-        handovers.iter().for_each(|handover| assert_eq!(handover.put_ranges(black_box(&round), poll_us, None), 0));
+        channels.iter().for_each(|channel| assert_eq!(channel.put_ranges(black_box(&round), poll_us, None), 0));
         let (alone, _) = run(silent.as_mut(), &reporters[0]);
         let (with_ranges, frames) = run(telling.as_mut(), &reporters[1]);
         assert_eq!(frames, 1 + u32::from(asked), "a position and its ranges are published");

@@ -8,7 +8,7 @@ use crate::track::{Blocked, UpdateResult};
 
 impl<T: Real> Engine<T> {
     /// A measurement that changes a track by itself, and no round.
-    fn observe(&mut self, observation: &impl Observation<T>) -> Verdict {
+    pub(super) fn observe(&mut self, observation: &impl Observation<T>) -> Verdict {
         if self.track.is_err() {
             return Verdict::NoTrack;
         }

@@ -45,7 +45,7 @@ impl<'a, const N: usize> Beacons<'a, N> {
             signals: BeaconSignals::new(settings.window_us),
             monitor: BeaconMonitor::new(settings.receiver_db),
             site: settings.site,
-            models: settings.site_models.filter(|_| N > 0).map(|models| SiteTracker::new(models, settings.window_us)),
+            models: settings.site_models.filter(|_| N > 0).map(|models| SiteTracker::new(models)),
             rssi: Vec::new(),
             window_us: settings.window_us,
             end_us: None,
@@ -72,7 +72,7 @@ impl<'a, const N: usize> Beacons<'a, N> {
 impl<const BEACONS: usize> Locator<'_, BEACONS> {
     /// An advertisement of the listed beacon of this index was received, which says what its RSSI is at one metre, dBm. What is no RSSI
     /// changes no position.
-    pub fn advertisement(&mut self, t_us: u64, beacon: usize, rssi_dbm: f32, measured_power_dbm: f32) {
+    pub fn advertisement(&mut self, t_us: u64, beacon: usize, rssi_dbm: f32, measured_power_dbm: i8) {
         if let engine::Settings { mode: Mode::Track, dimensions: Dimensions::Plane { .. }, .. } = self.engine.settings()
             && BEACONS > 0
         {
@@ -123,8 +123,9 @@ impl<const BEACONS: usize> Locator<'_, BEACONS> {
 
     /// Lets the position by a window's RSSI values into the track: by the map where there is one, else by path losses.
     fn take_rssi(&mut self, now_us: u64, scan: &Scan<BEACONS>) {
-        let Beacons { list, monitor, site, models, rssi, by_anchors, .. } = &mut self.beacons;
-        let by_map = models.as_mut().and_then(|models| models.locate(now_us, &scan.rssi_dbm, scan.noise_db2));
+        let Beacons { list, monitor, site, models, rssi, window_us, by_anchors, .. } = &mut self.beacons;
+        let by_map =
+            models.as_mut().and_then(|models| models.locate(now_us, *window_us, &scan.rssi_dbm, scan.noise_db2));
         let (position, used) = match by_map {
             Some(position) => {
                 let mapped = |rssi: &BeaconRssi| models.as_ref().is_some_and(|models| models.maps(rssi.beacon));

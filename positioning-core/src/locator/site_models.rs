@@ -51,7 +51,6 @@ pub struct RoomUpdate {
 pub(super) struct SiteTracker<'a> {
     models: &'a SiteModels<'a>,
     receiver: Receiver<f32>,
-    window_us: u64,
     /// When the receiver was learnt last.
     learnt_us: Option<u64>,
     presence: RoomHysteresis,
@@ -70,11 +69,10 @@ impl<M> ForBeacons<M> {
 
 impl<'a> SiteTracker<'a> {
     /// Nothing was received yet.
-    pub(super) fn new(models: &'a SiteModels<'a>, window_us: u64) -> Self {
+    pub(super) fn new(models: &'a SiteModels<'a>) -> Self {
         Self {
             models,
             receiver: Receiver::default(),
-            window_us,
             learnt_us: None,
             presence: RoomHysteresis::new(rooms::Settings::default()),
             told: None,
@@ -86,13 +84,14 @@ impl<'a> SiteTracker<'a> {
     pub(super) fn locate(
         &mut self,
         now_us: u64,
+        window_us: u64,
         rssi_dbm: &[Option<f32>],
         noise_db2: f32,
     ) -> Option<BeaconPosition<f32>> {
         let map = self.models.map.as_ref()?;
         let believed = Receiver { noise_db2, ..self.receiver };
         let posterior = locate_on_node(&map.model, &map.ordered(rssi_dbm), &believed).ok()?;
-        let pause_us = self.window_us.saturating_mul(LEARNT);
+        let pause_us = window_us.saturating_mul(LEARNT);
         if self.learnt_us.is_none_or(|before_us| now_us.saturating_sub(before_us) >= pause_us) {
             self.receiver.learn(&posterior);
             self.learnt_us = Some(now_us);

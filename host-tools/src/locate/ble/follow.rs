@@ -4,7 +4,6 @@ use positioning_core::SolveError;
 use positioning_core::ble::beacon_monitor::{HealthChange, Site};
 use positioning_core::ble::offset::ReceiverOffset;
 use positioning_core::ble::particles::{self, Likelihood, ON_HOST, ParticleFilter};
-use positioning_core::ble::path_loss::PathLoss;
 use positioning_core::ble::posterior::PosteriorSettings;
 use positioning_core::ble::rssi::{RssiLikelihood, RssiObservation};
 use positioning_core::ble::signal::{BeaconList, Kalman, ListedBeacon, Smoothing, Step, rssi};
@@ -22,6 +21,8 @@ const BETWEEN_US: u64 = 60_000_000;
 const PAUSE: usize = 20;
 /// The time in which the RSSI values of scans one after the other count as much as one scan, seconds: shadows stay while a tag does.
 const SHADOW_S: f64 = 5.0;
+/// What a beacon says of its RSSI at one metre of which the file does not know it, dBm: as iBeacons of 0 dBm are usually set.
+const USUAL_DBM: i8 = -59;
 /// The most advertisements of a beacon in a window; of one that screams the latest count.
 const INTEGRATED: usize = 14;
 
@@ -107,8 +108,7 @@ impl<'a> Tag<'a> {
             let now_us = self.clock.microseconds(sample.t_s);
             self.end_windows(now_us, &mut position);
             if let Some(beacon) = self.solver.beacons.iter().position(|beacon| beacon.name == sample.beacon) {
-                let usual_dbm = PathLoss::default().level_1m;
-                self.locator.advertisement(now_us, beacon, sample.rssi_dbm as f32, usual_dbm);
+                self.locator.advertisement(now_us, beacon, sample.rssi_dbm as f32, USUAL_DBM);
             }
         }
         if let Some(end_us) = self.locator.window_end_us() {

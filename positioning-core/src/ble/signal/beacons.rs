@@ -65,7 +65,7 @@ struct Signal {
     /// Mean square of how far single values are from the smoothed one, dB².
     spread_db2: f32,
     /// What it says its RSSI is at 1 m, dBm.
-    measured_power_dbm: f32,
+    measured_power_dbm: i8,
     /// Received since the last window.
     is_fresh: bool,
 }
@@ -96,7 +96,7 @@ impl<const N: usize> BeaconSignals<N> {
     }
 
     /// A beacon was received with this RSSI, and says what it should be at 1 m, dBm. What is no RSSI changes nothing.
-    pub fn receive(&mut self, t_us: u64, beacon: usize, rssi_dbm: f32, measured_power_dbm: f32) {
+    pub fn receive(&mut self, t_us: u64, beacon: usize, rssi_dbm: f32, measured_power_dbm: i8) {
         let (Ok(rssi_dbm), Some(signal)) = (rssi(rssi_dbm), self.signals.get_mut(beacon)) else { return };
         if t_us.saturating_sub(signal.kalman.heard_us()) > self.window_us.saturating_mul(FORGOTTEN) {
             *signal = Signal::default();
@@ -159,7 +159,7 @@ impl Signal {
         let noise_db2 = NOISE_DB * NOISE_DB;
         let more_db2 = (self.spread_db2 - noise_db2).max(0.0);
         let path_loss = PathLoss {
-            level_1m: beacon.rssi_1m_dbm.unwrap_or(self.measured_power_dbm),
+            level_1m: beacon.rssi_1m_dbm.unwrap_or(f32::from(self.measured_power_dbm)),
             exponent: beacon.path_loss_exponent.unwrap_or(EXPONENT),
             deviation: Real::sqrt(LASTING_DB * LASTING_DB + more_db2),
         };
@@ -193,7 +193,7 @@ mod tests {
     fn an_rssi_gets_a_path_loss_and_a_deviation() {
         let mut signals = signals();
         for k in 0..100 {
-            signals.receive(k * 100_000, 0, -80.0, -50.0);
+            signals.receive(k * 100_000, 0, -80.0, -50);
         }
         let heard = take(&mut signals, 9_900_000, &[beacon(1.0)]);
         let [BeaconRssi { beacon: 0, observation, noise_db, is_torn: false }] = heard[..] else { panic!("{heard:?}") };
@@ -208,7 +208,7 @@ mod tests {
     #[test]
     fn without_calibration_a_beacon_is_believed() {
         let mut signals = signals();
-        signals.receive(1, 0, -70.0, -50.0);
+        signals.receive(1, 0, -70.0, -50);
         let heard = take(&mut signals, 1, &[ListedBeacon { rssi_1m_dbm: None, ..beacon(1.0) }]);
         assert!((heard[0].observation.path_loss.distance(-70.0) - 10.0).abs() < 1e-3);
     }
@@ -217,12 +217,12 @@ mod tests {
     fn what_is_no_rssi_changes_nothing() {
         let mut signals = signals();
         for rssi_dbm in [127.0, 0.0, 20.0, -128.0, f32::NAN] {
-            signals.receive(1, 0, rssi_dbm, -59.0);
+            signals.receive(1, 0, rssi_dbm, -59);
         }
         assert!(take(&mut signals, 1, &[beacon(1.0)]).is_empty());
-        signals.receive(2, 0, -80.0, -59.0);
-        signals.receive(3, 0, 127.0, -59.0);
-        signals.receive(4, 24, -40.0, -59.0);
+        signals.receive(2, 0, -80.0, -59);
+        signals.receive(3, 0, 127.0, -59);
+        signals.receive(4, 24, -40.0, -59);
         assert_eq!(take(&mut signals, 4, &[beacon(1.0)])[0].observation.rssi_dbm, -80.0);
     }
 
@@ -230,7 +230,7 @@ mod tests {
     fn two_beacons_of_one_identity_get_a_larger_deviation() {
         let mut signals = signals();
         for k in 0..200 {
-            signals.receive(k * 50_000, 0, if k % 2 == 0 { -50.0 } else { -80.0 }, -59.0);
+            signals.receive(k * 50_000, 0, if k % 2 == 0 { -50.0 } else { -80.0 }, -59);
         }
         let rssi = take(&mut signals, 9_950_000, &[beacon(1.0)])[0];
         // Half an interval apart the gain is 0.146 (k² = 0.025 (1 − k)). ± 15 dB, and the smoothed RSSI with them by
@@ -244,7 +244,7 @@ mod tests {
         let mut signals = signals();
         for index in 0..12_u8 {
             // The loudest in the middle.
-            signals.receive(1, index.into(), -60.0 - 2.0 * f32::from(index.abs_diff(6)), -59.0);
+            signals.receive(1, index.into(), -60.0 - 2.0 * f32::from(index.abs_diff(6)), -59);
         }
         let order: std::vec::Vec<u16> = take(&mut signals, 1, &list).iter().map(|rssi| rssi.beacon).collect();
         assert_eq!(order, [6, 5, 7, 4, 8, 3, 9, 2]);
@@ -254,17 +254,17 @@ mod tests {
     fn a_beacon_that_was_silent_for_long_starts_anew() {
         let mut signals = signals();
         for k in 0..50 {
-            signals.receive(k * 100_000, 0, -50.0, -59.0);
+            signals.receive(k * 100_000, 0, -50.0, -59);
         }
-        signals.receive(20_000_000, 0, -80.0, -59.0);
+        signals.receive(20_000_000, 0, -80.0, -59);
         assert_eq!(take(&mut signals, 20_000_000, &[beacon(1.0)])[0].observation.rssi_dbm, -80.0);
     }
 
     #[test]
     fn after_the_clock_was_set_back_advertisements_count_again() {
         let mut signals = signals();
-        signals.receive(90_000_000, 0, -50.0, -59.0);
-        signals.receive(1_000, 0, -70.0, -59.0);
+        signals.receive(90_000_000, 0, -50.0, -59);
+        signals.receive(1_000, 0, -70.0, -59);
         assert_eq!(take(&mut signals, 1_000, &[beacon(1.0)])[0].observation.rssi_dbm, -70.0);
     }
 }

@@ -267,7 +267,7 @@ fn located(rounds: &[Round], heard: Heard, conditions: &Conditions) -> Vec<Optio
         .iter()
         .map(|round| {
             for &(t_us, beacon, dbm) in round.powers.iter().filter(|_| heard != Heard::Uwb) {
-                locator.advertisement(t_us, beacon, dbm as f32, BELIEVED[0] as f32);
+                locator.advertisement(t_us, beacon, dbm as f32, BELIEVED[0] as i8);
             }
             let by_beacons = locator.end_window(round.t_us);
             for (index, &(anchor, metres)) in round.ranges.iter().filter(|_| heard != Heard::Ble).enumerate() {

@@ -1,0 +1,161 @@
+//! Ranges: `baliza track` and the tag's task.
+
+use std::path::Path;
+
+use firmware_tag::{AnchorPosition, LocatorConfig};
+use host_tools::locate::track::{Tracker, Weighting, settings};
+use host_tools::train::Told;
+use host_tools::{Anchor, Epoch, Files, Height, Measured, Place, Recording, Setup, Space, by_time};
+use positioning_core::nlos::{Feature, Features};
+use ranging::exchange::{Range, Round};
+use ranging::{Diagnostics, RadioInstant};
+
+use crate::tag;
+
+/// The tag's height, metres.
+const HEIGHT_M: f64 = 1.0;
+
+/// A walk under four anchors, 20 rounds a second, with a link that is half a metre too long and says so, and lost ranges.
+fn drawn() -> Recording {
+    let corners = [[-5.0, -4.0, 2.5], [5.0, -4.0, 2.75], [5.0, 4.0, 0.5], [-5.0, 4.0, 2.25]];
+    let anchor = |(i, [x_m, y_m, z_m]): (usize, [f64; 3])| Anchor {
+        name: i.to_string(),
+        place: Place { x_m, y_m, z_m: Some(z_m) },
+    };
+    let mut state = 1_u32;
+    let mut noise = move || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from(state >> 8) / f64::from(1 << 24) - 0.5
+    };
+    let epochs = (0..200).map(|k| {
+        let t_s = 0.05 * f64::from(k);
+        let at = [-3.0 + 0.7 * t_s, 0.2 * t_s, HEIGHT_M];
+        let ranges = corners.iter().enumerate().filter_map(|(anchor, corner)| {
+            let blocked = anchor == 2 && k > 80;
+            let distance: f64 = at.iter().zip(corner).map(|(a, c)| (a - c) * (a - c)).sum::<f64>().sqrt();
+            let range_m = distance + 0.1 * noise() + if blocked { 0.5 } else { 0.0 };
+            let told = told(range_m, -80.0, if blocked { -96.0 } else { -81.5 });
+            (noise() < 0.4).then_some(Measured { anchor, range_m, line_of_sight: None, told })
+        });
+        Epoch { name: k.to_string(), t_s: Some(t_s), ranges: ranges.collect(), truth: None }
+    });
+    Recording { anchors: corners.into_iter().enumerate().map(anchor).collect(), epochs: epochs.collect() }
+}
+
+fn told(range_m: f64, power_dbm: f32, first_path_dbm: f32) -> Told {
+    let mut features = Features::default();
+    features.set(Feature::PowerDifference, power_dbm - first_path_dbm);
+    Told { features, range_m: range_m as f32, power_dbm }
+}
+
+/// A recording that is not part of the project; says so where it is not there.
+fn recorded(name: &str) -> Option<Recording> {
+    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
+    let folder = std::env::var_os("BALIZA_DATA").map_or(beside, Into::into).join(name);
+    if !folder.is_dir() {
+        eprintln!("{name} is not in {}: not replayed", folder.display());
+        return None;
+    }
+    let (anchors, ranges) = (folder.join("anchors.csv"), folder.join("ranges.csv"));
+    let files = Files { anchors: &anchors, ranges: &ranges, truth: None, anchor_heights: true, truth_heights: false };
+    let mut recording = Recording::read(&files).expect("a recording");
+    for range in recording.epochs.iter_mut().flat_map(|epoch| &mut epoch.ranges) {
+        // As the tag has it: by the two powers alone.
+        range.told = told(range.range_m, range.told.power_dbm, first_path_dbm(&range.told));
+    }
+    Some(recording)
+}
+
+fn first_path_dbm(told: &Told) -> f32 {
+    told.power_dbm - told.features.get(Feature::PowerDifference).unwrap_or(f32::NAN)
+}
+
+/// The middle of the anchors along each axis, which is zero for the host's locator, metres.
+fn middle_m(anchors: &[Anchor]) -> [f64; 3] {
+    let axes: [fn(&Place) -> f64; 3] = [|p| p.x_m, |p| p.y_m, |p| p.z_m.expect("a height")];
+    axes.map(|axis| {
+        let all = || anchors.iter().map(|anchor| axis(&anchor.place));
+        0.5 * all().fold(f64::INFINITY, f64::min) + 0.5 * all().fold(f64::NEG_INFINITY, f64::max)
+    })
+}
+
+fn has_the_same_bits(recording: &Recording) {
+    let middle_m = middle_m(&recording.anchors);
+    let local = |axis: usize, coordinate: f64| (coordinate - middle_m[axis]) as f32;
+    let anchors: Vec<AnchorPosition> = (0..)
+        .zip(&recording.anchors)
+        .map(|(address, Anchor { place, .. })| {
+            let z_m = place.z_m.expect("a height");
+            AnchorPosition { address, position_m: [local(0, place.x_m), local(1, place.y_m), local(2, z_m)] }
+        })
+        .collect();
+    let order = by_time(recording.epochs.iter().map(|epoch| epoch.t_s));
+    let first_s = recording.epochs[order[0]].t_s.expect("a time");
+    let config = LocatorConfig::new(Some(local(2, HEIGHT_M)), &anchors);
+    let of_tag = tag(config, |node, channels, work| {
+        for (number, &at) in (0_u16..).zip(&order) {
+            let epoch = &recording.epochs[at];
+            let ranges: Vec<Range> = epoch
+                .ranges
+                .iter()
+                .map(|range| Range {
+                    peer: range.anchor as u16,
+                    distance_m: range.range_m as f32,
+                    deviation_m: 0.03,
+                    position_m: None,
+                    diagnostics: Diagnostics {
+                        rx_power_dbm: range.told.power_dbm,
+                        first_path_power_dbm: first_path_dbm(&range.told),
+                        ..Diagnostics::default()
+                    },
+                })
+                .collect();
+            // The host's first epoch is an hour after zero.
+            let now_us = ((epoch.t_s.expect("a time") - first_s + 3600.0) * 1.0e6) as u64;
+            let round = Round { number, poll: RadioInstant::default(), asked: ranges.len() as u8, ranges: &ranges };
+            assert_eq!(channels.put_ranges(&round, now_us, None), 0);
+            node.now_us.set(now_us);
+            work();
+        }
+    });
+    let setup = Setup { space: Space::Plane(Height::Fixed(HEIGHT_M)), area_m: None };
+    let mut host = Tracker::new(&recording.anchors, setup, settings(&setup, Weighting::Weigh, false), None);
+    assert_eq!(of_tag.len(), order.len());
+    let mut found = 0;
+    for (&at, (_, outcome)) in order.iter().zip(of_tag) {
+        let epoch = &recording.epochs[at];
+        let of_host = host.follow(epoch).outcome;
+        // Where nothing of a round was used, the host shows where the track is by itself, and the tag shows nothing.
+        let Ok(position) = outcome else {
+            assert!(
+                of_host.is_err() || of_host.is_ok_and(|position| position.used == 0),
+                "{}: {of_host:?}",
+                epoch.name
+            );
+            continue;
+        };
+        let of_host = of_host.expect("a position of the host, as of the tag");
+        let [x_m, y_m, _] = [0, 1, 2].map(|axis| f64::from(position.position_m[axis]) + middle_m[axis]);
+        assert_eq!([of_host.place.x_m, of_host.place.y_m], [x_m, y_m], "{}", epoch.name);
+        assert_eq!(of_host.covariance_xy, f64::from(position.covariance_m2[0][1]), "{}", epoch.name);
+        let [sigma_x, sigma_y, _] = position.deviation_m().map(f64::from);
+        assert_eq!([of_host.sigma.x_m, of_host.sigma.y_m], [sigma_x, sigma_y], "{}", epoch.name);
+        assert_eq!(of_host.used, position.used.count_ones() as usize, "{}", epoch.name);
+        found += 1;
+    }
+    assert!(found * 10 > order.len() * 9, "{found} of {}", order.len());
+}
+
+#[test]
+fn a_drawn_walk_has_the_same_bits_on_tag_and_host() {
+    has_the_same_bits(&drawn());
+}
+
+#[test]
+fn recorded_ranges_have_the_same_bits_on_tag_and_host() {
+    for name in ["leiria_128_nlos_pos1", "leiria_128_move_slow", "cuhk_dynamic_mid"] {
+        if let Some(recording) = recorded(name) {
+            has_the_same_bits(&recording);
+        }
+    }
+}
