@@ -3,7 +3,8 @@
 //! No operating system, no heap, no I/O, no clock, no logger: numbers in, numbers out, so that a tag, a replay and a
 //! simulation run the same code. In flow [`RangeSample`]s, one a range; out flows a [`Fix`] with its covariance, or the
 //! reason why there is [`SolveError`]. Call [`solve`] with a [`Method`], or the method's own function. [`engine`] is what remembers: it
-//! takes measurements as they come, and tracks.
+//! takes measurements as they come, and tracks. [`locator`] is what a tag, a replay and a simulation call: it feeds the engine with
+//! ranges, differences of arrival and advertisements.
 //!
 //! Equation numbers are those of P. M. de Rojas Malpartida, *Evaluación de un sistema UWB frente a medidas sin línea de
 //! visión directa* (Universidad de Sevilla, 2021), unless another source is named.

@@ -45,7 +45,7 @@ impl<'a, const N: usize> Beacons<'a, N> {
             signals: BeaconSignals::new(settings.window_us),
             monitor: BeaconMonitor::new(settings.receiver_db),
             site: settings.site,
-            models: settings.site_models.filter(|_| N > 0).map(|models| SiteTracker::new(models)),
+            models: settings.site_models.filter(|_| N > 0).map(SiteTracker::new),
             rssi: Vec::new(),
             window_us: settings.window_us,
             end_us: None,
