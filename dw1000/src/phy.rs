@@ -111,6 +111,14 @@ impl Prf {
         }
     }
 
+    /// Its nominal frequency in megahertz.
+    pub const fn mhz(self) -> u8 {
+        match self {
+            Self::Mhz16 => 16,
+            Self::Mhz64 => 64,
+        }
+    }
+
     /// Chips in a preamble symbol: 993.59 ns, 1017.63 ns.
     const fn preamble_symbol_chips(self) -> i64 {
         match self {
@@ -140,6 +148,15 @@ impl DataRate {
             850 => Some(Self::Kbps850),
             6810 => Some(Self::Kbps6810),
             _ => None,
+        }
+    }
+
+    /// Its nominal kilobits per second.
+    pub const fn kbps(self) -> u16 {
+        match self {
+            Self::Kbps110 => 110,
+            Self::Kbps850 => 850,
+            Self::Kbps6810 => 6810,
         }
     }
 

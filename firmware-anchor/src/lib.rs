@@ -30,9 +30,9 @@ pub async fn run<R: Restart>(
 }
 
 /// The listener of a board's anchor: everything goes to the node's reporter.
-pub struct TelemetrySink<'r, M: RawMutex, const BYTES: usize>(pub &'r Reporter<M, BYTES>);
+pub struct TelemetrySink<'r, M: RawMutex, const BYTES: usize, C = fn() -> u64>(pub &'r Reporter<M, BYTES, C>);
 
-impl<M: RawMutex, const BYTES: usize> Listener for TelemetrySink<'_, M, BYTES> {
+impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Listener for TelemetrySink<'_, M, BYTES, C> {
     async fn report(&mut self, report: Report<'_>, _: RadioInstant) -> Guidance {
         self.0.report(report);
         Guidance::NONE

@@ -1,4 +1,4 @@
-//! The iBeacon, whole: a board's binary brings an advertiser, a delay, random numbers and a listener, and calls [`run`].
+//! The iBeacon, whole: a board's binary brings an advertiser, a delay, random numbers and a [`Reporter`], and calls [`run`].
 //!
 //! Node record and chip address → [`Settings`], checked → an [`Advertisement`] at the start and at each rotation → the board's
 //! [`Advertise`].
@@ -12,7 +12,10 @@ extern crate std;
 
 use core::convert::Infallible;
 
+use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
+use firmware_common::Reporter;
+use wire::telemetry::Condition;
 
 pub use settings::{Advertisement, Channels, RANDOM_BYTES, Settings, SettingsError};
 
@@ -39,6 +42,29 @@ pub trait Listener {
 
     /// The app is well.
     fn alive(&mut self);
+}
+
+/// The listener of a node's beacon: everything goes to its reporter.
+pub struct TelemetrySink<'r, M: RawMutex, const BYTES: usize, C = fn() -> u64>(pub &'r Reporter<M, BYTES, C>);
+
+impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Listener for TelemetrySink<'_, M, BYTES, C> {
+    fn advertising(&mut self, advertisement: &Advertisement) {
+        #[cfg(feature = "defmt")]
+        defmt::info!("on the air: {}", advertisement);
+        let _ = advertisement;
+        self.0.event_log.state(self.0.now_us(), Condition::Advertising);
+    }
+
+    fn failed(&mut self, error: &impl core::fmt::Debug, failures: u32) {
+        // No sign of life: where this goes on, the watchdog starts the chip anew.
+        let _ = error;
+        self.0.counts.radio_failures.add();
+        self.0.event_log.state(self.0.now_us(), Condition::RadioFailed(failures));
+    }
+
+    fn alive(&mut self) {
+        self.0.ranging.beat(self.0.now_us());
+    }
 }
 
 /// The longest time from one sign of life to the next while the controller works, milliseconds, without what its commands take.

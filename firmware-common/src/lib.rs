@@ -19,6 +19,7 @@ pub mod node;
 pub mod protocol;
 pub mod reporter;
 pub mod settings;
+pub mod start;
 pub mod supervision;
 
 pub use counts::Counts;
@@ -26,3 +27,4 @@ pub use event_log::EventLog;
 pub use protocol::{AnchorProtocol, TagProtocol};
 pub use reporter::Reporter;
 pub use settings::Settings;
+pub use start::{Start, introduce};

@@ -9,10 +9,10 @@ use embedded_hal_async::digital::Wait;
 use ranging::dw1000::{self, ClockedSpi, Dw1000, ResetLine};
 use static_cell::StaticCell;
 use wire::config::{Board, Invalid, LoadError, Record};
-use wire::telemetry::{Condition, Crash, CrashReason, Hello, RecordError, Reset, ResetCause, Role};
+use wire::telemetry::{Condition, Crash, CrashReason, Hello, RecordError, ResetCause, Role};
 
 use crate::supervision::Lit;
-use crate::{Settings, build, settings};
+use crate::{Settings, introduce};
 
 /// Guards what tasks of two priorities share.
 pub type Guard = CriticalSectionRawMutex;
@@ -99,28 +99,10 @@ impl Node {
     pub fn start(memory: &'static StaticCell<Reporter>, role: Role, start: Start) -> (Self, Option<Configured>) {
         let Start { board, clock, record, eui, reset, crash } = start;
         let reporter: &_ = memory.init_with(|| Reporter::new(clock));
-        let t_us = reporter.now_us();
-        reporter.event_log.reset(Reset { t_us, cause: reset, crash });
-        let configured = record.and_then(|record| {
-            let settings = Settings::of(&record, eui).map_err(LoadError::Invalid)?;
-            Ok(Configured { record, settings })
-        });
-        let (eui, address) =
-            configured.as_ref().map_or((eui, 0xFFFF), |Configured { settings, .. }| (settings.eui, settings.address));
-        let hello = Hello { t_us, eui, address, role, board, build: *build::BUILD };
-        reporter.event_log.greet(hello);
-        let node = Self { board, reporter, tasks: Tasks::None, hello };
-        match configured {
-            Ok(configured) => (node, Some(configured)),
-            Err(LoadError::Invalid(what)) => {
-                node.refuse(&what);
-                (node, None)
-            }
-            Err(fault) => {
-                node.report(Condition::NoRecord(settings::told(&fault)));
-                (node, None)
-            }
-        }
+        let found = crate::Start { record, eui, reset, crash };
+        let (hello, followed) = introduce(reporter, board, role, found);
+        let configured = followed.map(|(record, settings)| Configured { record, settings });
+        (Self { board, reporter, tasks: Tasks::None, hello }, configured)
     }
 
     /// Reports a change of the node's state.

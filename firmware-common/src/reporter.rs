@@ -15,8 +15,8 @@ use crate::{Counts, EventLog};
 /// The longest that a task may be silent that did not say that it rests: a receiver's window lasts 8 s at most.
 const PATIENCE_MS: u32 = 10_000;
 
-/// For a `static`: what the tasks of one node tell. `BYTES` of telemetry wait for the channel at most.
-pub struct Reporter<M: RawMutex, const BYTES: usize> {
+/// For a `static`: what the tasks of one node tell. `BYTES` of telemetry wait for the channel at most; `C` is its clock.
+pub struct Reporter<M: RawMutex, const BYTES: usize, C = fn() -> u64> {
     /// What is told.
     pub event_log: EventLog<M, BYTES>,
     /// What is counted.
@@ -25,12 +25,12 @@ pub struct Reporter<M: RawMutex, const BYTES: usize> {
     pub ranging: Heartbeat,
     /// The sign of life of the task that makes positions; an anchor has none.
     pub engine: Heartbeat,
-    clock: fn() -> u64,
+    clock: C,
 }
 
-impl<M: RawMutex, const BYTES: usize> Reporter<M, BYTES> {
+impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Reporter<M, BYTES, C> {
     /// Of a node whose `clock` tells the microseconds since its start.
-    pub const fn new(clock: fn() -> u64) -> Self {
+    pub const fn new(clock: C) -> Self {
         Self {
             event_log: EventLog::new(),
             counts: Counts::new(),
@@ -84,7 +84,7 @@ impl<M: RawMutex, const BYTES: usize> Reporter<M, BYTES> {
 
     /// [`EventLog::keep_telling`] with this node's counts and clock.
     pub async fn keep_telling(&self, hello: Hello, delay: impl DelayNs) -> Infallible {
-        self.event_log.keep_telling(hello, &self.counts, self.clock, delay).await
+        self.event_log.keep_telling(hello, &self.counts, &self.clock, delay).await
     }
 }
 

@@ -2,16 +2,17 @@
 //!
 //! `cargo run -p firmware-tag --example simulated -- FILE [SOLVER]`; it prints the positions' digest.
 
+use std::cell::RefCell;
 use std::error::Error;
 use std::pin::pin;
 
 use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
-use firmware_common::{Reporter, Settings};
-use firmware_tag::{Digest, LocatorConfig, TaskChannels, anchor_positions, run_as_told};
+use firmware_common::{Reporter, Start, introduce};
+use firmware_tag::{Digest, LocatorConfig, TaskChannels, anchor_positions, run_from_config};
 use small_air::{AirRadio, World, room, uptime_us};
 use wire::config::{Record, Role, Solver};
-use wire::telemetry::{Board, Reset, ResetCause};
+use wire::telemetry::{Board, ResetCause};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -41,23 +42,23 @@ pub struct Life {
 
 /// A tag's life in the room, of so many microseconds, by its record.
 pub fn live(record: &Record, life_us: u64, tag_in: TagIn) -> Result<Life, Box<dyn Error>> {
-    let settings = Settings::of(record, room::TAG_EUI).map_err(|invalid| invalid.to_string())?;
-    let Role::Tag(tag) = settings.role else { return Err("the room's record is not a tag's".into()) };
-    let anchors = anchor_positions(record);
     let (channels, reporter) = (TaskChannels::new(), Reporter::<NoopRawMutex, 4096>::new(uptime_us));
+    let start = Start { record: Ok(record.clone()), eui: room::TAG_EUI, reset: ResetCause::PowerOn, crash: None };
+    let (hello, followed) = introduce(&reporter, Board::Simulated, wire::telemetry::Role::Tag, start);
+    let (record, settings) = followed.ok_or("the room's record cannot be followed")?;
+    let Role::Tag(tag) = settings.role else { return Err("the room's record is not a tag's".into()) };
+    let anchors = anchor_positions(&record);
     let world = room::world(&settings.network);
     let radio = tag_in(&world).ok_or("the world is full")?;
-    reporter.event_log.reset(Reset { t_us: uptime_us(), cause: ResetCause::PowerOn, crash: None });
-    let told = (&channels, &reporter);
-    let mut digest = Digest::new();
-    let app = run_as_told(
+    let digest = RefCell::new(Digest::new());
+    let app = run_from_config(
         radio,
         world.delay(),
         (&settings, &tag),
-        LocatorConfig::of(&tag, record, &anchors),
-        told,
-        Board::Simulated,
-        |epoch| digest.take(epoch),
+        LocatorConfig::of(&tag, &record, &anchors),
+        (&channels, &reporter),
+        hello,
+        &digest,
     );
 
     let mut telemetry = Vec::new();
@@ -70,5 +71,5 @@ pub fn live(record: &Record, life_us: u64, tag_in: TagIn) -> Result<Life, Box<dy
             });
         });
     }
-    Ok(Life { telemetry, digest, naps: world.naps() })
+    Ok(Life { telemetry, digest: digest.into_inner(), naps: world.naps() })
 }

@@ -1,6 +1,8 @@
 //! A digest of positions to their last bit, by which two runs of a tag are compared: telemetry rounds to 0.1 mm.
 
-use crate::Epoch;
+use core::cell::RefCell;
+
+use crate::{Epoch, Observer};
 
 /// FNV-1a (64 bits; Fowler, Noll, Vo) of the positions so far, of their covariances, and of the reasons why there was none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,6 +36,12 @@ impl Digest {
         for byte in bytes {
             self.0 = (self.0 ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01B3);
         }
+    }
+}
+
+impl Observer for &RefCell<Digest> {
+    async fn epoch(&self, epoch: &Epoch<'_>) {
+        self.borrow_mut().take(epoch);
     }
 }
 

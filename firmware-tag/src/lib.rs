@@ -1,5 +1,5 @@
 //! The tag, whole, in two tasks: [`ranging()`] owns the radio and the machine of the exchange, [`engine()`] makes positions. A board
-//! spawns them at two priorities; [`run`] and [`run_as_told`] join them where there is one.
+//! spawns them at two priorities; [`run_from_config`] joins them where there is one.
 //!
 //! Radio → machine → a round of ranges, or of differences → [`TaskChannels`] → [`Tracker`] → an [`Epoch`]: a position with its
 //! covariance, or the reason why there is none. Ranging never waits for the engine: where that is late, the oldest round goes, and is counted.
@@ -31,16 +31,15 @@ extern crate std;
 
 use core::convert::Infallible;
 
-use embassy_futures::join::{join, join3};
+use embassy_futures::join::join3;
 use embassy_futures::select::{Either4, select4};
-use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
+use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
-use firmware_common::{Reporter, Settings, TagProtocol, build};
-use ranging::Restart;
+use firmware_common::{Reporter, Settings, TagProtocol};
 use ranging::exchange::{Action, Event, Guidance, Link, Protocol, Report};
 use ranging::node::Listener;
-use ranging::{Radio, RadioDuration, RadioInstant};
-use wire::telemetry::{Board, Condition, Hello, MotionSensor, Role, Sighting};
+use ranging::{Radio, RadioDuration, RadioInstant, Restart};
+use wire::telemetry::{Condition, Hello, MotionSensor, Sighting};
 
 use channels::Quiet;
 use sounding::Sounder;
@@ -65,7 +64,7 @@ pub(crate) const LISTED: usize = if HEARS_BEACONS { wire::config::MAX_BEACONS } 
 /// The engine's sign of life while no rounds come, milliseconds.
 const IDLE_MS: u32 = 1000;
 
-/// Where a tag's results go, and what tells it the time: a node's reporter, a simulation's log. Both tasks have the same one.
+/// Where a tag's results go, and what tells it the time. Both tasks have the same one.
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
 pub trait Sink {
     /// Microseconds since the node started.
@@ -75,14 +74,10 @@ pub trait Sink {
     async fn publish(&self, epoch: Epoch<'_>);
 
     /// What became of an action of the exchange.
-    fn step(&self, event: &Event<'_>) {
-        let _ = event;
-    }
+    fn step(&self, event: &Event<'_>);
 
     /// The exchange does nothing until then, microseconds since the node started: no step is a sign of its life before.
-    fn rests(&self, until_us: u64) {
-        let _ = until_us;
-    }
+    fn rests(&self, until_us: u64);
 
     /// A link or the network has changed.
     fn link(&self, link: Link);
@@ -91,43 +86,49 @@ pub trait Sink {
     fn radio_failed(&self, error: &impl core::fmt::Debug, failures: u32);
 
     /// The engine had no time for a round.
-    fn round_dropped(&self) {}
+    fn round_dropped(&self);
 
     /// A task is alive; that of ranging shows it by its steps.
-    fn alive(&self, task: Task) {
-        let _ = task;
+    fn alive(&self, task: Task);
+
+    /// A beacon that the tag knows was heard.
+    fn sighting(&self, sighting: Sighting);
+
+    /// Something else is believed of a listed beacon.
+    fn beacon(&self, word: Condition);
+
+    /// The tag is in this room.
+    fn room(&self, told: RoomReport);
+
+    /// What the motion sensor is good for from now on.
+    fn motion_sensor(&self, state: MotionSensor);
+
+    /// A beacon's advertisement was heard, which cost so many older ones their place.
+    fn heard(&self, dropped: u32);
+
+    /// The scanner was silent and has been restarted; how many times so far.
+    fn scanner_restarted(&self, times: u32);
+}
+
+/// Who sees what a tag reports, before it is reported: a display, a digest, a simulation that charges the time it takes.
+#[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
+pub trait Observer {
+    /// A round is over.
+    async fn epoch(&self, epoch: &Epoch<'_>) {
+        let _ = epoch;
+    }
+
+    /// A link or the network has changed.
+    fn link(&self, link: Link) {
+        let _ = link;
     }
 
     /// A beacon that the tag knows was heard.
-    fn sighting(&self, sighting: Sighting) {
-        let _ = sighting;
-    }
-
-    /// Something else is believed of a listed beacon.
-    fn beacon(&self, word: Condition) {
-        let _ = word;
-    }
-
-    /// The tag is in this room.
-    fn room(&self, told: RoomReport) {
-        let _ = told;
-    }
-
-    /// What the motion sensor is good for from now on.
-    fn motion_sensor(&self, state: MotionSensor) {
-        let _ = state;
-    }
-
-    /// A beacon's advertisement was heard, which cost so many older ones their place.
-    fn heard(&self, dropped: u32) {
-        let _ = dropped;
-    }
-
-    /// The scanner was silent and has been restarted; how many times so far.
-    fn scanner_restarted(&self, times: u32) {
-        let _ = times;
-    }
+    fn sighting(&self) {}
 }
+
+/// Nobody.
+impl Observer for () {}
 
 /// A task that shows that it is alive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -136,38 +137,20 @@ pub enum Task {
     Engine,
 }
 
-/// Runs a tag's two tasks in one: `machine` is its side of the exchange.
-pub async fn run<R: Restart, D: DelayNs + Clone>(
-    radio: R,
-    delay: D,
-    machine: impl Protocol,
-    locator: LocatorConfig<'_>,
-    rates: RateControl,
-    sink: impl Sink,
-) -> Infallible {
-    let channels = TaskChannels::<NoopRawMutex>::new();
-    let ranging = ranging(radio, delay.clone(), machine, &channels, &sink);
-    join(ranging, engine(&channels, delay, locator, rates, &sink)).await.0
-}
-
-/// Runs a tag as its record says, in one task, and tells the outside by its reporter: first who it is, and then for ever. `watch` sees
-/// each epoch before it is published.
-pub async fn run_as_told<R: Restart, D: DelayNs + Clone, M: RawMutex, const BYTES: usize>(
+/// Runs a tag as its record says, in one task, and repeats for ever who it is. `observer` sees what is reported.
+pub async fn run_from_config<R: Restart, D: DelayNs + Clone, M: RawMutex, const BYTES: usize>(
     radio: R,
     delay: D,
     (settings, tag): (&Settings, &wire::config::Tag),
     locator: LocatorConfig<'_>,
     (channels, reporter): (&TaskChannels<M>, &Reporter<M, BYTES>),
-    board: Board,
-    watch: impl FnMut(&Epoch<'_>),
+    hello: Hello,
+    observer: impl Observer,
 ) -> Infallible {
-    let (eui, address, build) = (settings.eui, settings.address, *build::BUILD);
-    let hello = Hello { t_us: reporter.now_us(), eui, address, role: Role::Tag, board, build };
-    reporter.event_log.greet(hello);
-    let sink = TelemetrySink::new(reporter, tag.report_ranges);
+    let sink = TelemetrySink::new(reporter, tag.report_ranges).with_observer(observer);
     let machine = TagProtocol::new(settings, tag);
     let ranging = ranging(radio, delay.clone(), machine, channels, &sink);
-    let engine = watched_engine(channels, delay.clone(), locator, RateControl::of(tag), &sink, watch);
+    let engine = engine(channels, delay.clone(), locator, RateControl::of(tag), &sink);
     join3(ranging, engine, reporter.keep_telling(hello, delay)).await.0
 }
 
@@ -189,25 +172,12 @@ pub async fn ranging<R: Restart, M: RawMutex>(
 }
 
 /// The task that makes positions, sole owner of whatever that needs.
-pub fn engine<M: RawMutex>(
-    channels: &TaskChannels<M>,
-    delay: impl DelayNs,
-    locator: LocatorConfig<'_>,
-    rates: RateControl,
-    sink: &impl Sink,
-) -> impl Future<Output = Infallible> {
-    // Not async: the future would hold a second copy of all this.
-    watched_engine(channels, delay, locator, rates, sink, |_| ())
-}
-
-/// The same, that shows each epoch before it is published.
-async fn watched_engine<M: RawMutex>(
+pub async fn engine<M: RawMutex>(
     channels: &TaskChannels<M>,
     mut delay: impl DelayNs,
     locator: LocatorConfig<'_>,
     mut rates: RateControl,
     sink: &impl Sink,
-    mut watch: impl FnMut(&Epoch<'_>),
 ) -> Infallible {
     let LocatorConfig { settings, solver, beacons } = locator;
     let mut tracker = Tracker::new(settings, solver, &beacons);
@@ -234,7 +204,6 @@ async fn watched_engine<M: RawMutex>(
                 if rates.is_shaken() && !was_shaken {
                     sink.motion_sensor(MotionSensor::Endless);
                 }
-                watch(&epoch);
                 sink.publish(epoch).await;
                 channels.end(sink.now_us());
             }
@@ -259,7 +228,6 @@ async fn watched_engine<M: RawMutex>(
                 if let Ok(position) = &epoch.outcome {
                     channels.guide(Guidance { position_m: Some(position.position_m), turns, ..Guidance::NONE });
                 }
-                watch(&epoch);
                 sink.publish(epoch).await;
             }
             if let Some(told) = tracker.room() {

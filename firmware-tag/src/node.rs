@@ -10,14 +10,14 @@ use firmware_common::node::{Configured, Guard, Node, Reporter, TELEMETRY_BYTES, 
 use heapless::Vec;
 use positioning_core::nlos::NodeModel;
 use ranging::dw1000;
-use ranging::node::Restart;
+use ranging::Restart;
 use static_cell::StaticCell;
 use wire::config::Role;
 use wire::telemetry::Condition;
 
 use crate::motion::MotionSensor;
 use crate::nlos_model::NlosModelStore;
-use crate::{AnchorPosition, LocatorConfig, RateControl, Sink, TelemetrySink, motion, places};
+use crate::{AnchorPosition, LocatorConfig, RateControl, Sink, TelemetrySink, anchor_positions, motion};
 
 type TaskChannels = crate::TaskChannels<Guard>;
 

@@ -1,4 +1,4 @@
-//! The sink of a board's tag: everything goes to the node's reporter, in the words of telemetry.
+//! The sink of a node's tag: everything goes to its reporter, in the words of telemetry.
 
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use firmware_common::Reporter;
@@ -7,35 +7,42 @@ use ranging::exchange::{Event, Link};
 use wire::config::Solver;
 use wire::telemetry::{Condition, Fix, MotionSensor, Outcome, Sighting};
 
-use crate::{Epoch, Measured, Position, RoomReport, Sink, Task};
+use crate::{Epoch, Measured, Observer, Position, RoomReport, Sink, Task};
 
-/// A tag's results, told by a reporter.
-pub struct TelemetrySink<'r, M: RawMutex, const BYTES: usize> {
-    reporter: &'r Reporter<M, BYTES>,
+/// A tag's results, for its reporter.
+pub struct TelemetrySink<'r, M: RawMutex, const BYTES: usize, C = fn() -> u64, O = ()> {
+    reporter: &'r Reporter<M, BYTES, C>,
     report_ranges: bool,
+    observer: O,
 }
 
-impl<'r, M: RawMutex, const BYTES: usize> TelemetrySink<'r, M, BYTES> {
-    /// TelemetrySink by this reporter, with each range or without.
-    pub const fn new(reporter: &'r Reporter<M, BYTES>, report_ranges: bool) -> Self {
-        Self { reporter, report_ranges }
+impl<'r, M: RawMutex, const BYTES: usize, C> TelemetrySink<'r, M, BYTES, C> {
+    /// To this reporter, with each range or without.
+    pub const fn new(reporter: &'r Reporter<M, BYTES, C>, report_ranges: bool) -> Self {
+        Self { reporter, report_ranges, observer: () }
+    }
+
+    /// The same, with somebody who sees it first.
+    pub fn with_observer<O: Observer>(self, observer: O) -> TelemetrySink<'r, M, BYTES, C, O> {
+        TelemetrySink { reporter: self.reporter, report_ranges: self.report_ranges, observer }
     }
 }
 
-impl<M: RawMutex, const BYTES: usize> Clone for TelemetrySink<'_, M, BYTES> {
+impl<M: RawMutex, const BYTES: usize, C, O: Clone> Clone for TelemetrySink<'_, M, BYTES, C, O> {
     fn clone(&self) -> Self {
-        *self
+        Self { observer: self.observer.clone(), ..*self }
     }
 }
 
-impl<M: RawMutex, const BYTES: usize> Copy for TelemetrySink<'_, M, BYTES> {}
+impl<M: RawMutex, const BYTES: usize, C, O: Copy> Copy for TelemetrySink<'_, M, BYTES, C, O> {}
 
-impl<M: RawMutex, const BYTES: usize> Sink for TelemetrySink<'_, M, BYTES> {
+impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64, O: Observer> Sink for TelemetrySink<'_, M, BYTES, C, O> {
     fn now_us(&self) -> u64 {
         self.reporter.now_us()
     }
 
     async fn publish(&self, epoch: Epoch<'_>) {
+        self.observer.epoch(&epoch).await;
         let t_us = self.now_us();
         let (measured, event_log) = (epoch.measured, &self.reporter.event_log);
         if self.report_ranges {
@@ -71,6 +78,7 @@ impl<M: RawMutex, const BYTES: usize> Sink for TelemetrySink<'_, M, BYTES> {
     }
 
     fn link(&self, link: Link) {
+        self.observer.link(link);
         self.reporter.event_log.link(self.now_us(), link);
     }
 
@@ -89,6 +97,7 @@ impl<M: RawMutex, const BYTES: usize> Sink for TelemetrySink<'_, M, BYTES> {
     }
 
     fn sighting(&self, sighting: Sighting) {
+        self.observer.sighting();
         self.reporter.event_log.sighting(sighting);
     }
 

@@ -2,7 +2,7 @@
 #![forbid(unsafe_code)]
 
 use sim::scenario::{Epoch, RangeRecord, Record, Scenario, Simulation, Summary, What};
-use wire::telemetry::{Condition, MotionSensor};
+use wire::telemetry::{Condition, Message, MotionSensor};
 
 /// A scenario that has been run.
 pub struct Run {
@@ -38,44 +38,39 @@ impl Run {
         of_tag.filter_map(|record| Some((record.t_s, record.epoch()?)))
     }
 
+    /// The changes of a tag's state with their times.
+    pub fn states(&self, tag: u16) -> impl Iterator<Item = (f64, Condition)> {
+        let of_tag = self.records.iter().filter(move |record| record.node == tag);
+        of_tag.filter_map(|record| match record.what {
+            What::Message(Message::State(state)) => Some((record.t_s, state.is)),
+            What::Message(_) | What::Epoch(_) | What::Fault(_) => None,
+        })
+    }
+
     /// What a tag came to believe of beacons, with the times.
     pub fn words(&self, tag: u16) -> Vec<(f64, Condition)> {
-        let of_tag = self.records.iter().filter(|record| record.node == tag);
-        of_tag
-            .filter_map(|record| match record.what {
-                What::Beacon(word) => Some((record.t_s, word)),
-                What::Epoch(_)
-                | What::Link(_)
-                | What::RadioFailed(_)
-                | What::Fault(_)
-                | What::Sighting(_)
-                | What::MotionSensor(_)
-                | What::Room(_) => None,
-            })
-            .collect()
+        let is_of_beacon = |is: &Condition| {
+            matches!(
+                is,
+                Condition::BeaconMoved(_)
+                    | Condition::BeaconDuplicated(_)
+                    | Condition::BeaconRestored(_)
+                    | Condition::Unused(..)
+            )
+        };
+        self.states(tag).filter(|(_, is)| is_of_beacon(is)).collect()
     }
 
     /// What was known of a tag's motion sensor, with the times.
     pub fn motion_sensor(&self, tag: u16) -> Vec<(f64, MotionSensor)> {
-        let of_tag = self.records.iter().filter(|record| record.node == tag);
-        of_tag
-            .filter_map(|record| match record.what {
-                What::MotionSensor(state) => Some((record.t_s, state)),
-                What::Epoch(_)
-                | What::Link(_)
-                | What::RadioFailed(_)
-                | What::Fault(_)
-                | What::Sighting(_)
-                | What::Beacon(_)
-                | What::Room(_) => None,
-            })
-            .collect()
+        let sensor = |is| if let Condition::MotionSensor(state) = is { Some(state) } else { None };
+        self.states(tag).filter_map(|(t_s, is)| Some((t_s, sensor(is)?))).collect()
     }
 
     /// When a tag had positions, within a time.
     pub fn fix_times(&self, tag: u16, from_s: f64, to_s: f64) -> Vec<f64> {
         let within = |t_s: &f64| (from_s..=to_s).contains(t_s);
-        self.epochs(tag).filter(|(_, epoch)| epoch.outcome.is_ok()).map(|(t_s, _)| t_s).filter(within).collect()
+        self.epochs(tag).filter(|(_, epoch)| epoch.fix.reason().is_none()).map(|(t_s, _)| t_s).filter(within).collect()
     }
 
     /// The longest time without a position within a time, seconds.
@@ -95,7 +90,7 @@ impl Run {
     /// Mean and standard deviation of measured less true distance, metres.
     pub fn range_error(&self, tag: u16, anchor: u16, from_s: f64, to_s: f64) -> (f64, f64) {
         let ranges = self.ranges(tag, anchor, from_s, to_s);
-        moments(ranges.iter().map(|range| f64::from(range.range.distance_m) - range.truth_m))
+        moments(ranges.iter().map(|range| range.range.distance_m() - range.truth_m))
     }
 }
 

@@ -4,8 +4,8 @@ use core::cell::RefCell;
 
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_time::{Delay, Timer};
-use firmware_common::node::{Guard, TELEMETRY_BYTES};
-use firmware_tag::{Epoch, Sink, Task, TelemetrySink};
+use firmware_common::node::Guard;
+use firmware_tag::{Epoch, Observer};
 use ranging::RadioInstant;
 use ranging::exchange::{Action, Event, Guidance, Link, Report};
 use ranging::node::Listener;
@@ -84,47 +84,16 @@ impl<L: Listener> Listener for Shown<L> {
     }
 }
 
-/// A tag's sink whose results are shown as well.
+/// What a tag's display shows: the ranges of its rounds, and its link.
 #[derive(Clone, Copy)]
-pub struct TagShown {
-    /// Who gets the results.
-    pub sink: TelemetrySink<'static, Guard, TELEMETRY_BYTES>,
-    /// Where they are shown.
-    pub panel: &'static SharedPanel,
-}
+pub struct OnPanel(pub &'static SharedPanel);
 
-impl Sink for TagShown {
-    fn now_us(&self) -> u64 {
-        self.sink.now_us()
-    }
-
-    async fn publish(&self, epoch: Epoch<'_>) {
-        self.panel.measured(epoch.measured.ranges().iter().map(|range| range.distance_m));
-        self.sink.publish(epoch).await;
-    }
-
-    fn step(&self, event: &Event<'_>) {
-        self.sink.step(event);
-    }
-
-    fn rests(&self, until_us: u64) {
-        self.sink.rests(until_us);
+impl Observer for OnPanel {
+    async fn epoch(&self, epoch: &Epoch<'_>) {
+        self.0.measured(epoch.measured.ranges().iter().map(|range| range.distance_m));
     }
 
     fn link(&self, link: Link) {
-        self.panel.link(link);
-        self.sink.link(link);
-    }
-
-    fn radio_failed(&self, error: &impl core::fmt::Debug, failures: u32) {
-        self.sink.radio_failed(error, failures);
-    }
-
-    fn round_dropped(&self) {
-        self.sink.round_dropped();
-    }
-
-    fn alive(&self, task: Task) {
-        self.sink.alive(task);
+        self.0.link(link);
     }
 }

@@ -42,7 +42,7 @@ fn map_bytes() -> Vec<u8> {
     let points: Vec<Point> = places
         .iter()
         .zip(&levels)
-        .map(|(place, levels)| Point { position_m: place.map(f64::from), levels, deviations: &[1.5; 4] })
+        .map(|(place, rssis)| Point { position_m: place.map(f64::from), rssis, deviations: &[1.5; 4] })
         .collect();
     encode(&points, &[1, 2, 3, 4], &[-95.0; 4], Some(0.5), &mut [0; 4096]).expect("it fits").to_vec()
 }
@@ -172,7 +172,7 @@ fn what_cannot_be_used_is_complained_of_once_and_the_rest_is_used() {
     assert_eq!(said(&region(&[1, 2, 3, 4], &newer, &rooms)), [Condition::Unused(Map, RssiModelError::Version(9))]);
     assert_eq!(said(&region(&[1, 2, 3, 7], &map, &rooms)), [Condition::Unused(Map, RssiModelError::OtherBeacons)]);
     assert_eq!(said(&region(&[1, 2, 3], &map, &rooms)), [Condition::Unused(Map, RssiModelError::Invalid)]);
-    let point = Point { position_m: [0.0; 2], levels: &[Some(-60.0)], deviations: &[] };
+    let point = Point { position_m: [0.0; 2], rssis: &[Some(-60.0)], deviations: &[] };
     let plain = encode(&[point], &[1], &[-95.0], None, &mut [0; 64]).expect("it fits").to_vec();
     assert_eq!(said(&region(&[1], &plain, &rooms)), [Condition::Unused(Map, RssiModelError::Invalid)]);
     let cut = region(&[1, 2, 3, 4], &map, &rooms[..20]);

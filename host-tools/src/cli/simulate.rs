@@ -1,16 +1,18 @@
 //! `baliza simulate`: whole nodes over simulated chips and air.
 
-use std::fmt::Write as _;
+use std::fmt::{Display, Write as _};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use firmware_common::lines::{RoomLine, StateLine};
 use host_tools::UserError;
 use host_tools::files::output;
-use host_tools::simulate::{Capture, Logbook, load_site_models, picture, position_header, position_row, survey_csv};
+use host_tools::simulate::{
+    Capture, SimulatedRecording, load_site_models, picture, position_header, position_row, survey_csv,
+};
 use host_tools::survey::presence::read_outlines;
 use host_tools::train::Chosen;
 use positioning_core::Method;
@@ -18,7 +20,7 @@ use positioning_core::engine::NodeMethod;
 use sim::BoardProfile;
 use sim::scenario::{BluetoothSummary, Cover, Epoch, Fidelity, Mode, Record, Scenario, Simulation, Summary, What};
 use wire::config::{Scheme, Solver};
-use wire::telemetry::Condition;
+use wire::telemetry::{Message, Reason};
 
 use super::PictureFile;
 use crate::cli::progress::Progress;
@@ -92,8 +94,9 @@ pub struct Arguments {
     /// The tags' height, metres (--dims 2) [default: the scenario's, or 1.2]
     #[arg(long, value_name = "Z", allow_negative_numbers = true, value_parser = height)]
     height_m: Option<f32>,
-    /// A folder for anchors.csv, ranges.csv, truth.csv and positions.csv, as `baliza solve` reads and writes them; with beacons
-    /// also beacons.csv and rssi.csv
+    /// A folder for anchors.csv, ranges.csv, truth.csv and positions.csv, as `baliza solve` reads and writes them, with beacons
+    /// also beacons.csv and rssi.csv; and for what nodes report, as `baliza decode`, `monitor` and `replay` read it: telemetry.bin
+    /// of the first tag, telemetry-ADDRESS.bin of each other node
     #[arg(long, value_name = "FOLDER")]
     out: Option<PathBuf>,
     /// Capture every frame on the air, for Wireshark
@@ -274,6 +277,14 @@ impl Arguments {
             (Some(_), None) => scenario.tag.height_m.or(Some(HEIGHT_M)),
             (None, None) => scenario.tag.height_m,
         };
+        if let Err((node, invalid)) = scenario.validate() {
+            let flag = match invalid.field {
+                "tag.rate_hz" => "--rate",
+                "tag.height_m" => "--height-m",
+                _ => "--scenario",
+            };
+            return Err(UserError::flag(flag, format!("node {node}: {invalid}")));
+        }
         Ok(scenario)
     }
 }
@@ -298,13 +309,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(file) = &arguments.pcap {
         output::check("--pcap", file)?;
     }
-    if let Some(folder) = &arguments.out {
-        if folder.exists() && !folder.is_dir() {
-            return Err(UserError::flag("--out", format!("{} is not a folder", folder.display())).into());
-        }
-        std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    }
-    let mut logbook = arguments.out.as_ref().map(|_| Logbook::new(&scenario)).transpose()?;
+    let mut recording =
+        arguments.out.as_ref().map(|folder| SimulatedRecording::create(folder, &scenario)).transpose()?;
     let mut drawn = Vec::new();
     let mut show = Show::new(arguments.json, &scenario);
     show.begin()?;
@@ -317,8 +323,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for step in 1..=steps {
         let records = simulation.run_until(seconds.min(step as f64 * STEP_S));
         for record in &records {
-            if let Some(logbook) = &mut logbook {
-                logbook.take(record)?;
+            if let Some(recording) = &mut recording {
+                recording.take(record)?;
             }
         }
         show.take(&records)?;
@@ -329,10 +335,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     drop(progress);
 
-    if let (Some(folder), Some(logbook)) = (&arguments.out, logbook) {
-        for (name, bytes) in logbook.finish()? {
-            super::write(&folder.join(name), &bytes)?;
-        }
+    if let Some(recording) = recording {
+        recording.finish()?;
     }
     if let (Some(file), Some(capture)) = (&arguments.pcap, capture) {
         super::write(file, &capture.to_pcap()?)?;
@@ -395,48 +399,22 @@ impl Show {
     fn take(&mut self, records: &[Record]) -> Result<()> {
         let mut text = Vec::new();
         for record in records {
+            let line = |what: &dyn Display| format!("{:>8.3} {:>6} {what}\n", record.t_s, record.node).into_bytes();
             match (&mut *self, &record.what) {
                 (Self::Rows { method }, What::Epoch(epoch)) => {
-                    text.extend(row(&position_row(record.t_s, record.node, method, epoch))?);
+                    text.extend(row(&position_row(record, method, epoch))?);
                 }
                 (Self::Lines { next_s }, What::Epoch(epoch)) => {
                     let due = next_s.iter_mut().find(|(tag, next)| *tag == record.node && record.t_s >= *next);
                     if let Some((_, next)) = due {
                         *next = (record.t_s / ROW_S).floor() * ROW_S + ROW_S;
-                        text.extend(line(record, epoch).into_bytes());
+                        text.extend(line(&epoch_text(epoch)));
                     }
                 }
-                (Self::Lines { .. }, What::Link(link)) => {
-                    text.extend(format!("{:>8.3} {:>6} {link:?}\n", record.t_s, record.node).into_bytes());
-                }
-                (Self::Lines { .. }, What::Fault(fault)) => {
-                    text.extend(format!("{:>8.3} {:>6} fault: {fault:?}\n", record.t_s, record.node).into_bytes());
-                }
-                (Self::Lines { .. }, What::RadioFailed(times)) => {
-                    text.extend(format!("{:>8.3} {:>6} radio failed: {times}\n", record.t_s, record.node).into_bytes());
-                }
-                (Self::Lines { .. }, What::Beacon(word)) => {
-                    text.extend(format!("{:>8.3} {:>6} {}\n", record.t_s, record.node, StateLine(*word)).into_bytes());
-                }
-                (Self::Lines { .. }, What::MotionSensor(state)) => {
-                    let line = StateLine(Condition::MotionSensor(*state));
-                    text.extend(format!("{:>8.3} {:>6} {line}\n", record.t_s, record.node).into_bytes());
-                }
-                (Self::Lines { .. }, What::Room(is)) => {
-                    text.extend(format!("{:>8.3} {:>6} {}\n", record.t_s, record.node, RoomLine(*is)).into_bytes());
-                }
-                (Self::Lines { .. }, What::Sighting(_))
-                | (Self::Nothing, _)
-                | (
-                    Self::Rows { .. },
-                    What::Link(_)
-                    | What::Fault(_)
-                    | What::RadioFailed(_)
-                    | What::Sighting(_)
-                    | What::Beacon(_)
-                    | What::MotionSensor(_)
-                    | What::Room(_),
-                ) => {}
+                (Self::Lines { .. }, What::Fault(fault)) => text.extend(line(&format_args!("fault: {fault:?}"))),
+                (Self::Lines { .. }, What::Message(Message::State(state))) => text.extend(line(&StateLine(state.is))),
+                (Self::Lines { .. }, What::Message(Message::Room(room))) => text.extend(line(&RoomLine(room.is))),
+                (Self::Lines { .. } | Self::Rows { .. }, What::Message(_) | What::Fault(_)) | (Self::Nothing, _) => {}
             }
         }
         super::print(&text)
@@ -449,22 +427,17 @@ fn row<T: AsRef<[u8]>>(fields: &[T]) -> Result<Vec<u8>> {
     writer.into_inner().map_err(|error| anyhow::Error::from(error.into_error()))
 }
 
-fn line(record: &Record, epoch: &Epoch) -> String {
-    let mut text = format!("{:>8.3} {:>6} ", record.t_s, record.node);
-    match &epoch.outcome {
-        Ok(position) => {
-            let [x, y, z] = position.position_m;
-            let sigma = position.deviation_m().iter().map(|s| s * s).sum::<f32>().sqrt();
-            let _ = write!(text, "{x:>9.2} {y:>9.2} {z:>8.2} {sigma:>9.2} {:>8}", position.used.count_ones());
+fn epoch_text(epoch: &Epoch) -> String {
+    let mut text = match (epoch.fix.position_m(), epoch.fix.deviation_m(), epoch.fix.reason()) {
+        (Some([x, y, z]), Some(deviation_m), _) => {
+            let sigma = deviation_m.iter().map(|s| s * s).sum::<f64>().sqrt();
+            format!("{x:>9.2} {y:>9.2} {z:>8.2} {sigma:>9.2} {:>8}", epoch.fix.used().unwrap_or(0).count_ones())
         }
-        Err(reason) => {
-            let _ = write!(text, "no position: {reason}");
-        }
-    }
+        (_, _, reason) => format!("no position: {}", reason.map_or("", Reason::as_str)),
+    };
     if let Some(error_m) = epoch.error_m() {
         let _ = write!(text, " {error_m:>8.3}");
     }
-    text.push('\n');
     text
 }
 

@@ -5,9 +5,11 @@
 //! where beacons were seen, `rooms.csv` where a tag tells rooms, `differences.csv` where a tag only listened, and `telemetry.bin`. Nothing is seen of them before [`Recorder::finish`].
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use anyhow::Context;
 use wire::telemetry::Message;
 
 use crate::files::output::Growing;
@@ -24,14 +26,9 @@ type Writer = csv::Writer<Growing>;
 pub struct Recorder {
     folder: PathBuf,
     bytes: Growing,
-    positions: Writer,
-    ranges: Writer,
-    /// From the first sighting on.
-    rssi: Option<Writer>,
-    /// From the first room on.
-    rooms: Option<Writer>,
-    /// From the first difference on.
-    differences: Option<Writer>,
+    tables: BTreeMap<Table, Writer>,
+    /// Columns beside those of telemetry.
+    more: BTreeMap<Table, Vec<&'static str>>,
     /// By short address; what the user gives counts more than what the anchors say of themselves.
     given: BTreeMap<u16, [f64; 3]>,
     told: BTreeMap<u16, [f64; 3]>,
@@ -67,26 +64,39 @@ impl Recorder {
     /// The folder has a recording already, an anchor's name is no short address, or the file system's.
     pub fn create(folder: &Path, anchors: &[Anchor]) -> anyhow::Result<Self> {
         let given = anchors.iter().map(address_and_place).collect::<Result<_, _>>()?;
-        if folder.exists() && !folder.is_dir() {
-            return Err(UserError::flag("--out", format!("{} is not a folder", folder.display())).into());
-        }
         if let Some(file) = FILES.into_iter().find(|file| folder.join(file).exists()) {
             return Err(UserError::flag("--out", format!("{} has {file} already", folder.display())).into());
         }
-        std::fs::create_dir_all(folder)?;
-        Ok(Self {
+        Self::begin(folder, given, BTreeMap::new())
+    }
+
+    /// Begins a recording that replaces the one in its folder; it knows where these anchors stand, and its tables have these columns more.
+    ///
+    /// # Errors
+    /// The folder is none, or the file system's.
+    pub fn begin(
+        folder: &Path,
+        given: BTreeMap<u16, [f64; 3]>,
+        more: BTreeMap<Table, Vec<&'static str>>,
+    ) -> anyhow::Result<Self> {
+        if folder.exists() && !folder.is_dir() {
+            return Err(UserError::flag("--out", format!("{} is not a folder", folder.display())).into());
+        }
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        let mut recorder = Self {
             bytes: Growing::create(&folder.join("telemetry.bin"))?,
-            positions: writer(folder, "positions.csv", &Table::Positions.columns())?,
-            ranges: writer(folder, "ranges.csv", &Table::Ranges.columns())?,
             folder: folder.to_owned(),
-            rssi: None,
-            rooms: None,
-            differences: None,
+            tables: BTreeMap::new(),
+            more,
             given,
             told: BTreeMap::new(),
             waiting: BTreeMap::new(),
             counts: Recorded::default(),
-        })
+        };
+        // The others are there from their first row on.
+        recorder.table(Table::Positions)?;
+        recorder.table(Table::Ranges)?;
+        Ok(recorder)
     }
 
     /// Takes bytes as they came.
@@ -102,53 +112,65 @@ impl Recorder {
     /// # Errors
     /// The CSV writer's.
     pub fn message(&mut self, stamp: Stamp, message: &Message) -> csv::Result<()> {
-        if let Some(row) = Table::Positions.row(stamp, message) {
-            self.counts.positions += 1;
-            self.positions.write_record(row)?;
-        }
-        if let Some(row) = Table::Rssi.row(stamp, message) {
-            self.counts.sightings += 1;
-            let rssi = match &mut self.rssi {
-                Some(rssi) => rssi,
-                None => self.rssi.insert(writer(&self.folder, "rssi.csv", &Table::Rssi.columns())?),
-            };
-            rssi.write_record(row)?;
-        }
-        if let Some(row) = Table::Rooms.row(stamp, message) {
-            self.counts.rooms += 1;
-            let rooms = match &mut self.rooms {
-                Some(rooms) => rooms,
-                None => self.rooms.insert(writer(&self.folder, "rooms.csv", &Table::Rooms.columns())?),
-            };
-            rooms.write_record(row)?;
-        }
-        if let (Message::Difference(difference), Some(row)) = (message, Table::Differences.row(stamp, message)) {
-            if let Some(place_m) = difference.place_m() {
-                self.told.insert(difference.peer, place_m);
-            }
-            self.counts.differences += 1;
-            let differences = match &mut self.differences {
-                Some(differences) => differences,
-                None => {
-                    self.differences.insert(writer(&self.folder, "differences.csv", &Table::Differences.columns())?)
+        self.message_with(stamp, message, |_, _| ())
+    }
+
+    /// Takes a message whose row `complete` fills up.
+    ///
+    /// # Errors
+    /// The CSV writer's.
+    pub fn message_with(
+        &mut self,
+        stamp: Stamp,
+        message: &Message,
+        complete: impl FnOnce(Table, &mut Vec<String>),
+    ) -> csv::Result<()> {
+        let row = Table::ALL.into_iter().find_map(|table| Some((table, table.row(stamp, message)?)));
+        let Some((table, mut row)) = row else { return Ok(()) };
+        complete(table, &mut row);
+        match message {
+            Message::Difference(difference) => self.told.extend(difference.place_m().map(|at| (difference.peer, at))),
+            Message::Range(range) => {
+                self.told.extend(range.place_m().map(|at| (range.peer, at)));
+                if !self.given.contains_key(&range.peer) && !self.told.contains_key(&range.peer) {
+                    self.waiting.entry(range.peer).or_default().push(row);
+                    return Ok(());
                 }
-            };
-            differences.write_record(row)?;
+                for earlier in self.waiting.remove(&range.peer).into_iter().flatten() {
+                    self.row(table, earlier)?;
+                }
+            }
+            Message::Hello(_)
+            | Message::Fix(_)
+            | Message::Sighting(_)
+            | Message::State(_)
+            | Message::Counters(_)
+            | Message::Reset(_)
+            | Message::Room(_) => {}
         }
-        if let (Message::Range(range), Some(row)) = (message, Table::Ranges.row(stamp, message)) {
-            if let Some(place_m) = range.place_m() {
-                self.told.insert(range.peer, place_m);
-            }
-            if !self.given.contains_key(&range.peer) && !self.told.contains_key(&range.peer) {
-                self.waiting.entry(range.peer).or_default().push(row);
-                return Ok(());
-            }
-            for row in self.waiting.remove(&range.peer).into_iter().flatten().chain([row]) {
-                self.counts.ranges += 1;
-                self.ranges.write_record(row)?;
+        self.row(table, row)
+    }
+
+    fn row(&mut self, table: Table, row: Vec<String>) -> csv::Result<()> {
+        *match table {
+            Table::Positions => &mut self.counts.positions,
+            Table::Ranges => &mut self.counts.ranges,
+            Table::Differences => &mut self.counts.differences,
+            Table::Rssi => &mut self.counts.sightings,
+            Table::Rooms => &mut self.counts.rooms,
+        } += 1;
+        self.table(table)?.write_record(row)
+    }
+
+    fn table(&mut self, table: Table) -> csv::Result<&mut Writer> {
+        match self.tables.entry(table) {
+            Entry::Occupied(writer) => Ok(writer.into_mut()),
+            Entry::Vacant(place) => {
+                let mut columns = table.columns();
+                columns.extend(self.more.get(&table).into_iter().flatten());
+                Ok(place.insert(writer(&self.folder, table.file(), &columns)?))
             }
         }
-        Ok(())
     }
 
     /// Puts all files in their places.
@@ -164,10 +186,7 @@ impl Recorder {
             self.counts.anchors += 1;
         }
         self.counts.left_out = self.waiting.into_iter().map(|(address, rows)| (address, rows.len() as u64)).collect();
-        for table in [Some(anchors), Some(self.ranges), Some(self.positions), self.rssi, self.rooms, self.differences]
-            .into_iter()
-            .flatten()
-        {
+        for table in self.tables.into_values().chain([anchors]) {
             table.into_inner().map_err(csv::IntoInnerError::into_error)?.finish()?;
         }
         self.bytes.finish()?;
@@ -183,7 +202,7 @@ fn address_and_place(anchor: &Anchor) -> Result<(u16, [f64; 3]), UserError> {
     Ok((address, [anchor.place.x_m, anchor.place.y_m, z_m]))
 }
 
-fn writer(folder: &Path, name: &str, columns: &[&str]) -> csv::Result<Writer> {
+pub(crate) fn writer(folder: &Path, name: &str, columns: &[&str]) -> csv::Result<Writer> {
     let mut writer = csv::Writer::from_writer(Growing::create(&folder.join(name))?);
     writer.write_record(columns)?;
     Ok(writer)

@@ -103,7 +103,7 @@ fn equal_arguments_print_equal_bytes_and_another_seed_others() {
         let arguments =
             format!("simulate --scenario hall.toml --loss 0.1 --seed {seed} --out out --pcap air.pcap --plot a.svg");
         let run = folder.run(&arguments).ok();
-        let files = ["out/ranges.csv", "out/truth.csv", "out/positions.csv", "air.pcap", "a.svg"];
+        let files = ["out/ranges.csv", "out/truth.csv", "out/positions.csv", "out/telemetry.bin", "air.pcap", "a.svg"];
         (run.stdout, run.stderr, files.map(|file| folder.read(file)))
     };
     let first = bytes(1);
@@ -130,6 +130,35 @@ fn solve_reads_what_was_simulated_and_finds_what_the_tag_found() {
         assert_eq!(tag.0, host.0);
         assert!((tag.1 - host.1).abs() < 0.005 && (tag.2 - host.2).abs() < 0.005, "{tag:?} {host:?}");
     }
+}
+
+#[test]
+fn telemetry_of_a_simulation_is_read_as_that_of_boards() {
+    let folder = folder();
+    folder.run("simulate --scenario hall.toml --out out").ok();
+    let simulated = String::from_utf8(folder.read("out/positions.csv")).expect("text");
+    let columns = ["t_s", "x_m", "y_m", "z_m", "sigma_x_m", "sigma_y_m", "sigma_z_m", "used", "reason"];
+    // Not the epoch's number, which counts through all tags, and not what a real node cannot know.
+    let positions = |text: &str| -> Vec<Vec<String>> {
+        let mut rows = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
+        let header = rows.next().expect("a header");
+        let at = columns.map(|name| header.iter().position(|column| column == name).expect("a column"));
+        rows.map(|row| at.iter().map(|place| row[*place].clone()).collect()).collect()
+    };
+    let expected = positions(&simulated);
+    assert!(expected.len() > 500, "{}", expected.len());
+    let decoded = folder.run("decode out/telemetry.bin --format csv").ok();
+    assert_eq!(positions(&decoded.stdout), expected);
+    let replayed = folder.run("replay out --speed 1000000 --format csv").ok();
+    assert_eq!(positions(&replayed.stdout), expected);
+    let monitored = folder.run("monitor --file out/telemetry.bin --format csv").ok();
+    assert_eq!(positions(&monitored.stdout), expected);
+    let ranges = folder.run("decode out/telemetry.bin --format csv --table ranges").ok();
+    let recorded = String::from_utf8(folder.read("out/ranges.csv")).expect("text");
+    assert_eq!(ranges.stdout.lines().count(), recorded.lines().count());
+    // Every node reports who it is.
+    let summary = folder.run("decode out/telemetry-3.bin --json").ok().json();
+    assert_eq!((&summary["node"]["role"], &summary["node"]["address"]), (&"anchor".into(), &3.into()), "{summary:?}");
 }
 
 #[test]
@@ -169,6 +198,7 @@ fn what_is_wrong_is_told_in_one_line_and_nothing_is_written() {
         ("--plot room.gif", "--plot: room.gif ends in neither .svg nor .png\n"),
         ("--pcap none/air.pcap", "--pcap: the folder none does not exist\n"),
         ("--out file", "--out: file is not a folder\n"),
+        ("--mode listening --rate 0.1", "--rate: node 4097: tag.rate_hz is 0.1: it must be 0.13 to 1000\n"),
     ];
     let before = folder.names();
     for (arguments, said) in cases {

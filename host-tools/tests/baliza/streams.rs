@@ -12,8 +12,8 @@ use rand_pcg::Pcg64Mcg;
 use serde_json::Value;
 use sim::scenario::{Scenario, Simulation, What};
 use wire::telemetry::{
-    BeaconId, Board, Condition, Counters, Diagnostics, Difference, Fix, Hello, MAX_FRAME, Message, Outcome, Reset,
-    ResetCause, Role, Room, RoomEstimate, RoomProbability, Sighting, Solver, State, encode,
+    BeaconId, Board, Condition, Counters, Diagnostics, Difference, Fix, Hello, MAX_FRAME, Message, Range, Reset,
+    ResetCause, Role, Room, RoomEstimate, RoomProbability, Sighting, State, encode,
 };
 
 use crate::support::Folder;
@@ -39,14 +39,13 @@ fn walk() -> Vec<Message> {
         Message::State(State { t_us: 1200, is: Condition::Searching }),
     ];
     for record in simulation.run_until(2.0) {
-        let What::Epoch(epoch) = record.what else { continue };
-        let (t_us, round) = ((record.t_s * 1e6) as u64, epoch.number as u16);
-        told.extend(epoch.ranges.iter().map(|measured| Message::Range(range_message(t_us, round, &measured.range))));
-        let outcome = match epoch.outcome {
-            Ok(of) => Outcome::position(of.position_m, of.covariance_m2, of.used, of.quality),
-            Err(reason) => Outcome::Reason(reason.into()),
-        };
-        told.push(Message::Fix(Fix { t_us, round, age_us: 8500, asked: epoch.asked, outcome, solver: Solver::Track }));
+        let What::Epoch(epoch) = &record.what else { continue };
+        let (t_us, round) = (epoch.fix.t_us, epoch.number as u16);
+        told.extend(record.messages().map(|message| match message {
+            Message::Range(range) => Message::Range(Range { round, ..range }),
+            Message::Fix(fix) => Message::Fix(Fix { round, age_us: 8500, ..fix }),
+            other => other,
+        }));
         let beacon = BeaconId { network: 0xB940_7F30, major: 7, minor: 513 };
         told.push(Message::Sighting(Sighting { t_us: t_us + 20_000, beacon, rssi: -67, measured_power: -59 }));
     }

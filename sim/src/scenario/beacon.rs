@@ -5,14 +5,17 @@ use std::convert::Infallible;
 use std::rc::Rc;
 use std::time::Duration;
 
-use embassy_futures::join::join;
-use firmware_beacon::{Listener, Settings};
-use firmware_tag::scan::Plan;
+use embassy_futures::join::{join, join3};
+use firmware_beacon::{Settings, TelemetrySink};
+use firmware_common::{Start, introduce};
 use rand::RngCore;
 use wire::ble::{EddystoneUid, IBeacon};
-use wire::config::{Advertiser, Calibration, Identity, Mode, Network, Phy, Record, Role};
+use wire::config::{Advertiser, Scan};
+use wire::telemetry::{Board, ResetCause};
 
-use super::FaultKind;
+use super::config::eui;
+use super::telemetry::Outlet;
+use super::{FaultKind, Scenario};
 use crate::bluetooth::{Bluetooth, BluetoothConfig, Sender};
 use crate::random::{Purpose, stream};
 use crate::{TaskId, World};
@@ -58,7 +61,7 @@ pub struct BluetoothSettings {
     /// The air.
     pub air: BluetoothConfig,
     /// When tags scan.
-    pub scan: Plan,
+    pub scan: Scan,
     /// What tags know of levels on the spot, by the files' names.
     pub files: SiteModelFiles,
     /// The same as a tag has it in flash (`wire::config::decode_models`), of the beacons that tags are told of; it should be sound.
@@ -77,47 +80,14 @@ pub struct SiteModelFiles {
 impl Default for BluetoothSettings {
     /// Tags scan all the time.
     fn default() -> Self {
-        let scan = Plan { interval_us: 1_000_000, window_us: 1_000_000 };
+        let scan = Scan { interval_ms: 1000, window_ms: 1000 };
         Self { air: BluetoothConfig::default(), scan, files: SiteModelFiles::default(), site_models: None }
     }
 }
 
-/// The record by which the app of a beacon lives; what it says of UWB is for others.
-fn record(advertiser: Advertiser) -> Record {
-    Record {
-        identity: Identity::default(),
-        role: Role::Advertiser(advertiser),
-        network: Network {
-            pan: 0xBA12,
-            mode: Mode::Native,
-            phy: Phy { channel: 5, prf_mhz: 64, rate_kbps: 6810, preamble: 128, code: None },
-            turnaround: None,
-            region: None,
-        },
-        calibration: Calibration::default(),
-        pins: None,
-        anchors: Default::default(),
-        beacons: Default::default(),
-        beacon_key: None,
-    }
-}
-
 /// Why a record is no beacon's, in words.
-pub(super) fn check(advertiser: Advertiser) -> Result<(), String> {
-    Settings::of(&record(advertiser), [0; 6]).map(|_| ()).map_err(|fault| fault.to_string())
-}
-
-/// Nobody is told what a beacon does.
-struct Unheard;
-
-impl Listener for Unheard {
-    fn advertising(&mut self, _: &firmware_beacon::Advertisement) {}
-
-    fn failed(&mut self, error: &impl std::fmt::Debug, failures: u32) {
-        unreachable!("a simulated controller does not fail: {error:?}, {failures} times");
-    }
-
-    fn alive(&mut self) {}
+pub(super) fn check(beacon: &Beacon) -> Result<(), String> {
+    Scenario::beacon_record(beacon).validate().map_err(|invalid| invalid.to_string())
 }
 
 /// A beacon that can be switched.
@@ -125,13 +95,15 @@ pub(super) struct BeaconNode {
     world: World,
     air: Bluetooth,
     beacon: Beacon,
+    outlet: Rc<Outlet>,
     task: RefCell<Option<TaskId>>,
 }
 
 impl BeaconNode {
     /// Puts a beacon into the world and starts it.
-    pub(super) fn start(world: &World, air: &Bluetooth, beacon: &Beacon) -> Self {
-        let node = Self { world: world.clone(), air: air.clone(), beacon: beacon.clone(), task: RefCell::new(None) };
+    pub(super) fn start(world: &World, air: &Bluetooth, beacon: &Beacon, outlet: Rc<Outlet>) -> Self {
+        let (world, air, beacon) = (world.clone(), air.clone(), beacon.clone());
+        let node = Self { world, air, beacon, outlet, task: RefCell::new(None) };
         node.switch_on();
         node
     }
@@ -157,15 +129,16 @@ impl BeaconNode {
     fn switch_on(&self) {
         if self.task.borrow().is_none() {
             let (air, world, beacon) = (self.air.clone(), self.world.clone(), self.beacon.clone());
+            let outlet = self.outlet.clone();
             let task = self.world.spawn(async move {
-                live(&air, &world, &beacon).await;
+                live(&air, &world, &beacon, &outlet).await;
             });
             *self.task.borrow_mut() = Some(task);
         }
     }
 }
 
-async fn live(air: &Bluetooth, world: &World, beacon: &Beacon) -> Infallible {
+async fn live(air: &Bluetooth, world: &World, beacon: &Beacon, outlet: &Outlet) -> Infallible {
     let number = beacon.address.into();
     let sender = Sender::new(air.medium(), world.seed(), number, beacon.at, beacon.rssi_1m_dbm);
     let radio = air.advertiser(sender);
@@ -175,15 +148,16 @@ async fn live(air: &Bluetooth, world: &World, beacon: &Beacon) -> Infallible {
     match beacon.format {
         Format::IBeacon => {
             let [low, high] = beacon.address.to_le_bytes();
-            let settings = match Settings::of(&record(advertiser), [0xDE, 0xCA, 0, 0, high, low]) {
-                Ok(settings) => settings,
-                Err(fault) => unreachable!("the scenario was checked: {fault}"),
-            };
+            let reporter = outlet.boot(None);
+            let (record, eui) = (Ok(Scenario::beacon_record(beacon)), eui(beacon.address));
+            let start = Start { record, eui, reset: ResetCause::PowerOn, crash: None };
+            let (hello, followed) = introduce(&reporter, Board::Simulated, wire::telemetry::Role::Beacon, start);
+            let settings = followed.map(|(record, _)| Settings::of(&record, [0xDE, 0xCA, 0, 0, high, low]));
+            let Some(Ok(settings)) = settings else { unreachable!("the scenario was checked") };
             let mut draws = stream(world.seed(), Purpose::Birth, 1 << 32 | u64::from(beacon.address));
             let random = move |bytes: &mut [u8]| draws.fill_bytes(bytes);
-            let delay = world.delay();
-            let app = firmware_beacon::run(radio.clone(), delay, random, &settings, Unheard);
-            join(app, radio.serve()).await.0
+            let app = firmware_beacon::run(radio.clone(), world.delay(), random, &settings, TelemetrySink(&reporter));
+            join3(app, radio.serve(), reporter.keep_telling(hello, world.delay())).await.0
         }
         Format::EddystoneUid => {
             let Advertiser { uuid, major, minor, measured_power_dbm, .. } = advertiser;
@@ -222,6 +196,6 @@ fn malformed(whole: &[u8]) -> Vec<Vec<u8>> {
 }
 
 /// What tags are told: the list of a record.
-pub(super) fn listed(beacons: &[Beacon]) -> Rc<[wire::config::Beacon]> {
-    beacons.iter().filter_map(|beacon| beacon.listed).collect()
+pub(super) fn listed(beacons: &[Beacon]) -> impl Iterator<Item = wire::config::Beacon> {
+    beacons.iter().filter_map(|beacon| beacon.listed)
 }

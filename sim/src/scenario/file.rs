@@ -306,7 +306,7 @@ impl File {
             faults.push(Fault { at_s, node, what });
         }
         faults.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
-        Ok(Scenario {
+        let scenario = Scenario {
             seconds: self.seconds,
             seed: self.seed,
             loss: self.loss,
@@ -334,7 +334,14 @@ impl File {
             anchors,
             tags,
             faults,
-        })
+        };
+        for (anchor, table) in scenario.anchors.iter().zip(&self.anchor) {
+            scenario.anchor_record(anchor).validate().map_err(|invalid| wrong(table, invalid.to_string()))?;
+        }
+        for (tag, table) in scenario.tags.iter().zip(&self.tag) {
+            scenario.tag_record(tag).validate().map_err(|invalid| wrong(table, invalid.to_string()))?;
+        }
+        Ok(scenario)
     }
 }
 
@@ -462,10 +469,15 @@ mod tests {
             ("[[network]]\nrounds_hz = 6\n", 5, "rounds_hz is for mode"),
             ("[[network]]\nrate_kbps = 110\npreamble = 128\n", 5, "at least 1024 symbols, not 128"),
             ("[[beacon]]\nat = [0, 0, 2]\nchannels = [37, 40]\n", 5, "37, 38 and 39, not 40"),
-            ("[[beacon]]\nat = [0, 0, 2]\nchannels = []\n", 5, "some of 0b111"),
-            ("[[beacon]]\nat = [0, 0, 2]\ninterval_ms = 10\n", 5, "20 to 10240 ms"),
+            ("[[beacon]]\nat = [0, 0, 2]\nchannels = []\n", 5, "one of 37, 38, 39 at least"),
+            ("[[beacon]]\nat = [0, 0, 2]\ninterval_ms = 10\n", 5, "beacon.interval_ms is 10: it must be 20 to 10240"),
             ("[[beacon]]\nat = [0, 0, 2]\naddress = 1\n", 5, "two nodes have the address 1"),
             ("[[beacon]]\nat = [0, 0, 2]\nrssi_1m_dbm = 40\n", 7, "40 is not a level"),
+            (
+                "[[tag]]\npath = [[0, 0, 1]]\nnetwork = 1\n[[network]]\n[[network]]\nmode = \"listening\"\nrounds_hz = 0.1\n",
+                5,
+                "network.rounds_hz is 0.1: it must be 0.13 to 1000",
+            ),
             ("[[network]]\ncode = 3\n", 5, "[9, 10, 11, 12], not 3"),
         ];
         for (more, line, message) in cases {
@@ -523,7 +535,7 @@ mod tests {
             listed_at = [0, 0, 0]\n[[beacon]]\nat = [7, 8, 9]\nlisted = false\n[[tag]]\npath = [[1, 2, 1]]\n";
         let scenario = Scenario::parse(text).unwrap();
         assert_eq!((scenario.bluetooth.air.medium.shadowing_db, scenario.bluetooth.air.medium.exponent), (4.0, 2.0));
-        assert_eq!((scenario.bluetooth.scan.interval_us, scenario.bluetooth.scan.window_us), (1_000_000, 100_000));
+        assert_eq!((scenario.bluetooth.scan.interval_ms, scenario.bluetooth.scan.window_ms), (1000, 100));
         let [first, second, third] = &scenario.beacons[..] else { panic!("{:?}", scenario.beacons) };
         assert_eq!((first.address, first.name(), first.advertiser.channels), (0x2001, "1-1".to_owned(), 0b111));
         assert_eq!((second.name(), second.advertiser.channels), ("1-9".to_owned(), 0b101));

@@ -24,6 +24,9 @@ use crate::{
 
 /// A node's firmware on whatever radio it is given: an app from `firmware-tag` or `firmware-anchor`.
 pub(super) trait Firmware: 'static {
+    /// What it runs on, beside its board.
+    fn plan(&self) -> NodePlan;
+
     /// Runs for ever, from a reset on.
     fn run<R: Restart + 'static>(
         self: Rc<Self>,
@@ -47,9 +50,10 @@ impl Hardware {
         world: &World,
         level: Fidelity,
         board: BoardProfile,
-        node: NodePlan,
+        path: Path,
         firmware: impl Firmware,
     ) -> Self {
+        let node = firmware.plan();
         let firmware = Rc::new(firmware);
         let costs = Costs::of(board.core);
         // Only a tag whose radio sleeps lets its own clocks be off.
@@ -59,7 +63,7 @@ impl Hardware {
         match level {
             Fidelity::Spi => {
                 let chip = ChipConfig { clock: node.clock, ..ChipConfig::default() };
-                let started = world.add_node(NodeConfig { path: node.path, chip, board });
+                let started = world.add_node(NodeConfig { path, chip, board });
                 let config = node.config;
                 started.boot(move |peripherals| {
                     let processor = peripherals.processor;
@@ -76,7 +80,7 @@ impl Hardware {
             }
             Fidelity::Air => {
                 let processor = Processor::new(board);
-                let antenna = Antenna::new(world, node.path, node.clock, &node.config, processor.clone());
+                let antenna = Antenna::new(world, path, node.clock, &node.config, processor.clone());
                 let (task_world, task_processor) = (world.clone(), processor.clone());
                 let spawn = move |antenna: &Antenna| {
                     let radio = Charged::new(antenna.radio(), &task_processor);
@@ -137,9 +141,8 @@ impl Hardware {
 
 type BoardRadio = Dw1000<BoardSpi, IrqPin, Reset, SimDelay>;
 
-/// What a node is, beside its firmware.
+/// What a node is, beside its board.
 pub(super) struct NodePlan {
-    pub(super) path: Path,
     pub(super) clock: ClockConfig,
     pub(super) config: Config,
 }

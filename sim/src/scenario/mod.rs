@@ -1,20 +1,23 @@
 //! Scenarios: a floor plan, anchors, beacons, tags on their ways, what goes wrong; and whole nodes in them.
 //!
 //! A scenario comes from a TOML file ([`Scenario::parse`]) or from [`Scenario::rooms`]; a [`Simulation`] of it runs the
-//! apps of `firmware-tag`, `firmware-anchor` and `firmware-beacon` as they are, and yields [`Record`]s. Equal scenarios with equal seeds yield
+//! apps of `firmware-tag`, `firmware-anchor` and `firmware-beacon` as they are: each node starts by its record, as a board does, and what it
+//! reports is telemetry, which becomes [`Record`]s beside the truth. Equal scenarios with equal seeds yield
 //! equal records.
 
 mod beacon;
 mod carrying;
+mod config;
 mod draw;
 mod file;
 mod generate;
 mod hardware;
 mod motion;
+mod node;
 mod record;
 mod run;
-mod sink;
 mod survey;
+mod telemetry;
 
 use positioning_core::Method;
 use ranging::native::Scheme;

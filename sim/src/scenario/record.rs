@@ -1,17 +1,14 @@
-//! What a simulation yields: epochs beside the truth, changes of links, failures; and the sum of it.
+//! What a simulation yields: what nodes report beside the truth, and faults; and the sum of it.
 
-use firmware_tag::Position;
-use positioning_core::SolveError;
 use positioning_core::nlos::Shape;
-use ranging::exchange::{Difference, Link, Range};
 use serde::Serialize;
-use wire::telemetry::{Condition, MotionSensor, RoomEstimate, Sighting};
+use wire::telemetry::{Difference, Fix, Message, Range};
 
 use super::draw::{Charges, Drawn};
 use crate::air::AirStatistics;
 use crate::bluetooth::BluetoothStatistics;
 
-/// Something that a node found out, or that happened to it.
+/// Something that a node reported, or that happened to it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Record {
     /// When, seconds of true time.
@@ -27,34 +24,33 @@ impl Record {
     pub fn epoch(&self) -> Option<&Epoch> {
         match &self.what {
             What::Epoch(epoch) => Some(epoch),
-            What::Sighting(_)
-            | What::Beacon(_)
-            | What::MotionSensor(_)
-            | What::Room(_)
-            | What::Link(_)
-            | What::RadioFailed(_)
-            | What::Fault(_) => None,
+            What::Message(_) | What::Fault(_) => None,
         }
+    }
+
+    /// The node's messages that it is made of, in their order.
+    pub fn messages(&self) -> impl Iterator<Item = Message> {
+        let (epoch, message) = match &self.what {
+            What::Epoch(epoch) => (Some(epoch), None),
+            What::Message(message) => (None, Some(*message)),
+            What::Fault(_) => (None, None),
+        };
+        let of_epoch = epoch.into_iter().flat_map(|epoch| {
+            let ranges = epoch.ranges.iter().map(|range| Message::Range(range.range));
+            let differences = epoch.differences.iter().map(|difference| Message::Difference(difference.difference));
+            ranges.chain(differences).chain([Message::Fix(epoch.fix)])
+        });
+        of_epoch.chain(message)
     }
 }
 
-/// What a node found out, or what happened to it.
+/// What a node reported, or what happened to it.
 #[derive(Clone, Debug, PartialEq)]
 pub enum What {
     /// A tag finished a round, or a window of levels.
     Epoch(Epoch),
-    /// A tag heard a beacon that it knows.
-    Sighting(Sighting),
-    /// Something else is believed of a beacon, or what a tag knows of beacons is not used.
-    Beacon(Condition),
-    /// Something else is known of a tag's motion sensor.
-    MotionSensor(MotionSensor),
-    /// A tag has gone to another room.
-    Room(RoomEstimate),
-    /// A link has changed.
-    Link(Link),
-    /// The radio failed again; how many times in a row.
-    RadioFailed(u32),
+    /// A node reported anything else.
+    Message(Message),
     /// The scenario did something to the node.
     Fault(super::FaultKind),
 }
@@ -73,14 +69,10 @@ pub enum Source {
 pub struct Epoch {
     /// Counts the epochs of all tags, from 0.
     pub number: u64,
-    /// By what.
-    pub source: Source,
     /// Where the tag was, metres.
     pub truth_m: [f64; 3],
     /// Where it thinks it is, or why it does not know.
-    pub outcome: Result<Position, SolveError>,
-    /// Anchors that were asked.
-    pub asked: u8,
+    pub fix: Fix,
     /// The ranges had.
     pub ranges: Vec<RangeRecord>,
     /// The differences had, where the tag only listens; the reference first.
@@ -90,7 +82,7 @@ pub struct Epoch {
 /// A range beside the truth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RangeRecord {
-    /// As the exchange reported it.
+    /// As the tag reported it.
     pub range: Range,
     /// The straight distance, metres.
     pub truth_m: f64,
@@ -103,9 +95,7 @@ pub struct RangeRecord {
 /// A difference of arrivals beside the truth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DifferenceRecord {
-    /// Short address of the reference.
-    pub reference: u16,
-    /// As the exchange reported it.
+    /// As the tag reported it.
     pub difference: Difference,
     /// The straight distance less that of the reference, metres.
     pub truth_m: f64,
@@ -114,11 +104,16 @@ pub struct DifferenceRecord {
 }
 
 impl Epoch {
+    /// By what the tag found itself.
+    pub fn source(&self) -> Source {
+        if self.fix.asked == 0 { Source::Beacons } else { Source::Anchors }
+    }
+
     /// How far the position is from the truth, metres: in the plane where the height was given, else in space.
     pub fn error_m(&self) -> Option<f64> {
-        let position = self.outcome.as_ref().ok()?;
-        let axes = if position.height_is_given() { 2 } else { 3 };
-        let square: f64 = (0..axes).map(|i| (f64::from(position.position_m[i]) - self.truth_m[i]).powi(2)).sum();
+        let (position_m, deviation_m) = (self.fix.position_m()?, self.fix.deviation_m()?);
+        let axes = if deviation_m[2] == 0.0 { 2 } else { 3 };
+        let square: f64 = (0..axes).map(|i| (position_m[i] - self.truth_m[i]).powi(2)).sum();
         Some(square.sqrt())
     }
 }

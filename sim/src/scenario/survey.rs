@@ -8,8 +8,9 @@ use embassy_futures::block_on;
 use firmware_tag::scan::Scanner;
 use wire::ble::Advertised;
 
-use super::Scenario;
 use super::beacon::BeaconNode;
+use super::telemetry::Outlet;
+use super::{Beacon, Scenario};
 use crate::air::Path;
 use crate::bluetooth::{Bluetooth, BluetoothConfig};
 use crate::{AirConfig, TrueTime, World};
@@ -32,7 +33,10 @@ pub fn survey(scenario: &Scenario, places: &[[f64; 3]], seconds: f64) -> Vec<Sur
     let world = World::new(scenario.seed, AirConfig::default());
     let config = BluetoothConfig { receiver_offset_db: 0.0, ..scenario.bluetooth.air.clone() };
     let air = Bluetooth::new(&world, config, &scenario.walls);
-    let _beacons: Vec<_> = scenario.beacons.iter().map(|beacon| BeaconNode::start(&world, &air, beacon)).collect();
+    let (of, log) = (Rc::new(scenario.clone()), Rc::default());
+    let start =
+        |beacon: &Beacon| BeaconNode::start(&world, &air, beacon, Outlet::new(beacon.address, &world, &of, &log));
+    let _beacons: Vec<_> = scenario.beacons.iter().map(start).collect();
     let heard: Rc<RefCell<Vec<SurveySample>>> = Rc::default();
     // All stays are at once: receivers do not disturb each other.
     let scanners = places.iter().enumerate().map(|(place, at)| {

@@ -38,7 +38,7 @@ fn beacons_beside_anchors_cost_nothing_and_give_no_epochs_of_their_own() {
     // Before the anchors have let the tag in, half a second after the start, beacons alone say where it is.
     let in_network = |run: &Run| -> Vec<(f64, f64)> {
         let epochs = run.epochs(TAG).filter(|(t_s, _)| *t_s > 0.8);
-        let by_anchors = epochs.inspect(|(t_s, epoch)| assert_eq!(epoch.source, Source::Anchors, "at {t_s} s"));
+        let by_anchors = epochs.inspect(|(t_s, epoch)| assert_eq!(epoch.source(), Source::Anchors, "at {t_s} s"));
         by_anchors.filter_map(|(t_s, epoch)| Some((t_s, epoch.error_m()?))).collect()
     };
     let [with, without] = [&both, &alone].map(in_network);
@@ -61,13 +61,13 @@ fn a_tag_goes_out_of_the_anchors_cover_into_the_beacons_and_back() {
     let run = example(include_str!("../../../examples/leaving.toml"), 1);
     let found: Vec<_> = run
         .epochs(TAG)
-        .filter_map(|(t_s, epoch)| Some((t_s, epoch.source, epoch.outcome.as_ref().ok()?, epoch.error_m()?)))
+        .filter_map(|(t_s, epoch)| Some((t_s, epoch.source(), epoch.fix.deviation_m()?, epoch.error_m()?)))
         .collect();
     let gap = found.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(0.0, f64::max);
     assert!(gap < 1.1, "{gap} s without a position");
     // What the beacons' RSSI values err by is known where the anchors' cover ends: it begins with centimetres, and grows with the way.
     let left = found.windows(2).filter(|pair| (pair[0].1, pair[1].1) == (Source::Anchors, Source::Beacons));
-    let first: Vec<_> = left.map(|pair| (pair[1].3, pair[1].2.deviation_m()[0])).collect();
+    let first: Vec<_> = left.map(|pair| (pair[1].3, pair[1].2[0])).collect();
     assert!(!first.is_empty() && first.iter().all(|(error_m, sigma_m)| *error_m < 1.0 && *sigma_m < 1.0), "{first:?}");
     // Nor does a track of beacons lead the first ranges astray.
     let by_anchors = found.iter().filter(|(t_s, source, ..)| *t_s > 5.0 && *source == Source::Anchors);
@@ -100,7 +100,7 @@ fn a_deaf_receiver_is_found_out_and_errs_no_more_than_another() {
 fn beacons_of_another_maker_serve_as_well() {
     let run = Run::of_text(&(room("seconds = 30", &["format = \"eddystone-uid\""; 6]) + ROUND));
     let epochs = by_beacons(&run, 0.0, 30.0);
-    assert!(epochs.iter().filter(|(_, epoch)| epoch.outcome.is_ok()).count() > 50);
+    assert!(epochs.iter().filter(|(_, epoch)| epoch.fix.reason().is_none()).count() > 50);
     assert!(errors(&epochs).0 < 5.0);
 }
 
@@ -110,7 +110,7 @@ fn a_scan_of_a_tenth_of_the_time_is_enough() {
     let run = Run::of_text(&(room(head, &[]) + STANDS));
     let epochs = by_beacons(&run, 3.0, 30.0);
     // A window of 100 ms hears a beacon of 100 ms as good as once.
-    assert!(epochs.iter().filter(|(_, epoch)| epoch.outcome.is_ok()).count() > 10, "{}", epochs.len());
+    assert!(epochs.iter().filter(|(_, epoch)| epoch.fix.reason().is_none()).count() > 10, "{}", epochs.len());
     let summary = run.summary.bluetooth.expect("there are beacons");
     // Six beacons, 9.5 events a second each. A tag that looks for anchors is never quiet, so that every window is an interval late: a
     // twentieth of the time.

@@ -27,7 +27,7 @@ const STANDS: &str = "[[tag]]\npath = [[5, 3, 1.2]]\n";
 
 /// The epochs by beacons within a time.
 fn by_beacons(run: &Run, from_s: f64, to_s: f64) -> Vec<(f64, &Epoch)> {
-    let within = |(t_s, epoch): &(f64, &Epoch)| (from_s..=to_s).contains(t_s) && epoch.source == Source::Beacons;
+    let within = |(t_s, epoch): &(f64, &Epoch)| (from_s..=to_s).contains(t_s) && epoch.source() == Source::Beacons;
     run.epochs(TAG).filter(within).collect()
 }
 
@@ -36,7 +36,7 @@ fn errors(epochs: &[(f64, &Epoch)]) -> (f64, f64) {
     let errors: Vec<(f64, f64)> = epochs
         .iter()
         .filter_map(|(_, epoch)| {
-            let sigma_m = epoch.outcome.as_ref().ok()?.deviation_m().map(f64::from);
+            let sigma_m = epoch.fix.deviation_m()?;
             Some((epoch.error_m()?, sigma_m[0].hypot(sigma_m[1])))
         })
         .collect();

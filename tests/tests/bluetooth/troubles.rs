@@ -1,9 +1,8 @@
 //! What goes wrong with beacons: one vanishes, moves, is cloned, mute, or screams; RSSIs that are none.
 
-use positioning_core::SolveError;
 use sim::scenario::What;
 use system_tests::{Run, TAG};
-use wire::telemetry::{BeaconEvidence, Condition};
+use wire::telemetry::{BeaconEvidence, Condition, Message, Reason};
 
 use super::{ROUND, STANDS, by_beacons, errors, room};
 
@@ -31,7 +30,7 @@ fn a_beacon_that_vanishes_is_missed_and_the_others_go_on() {
     assert!(run.longest_gap(TAG, 0.0, 30.0) < 1.1);
     let heard = |from_s, to_s| {
         let epochs = by_beacons(&run, from_s, to_s);
-        epochs.iter().filter_map(|(_, epoch)| epoch.outcome.as_ref().ok()).map(|p| p.used.count_ones()).max()
+        epochs.iter().filter_map(|(_, epoch)| epoch.fix.used()).map(u16::count_ones).max()
     };
     assert_eq!((heard(5.0, 10.0), heard(11.0, 30.0)), (Some(6), Some(5)));
 }
@@ -42,7 +41,7 @@ fn when_all_vanish_there_is_a_reason_and_no_old_value() {
     let run = Run::of_text(&(room("seconds = 20", &[]) + STANDS + &all));
     let later = by_beacons(&run, 11.0, 20.0);
     assert!(later.len() > 5, "{}", later.len());
-    assert!(later.iter().all(|(_, epoch)| epoch.outcome == Err(SolveError::TooFewAnchors)), "{later:?}");
+    assert!(later.iter().all(|(_, epoch)| epoch.fix.reason() == Some(Reason::TooFewAnchors)), "{later:?}");
 }
 
 /// What a guess at the room's middle errs by on the walk, metres: on its sides of 8 m, 2 m off the middle, √(2² + 4² ⁄ 3); on those of
@@ -93,7 +92,7 @@ fn a_beacon_that_was_moved_is_named_and_believed_when_it_is_back() {
         assert!(words.iter().all(|(_, word)| named(word) || believed(word)), "seed {seed}: {words:?}");
         // Seven make the positions meanwhile.
         let epochs = by_beacons(&run, named_s + 1.0, 80.0);
-        let used = epochs.iter().filter_map(|(_, epoch)| epoch.outcome.as_ref().ok()).map(|p| p.used.count_ones());
+        let used = epochs.iter().filter_map(|(_, epoch)| epoch.fix.used()).map(u16::count_ones);
         assert!(used.max().is_some_and(|used| used <= 7), "seed {seed}");
     }
 }
@@ -132,7 +131,7 @@ fn a_beacon_that_screams_drowns_nobody() {
     let screaming = ["interval_ms = 20\nrssi_1m_dbm = -44\nlisted_rssi_1m_dbm = -59"];
     let run = Run::of_text(&(room("seconds = 30", &screaming) + ROUND));
     let epochs = by_beacons(&run, 2.0, 30.0);
-    let all = epochs.iter().filter_map(|(_, epoch)| epoch.outcome.as_ref().ok()).filter(|p| p.used.count_ones() >= 5);
+    let all = epochs.iter().filter_map(|(_, epoch)| epoch.fix.used()).filter(|used| used.count_ones() >= 5);
     assert!(all.count() > 40, "the others are heard");
     let (error_m, normalised) = walked(&screaming, "");
     // Whoever believed it alone would be in its corner, 5.7 m and 3.7 m from the middle: √(3.46² + 5.7² + 3.7²) = 7.6 m off.
@@ -163,7 +162,10 @@ fn adverts_of_every_malformed_length_are_nobodys() {
     let alone = "format = \"malformed\"\ninterval_ms = 20";
     let run = Run::of_text(&(room("seconds = 20", &[alone; 6]) + STANDS));
     assert!(run.epochs(TAG).next().is_none(), "an epoch of nothing");
-    assert!(!run.records.iter().any(|record| matches!(record.what, What::Sighting(_))), "a sighting of nothing");
+    assert!(
+        !run.records.iter().any(|record| matches!(record.what, What::Message(Message::Sighting(_)))),
+        "a sighting of nothing"
+    );
     assert!(run.summary.bluetooth.is_some_and(|bluetooth| bluetooth.adverts_heard > 1000), "the air is full");
     // Among the sound ones it is noise on the air.
     let (error_m, normalised) = walked(&[], broken);

@@ -2,7 +2,7 @@
 
 use firmware_tag::{KnownBeacons, LocatorConfig, scan};
 use host_tools::files::beacons::{Beacon, Capture, Sample};
-use host_tools::locate::ble::{Kernel, Setup, Solver};
+use host_tools::locate::ble::{RssiMethod, Setup, Solver};
 use wire::ble::IBeacon;
 
 use crate::tag;
@@ -93,7 +93,7 @@ fn a_walk_among_beacons_has_the_same_bits_on_tag_and_host() {
                 .collect(),
         })
         .collect();
-    let (of_host, _) = Solver::new(&beacons, &[], setup).solve(Kernel::Engine, &captures);
+    let (of_host, _) = Solver::new(&beacons, &[], setup).solve(RssiMethod::Engine, &captures);
 
     assert_eq!((of_tag.len(), of_host.len()), (40, 40));
     for ((t_us, of_tag), of_host) in of_tag.into_iter().zip(of_host) {

@@ -12,10 +12,11 @@ use std::task::{Context, Poll, Waker};
 
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embedded_hal_async::delay::DelayNs;
-use firmware_tag::{Epoch, LocatorConfig, Position, RateControl, Sink, TaskChannels};
+use firmware_tag::{Epoch, LocatorConfig, Position, RateControl, RoomReport, Sink, Task, TaskChannels};
 use positioning_core::SolveError;
-use ranging::exchange::Link;
+use ranging::exchange::{Event, Link};
 use ranging::native::Rate;
+use wire::telemetry::{Condition, MotionSensor, Sighting};
 
 type Outcome = Result<Position, SolveError>;
 
@@ -40,6 +41,26 @@ impl Sink for &Node {
     fn radio_failed(&self, error: &impl Debug, _: u32) {
         panic!("there is no radio: {error:?}");
     }
+
+    fn step(&self, _: &Event<'_>) {}
+
+    fn rests(&self, _: u64) {}
+
+    fn round_dropped(&self) {}
+
+    fn alive(&self, _: Task) {}
+
+    fn sighting(&self, _: Sighting) {}
+
+    fn beacon(&self, _: Condition) {}
+
+    fn room(&self, _: RoomReport) {}
+
+    fn motion_sensor(&self, _: MotionSensor) {}
+
+    fn heard(&self, _: u32) {}
+
+    fn scanner_restarted(&self, _: u32) {}
 }
 
 /// A delay by the node's clock, which the test sets.

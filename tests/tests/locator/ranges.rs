@@ -4,8 +4,8 @@ use std::path::Path;
 
 use firmware_tag::{AnchorPosition, LocatorConfig};
 use host_tools::locate::track::{Tracker, Weighting, settings};
-use host_tools::train::Told;
-use host_tools::{Anchor, Epoch, Files, Height, Measured, Place, Recording, Setup, Space, by_time};
+use host_tools::train::RowDiagnostics;
+use host_tools::{Anchor, Epoch, Files, Height, Coordinates, Measured, Recording, Setup, Space, by_time};
 use positioning_core::nlos::{Feature, Features};
 use ranging::exchange::{Range, Round};
 use ranging::{Diagnostics, RadioInstant};
@@ -20,7 +20,7 @@ fn drawn() -> Recording {
     let corners = [[-5.0, -4.0, 2.5], [5.0, -4.0, 2.75], [5.0, 4.0, 0.5], [-5.0, 4.0, 2.25]];
     let anchor = |(i, [x_m, y_m, z_m]): (usize, [f64; 3])| Anchor {
         name: i.to_string(),
-        place: Place { x_m, y_m, z_m: Some(z_m) },
+        place: Coordinates { x_m, y_m, z_m: Some(z_m) },
     };
     let mut state = 1_u32;
     let mut noise = move || {
@@ -34,18 +34,18 @@ fn drawn() -> Recording {
             let blocked = anchor == 2 && k > 80;
             let distance: f64 = at.iter().zip(corner).map(|(a, c)| (a - c) * (a - c)).sum::<f64>().sqrt();
             let range_m = distance + 0.1 * noise() + if blocked { 0.5 } else { 0.0 };
-            let told = told(range_m, -80.0, if blocked { -96.0 } else { -81.5 });
-            (noise() < 0.4).then_some(Measured { anchor, range_m, line_of_sight: None, told })
+            let diagnostics = row(range_m, -80.0, if blocked { -96.0 } else { -81.5 });
+            (noise() < 0.4).then_some(Measured { anchor, range_m, line_of_sight: None, diagnostics })
         });
         Epoch { name: k.to_string(), t_s: Some(t_s), ranges: ranges.collect(), truth: None }
     });
     Recording { anchors: corners.into_iter().enumerate().map(anchor).collect(), epochs: epochs.collect() }
 }
 
-fn told(range_m: f64, power_dbm: f32, first_path_dbm: f32) -> Told {
+fn row(range_m: f64, power_dbm: f32, first_path_dbm: f32) -> RowDiagnostics {
     let mut features = Features::default();
     features.set(Feature::PowerDifference, power_dbm - first_path_dbm);
-    Told { features, range_m: range_m as f32, power_dbm }
+    RowDiagnostics { features, range_m: range_m as f32, power_dbm }
 }
 
 /// A recording that is not part of the project; says so where it is not there.
@@ -61,18 +61,18 @@ fn recorded(name: &str) -> Option<Recording> {
     let mut recording = Recording::read(&files).expect("a recording");
     for range in recording.epochs.iter_mut().flat_map(|epoch| &mut epoch.ranges) {
         // As the tag has it: by the two powers alone.
-        range.told = told(range.range_m, range.told.power_dbm, first_path_dbm(&range.told));
+        range.diagnostics = row(range.range_m, range.diagnostics.power_dbm, first_path_dbm(&range.diagnostics));
     }
     Some(recording)
 }
 
-fn first_path_dbm(told: &Told) -> f32 {
-    told.power_dbm - told.features.get(Feature::PowerDifference).unwrap_or(f32::NAN)
+fn first_path_dbm(row: &RowDiagnostics) -> f32 {
+    row.power_dbm - row.features.get(Feature::PowerDifference).unwrap_or(f32::NAN)
 }
 
 /// The middle of the anchors along each axis, which is zero for the host's locator, metres.
 fn middle_m(anchors: &[Anchor]) -> [f64; 3] {
-    let axes: [fn(&Place) -> f64; 3] = [|p| p.x_m, |p| p.y_m, |p| p.z_m.expect("a height")];
+    let axes: [fn(&Coordinates) -> f64; 3] = [|p| p.x_m, |p| p.y_m, |p| p.z_m.expect("a height")];
     axes.map(|axis| {
         let all = || anchors.iter().map(|anchor| axis(&anchor.place));
         0.5 * all().fold(f64::INFINITY, f64::min) + 0.5 * all().fold(f64::NEG_INFINITY, f64::max)
@@ -104,8 +104,8 @@ fn has_the_same_bits(recording: &Recording) {
                     deviation_m: 0.03,
                     position_m: None,
                     diagnostics: Diagnostics {
-                        rx_power_dbm: range.told.power_dbm,
-                        first_path_power_dbm: first_path_dbm(&range.told),
+                        rx_power_dbm: range.diagnostics.power_dbm,
+                        first_path_power_dbm: first_path_dbm(&range.diagnostics),
                         ..Diagnostics::default()
                     },
                 })

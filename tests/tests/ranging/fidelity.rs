@@ -28,7 +28,7 @@ fn rounds(scenario: Scenario) -> Rounds {
     Rounds {
         fixes_per_s: (summary.fixes - joined.fixes) as f64 / (TO_S - FROM_S),
         heard: mean(epochs.iter().map(|epoch| epoch.ranges.len() + epoch.differences.len()).sum()),
-        asked: mean(epochs.iter().map(|epoch| usize::from(epoch.asked)).sum()),
+        asked: mean(epochs.iter().map(|epoch| usize::from(epoch.fix.asked)).sum()),
         collisions: summary.collisions - joined.collisions,
     }
 }

@@ -26,7 +26,7 @@ fn one_tag_and_eight_anchors_make_a_hundred_and_eighty_a_second() {
 fn positions_of_whole_rounds(run: &Run, anchors: usize, from: f64, to: f64) -> f64 {
     let rounds: Vec<usize> = run
         .epochs(TAG)
-        .filter(|(t_s, epoch)| (from..to).contains(t_s) && epoch.asked > 0)
+        .filter(|(t_s, epoch)| (from..to).contains(t_s) && epoch.fix.asked > 0)
         .map(|(_, epoch)| epoch.ranges.len())
         .collect();
     let whole = rounds.iter().filter(|ranges| **ranges == anchors).count();
@@ -90,7 +90,7 @@ fn fifteen_tags_and_sixteen_anchors_make_two_hundred_and_fifty_together_and_do_n
     let summary = simulation.summary();
     assert!((summary.fixes - joined.fixes) as f64 / 6.0 >= 250.0, "{summary:?}");
     assert_eq!(summary.collisions, joined.collisions, "once joined nobody collides");
-    let asked = records.iter().filter_map(|record| Some(record.epoch()?.asked));
+    let asked = records.iter().filter_map(|record| Some(record.epoch()?.fix.asked));
     assert!(asked.into_iter().all(|asked| (4..=8).contains(&asked)));
 }
 

@@ -65,7 +65,7 @@ impl Figures {
         let mut rounds = Vec::new();
         for record in &records {
             if let What::Epoch(epoch) = &record.what {
-                let (ranges, is_fix) = (epoch.ranges.len(), epoch.outcome.is_ok());
+                let (ranges, is_fix) = (epoch.ranges.len(), epoch.fix.reason().is_none());
                 rounds.push(Round { t_s: record.t_s, ranges, is_fix });
             }
         }

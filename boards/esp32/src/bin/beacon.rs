@@ -7,7 +7,7 @@ use baliza_board_esp32::{Board, random, supervise};
 use embassy_executor::Spawner;
 use embassy_futures::join::join;
 use embassy_time::Delay;
-use firmware_beacon::{Advertise, Advertisement, Listener, Settings, SettingsError};
+use firmware_beacon::{Advertise, Advertisement, Settings, SettingsError, TelemetrySink};
 use firmware_common::node::{Node, Reporter, Tasks};
 use static_cell::StaticCell;
 use wire::telemetry::{Condition, RecordError, Role};
@@ -27,33 +27,6 @@ impl Advertise for OnAir<'_> {
 
     async fn stop(&mut self) -> Result<(), Self::Error> {
         self.0.stop().await
-    }
-}
-
-/// The app's listener.
-struct TelemetrySink(&'static Reporter);
-
-impl TelemetrySink {
-    fn state(&self, condition: Condition) {
-        self.0.event_log.state(self.0.now_us(), condition);
-    }
-}
-
-impl Listener for TelemetrySink {
-    fn advertising(&mut self, advertisement: &Advertisement) {
-        defmt::info!("on the air: {}", advertisement);
-        self.state(Condition::Advertising);
-    }
-
-    fn failed(&mut self, error: &impl core::fmt::Debug, failures: u32) {
-        // No sign of life: where this goes on, the watchdog starts the chip anew.
-        self.0.counts.radio_failures.add();
-        self.state(Condition::RadioFailed(failures));
-        let _ = error;
-    }
-
-    fn alive(&mut self) {
-        self.0.ranging.beat(self.0.now_us());
     }
 }
 

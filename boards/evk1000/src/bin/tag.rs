@@ -3,7 +3,7 @@
 #![no_main]
 
 use baliza_board_evk1000::panel::{Awaiting, Panel};
-use baliza_board_evk1000::{Board, Radio, SharedPanel, Shown, TagShown, display, supervise};
+use baliza_board_evk1000::{Board, Radio, OnPanel, SharedPanel, Shown, display, supervise};
 use embassy_executor::Spawner;
 use embassy_time::Delay;
 use firmware_anchor::node::Anchor;
@@ -20,12 +20,12 @@ static PANEL: StaticCell<SharedPanel> = StaticCell::new();
 
 #[embassy_executor::task]
 async fn tag_ranging(tag: &'static Tag, exchange: Exchange<Radio>, panel: &'static SharedPanel) {
-    tag.range(exchange, Delay, &TagShown { sink: tag.sink(), panel }).await;
+    tag.range(exchange, Delay, &tag.sink().with_observer(OnPanel(panel))).await;
 }
 
 #[embassy_executor::task]
 async fn engine(tag: &'static Tag, panel: &'static SharedPanel) {
-    tag.locate(Delay, &TagShown { sink: tag.sink(), panel }).await;
+    tag.locate(Delay, &tag.sink().with_observer(OnPanel(panel))).await;
 }
 
 #[embassy_executor::task]

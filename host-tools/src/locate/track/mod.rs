@@ -102,7 +102,7 @@ impl<'a> Tracker<'a> {
         };
         for (index, measured) in epoch.ranges.iter().enumerate() {
             if let Some(range) = self.range(measured) {
-                let Told { features, power_dbm, .. } = measured.told;
+                let RowDiagnostics { features, power_dbm, .. } = measured.diagnostics;
                 self.locator.range(now_us, index, range, &Reception { features, power_dbm });
             }
         }

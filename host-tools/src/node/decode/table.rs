@@ -6,7 +6,7 @@ use super::Stamp;
 use crate::files::positions::{CHIP_COLUMNS, COLUMNS, POWER_COLUMNS};
 
 /// A table, and which messages are its rows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Table {
     /// Fixes, with or without a position.
     Positions,
@@ -21,6 +21,20 @@ pub enum Table {
 }
 
 impl Table {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Positions, Self::Ranges, Self::Differences, Self::Rssi, Self::Rooms];
+
+    /// Its file in a recording.
+    pub const fn file(self) -> &'static str {
+        match self {
+            Self::Positions => "positions.csv",
+            Self::Ranges => "ranges.csv",
+            Self::Differences => "differences.csv",
+            Self::Rssi => "rssi.csv",
+            Self::Rooms => "rooms.csv",
+        }
+    }
+
     /// The columns.
     pub fn columns(self) -> Vec<&'static str> {
         let received = || POWER_COLUMNS.into_iter().chain(CHIP_COLUMNS).chain(["sigma_m", "clock_offset_ppm"]);

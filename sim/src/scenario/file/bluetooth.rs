@@ -1,8 +1,7 @@
 //! The tables `[bluetooth]` and `[[beacon]]`.
 
-use firmware_tag::scan::Plan;
 use serde::Deserialize;
-use wire::config::Advertiser;
+use wire::config::{Advertiser, Scan};
 
 use super::values::{decibels, level, not_negative, optional_place, place, positive, probability};
 use crate::bluetooth::{BluetoothConfig, Medium};
@@ -53,8 +52,8 @@ impl Default for BluetoothTable {
             loss: air.loss,
             unknown_rssi: air.unknown_rssi,
             unknown_rssi_dbm: air.unknown_rssi_dbm,
-            scan_interval_ms: (scan.interval_us / 1000) as u16,
-            scan_window_ms: (scan.window_us / 1000) as u16,
+            scan_interval_ms: scan.interval_ms,
+            scan_window_ms: scan.window_ms,
             map,
             rooms,
         }
@@ -77,7 +76,7 @@ impl BluetoothTable {
                 unknown_rssi: self.unknown_rssi,
                 unknown_rssi_dbm: self.unknown_rssi_dbm,
             },
-            scan: Plan::from(wire::config::Scan { interval_ms: self.scan_interval_ms, window_ms: self.scan_window_ms }),
+            scan: Scan { interval_ms: self.scan_interval_ms, window_ms: self.scan_window_ms },
             files: SiteModelFiles { map: self.map.clone(), rooms: self.rooms.clone() },
             site_models: None,
         }
@@ -164,7 +163,6 @@ impl BeaconTable {
             channels,
             rotate_s: 0,
         };
-        beacon::check(advertiser)?;
         let listed = wire::config::Beacon {
             major,
             minor,
@@ -172,7 +170,7 @@ impl BeaconTable {
             rssi_1m_dbm: Some(self.listed_rssi_1m_dbm.unwrap_or(self.rssi_1m_dbm as f32)),
             path_loss_exponent: Some(self.listed_path_loss_exponent.unwrap_or(air.medium.exponent as f32)),
         };
-        Ok(Beacon {
+        let beacon = Beacon {
             address,
             at: self.at,
             rssi_1m_dbm: self.rssi_1m_dbm,
@@ -183,7 +181,9 @@ impl BeaconTable {
             },
             advertiser,
             listed: self.listed.then_some(listed),
-        })
+        };
+        beacon::check(&beacon)?;
+        Ok(beacon)
     }
 }
 

@@ -1,0 +1,182 @@
+//! A simulation as the recording that its tags make, by the same [`Recorder`] as one of real nodes, and the truth beside it; each table
+//! has one more column, the tag. Epochs count through all tags, so that one number is one fix.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use positioning_core::nlos::{Feature, Features};
+use sim::scenario::{Epoch, Record, Scenario, What};
+use wire::telemetry::{MAX_FRAME, Message, Sighting, encode};
+
+use crate::files::output::{Growing, write_file};
+use crate::node::decode::{Stamp, Table, metres};
+use crate::node::recorder::{Recorder, writer};
+
+/// A recording as it fills.
+pub struct SimulatedRecording {
+    folder: PathBuf,
+    recorder: Recorder,
+    truth: csv::Writer<Growing>,
+    beacons: Option<csv::Writer<Growing>>,
+    /// What `telemetry.bin` has: the first tag's.
+    first_tag: Option<u16>,
+    /// What every other node reported, by its address: a stream is one node's.
+    others: BTreeMap<u16, Vec<u8>>,
+    /// The epoch under way.
+    epoch: u64,
+    method: &'static str,
+    /// Features of impulse responses, which telemetry has not: none where tags read no responses.
+    features: Vec<Feature>,
+}
+
+impl SimulatedRecording {
+    /// Begins the recording of a scenario in a folder, which is made where it does not exist.
+    ///
+    /// # Errors
+    /// The folder is none, or the file system's.
+    pub fn create(folder: &Path, scenario: &Scenario) -> anyhow::Result<Self> {
+        let anchors = scenario.anchors.iter().map(|anchor| (anchor.address, anchor.at)).collect();
+        let reads = scenario.tag.model.is_some();
+        let features: Vec<_> = Feature::ALL.into_iter().filter(|feature| reads && feature.is_of_response()).collect();
+        let of_ranges = ["los", "tag"].into_iter().chain(features.iter().map(|feature| feature.as_str()));
+        let more = BTreeMap::from([
+            (Table::Positions, vec!["error_m", "tag"]),
+            (Table::Ranges, of_ranges.collect()),
+            (Table::Differences, vec!["los", "truth_m", "tag"]),
+            (Table::Rssi, vec!["tag"]),
+            (Table::Rooms, vec!["tag"]),
+        ]);
+        Ok(Self {
+            recorder: Recorder::begin(folder, anchors, more)?,
+            truth: writer(folder, "truth.csv", &["epoch", "t_s", "x_m", "y_m", "z_m", "tag"])?,
+            beacons: (!scenario.beacons.is_empty()).then(|| beacons(folder, scenario)).transpose()?,
+            folder: folder.to_owned(),
+            first_tag: scenario.tags.first().map(|tag| tag.address),
+            others: BTreeMap::new(),
+            epoch: 0,
+            method: scenario.tag.method_name(),
+            features,
+        })
+    }
+
+    /// Takes a record.
+    ///
+    /// # Errors
+    /// The file system's.
+    pub fn take(&mut self, record: &Record) -> anyhow::Result<()> {
+        for message in record.messages() {
+            let mut frame = [0; MAX_FRAME];
+            let frame = encode(&message, &mut frame);
+            if self.first_tag == Some(record.node) {
+                self.recorder.bytes(frame)?;
+            } else {
+                self.others.entry(record.node).or_default().extend(frame);
+            }
+        }
+        let tag = record.node.to_string();
+        let stamp = Stamp { t_s: record.t_s, epoch: self.epoch };
+        match &record.what {
+            What::Epoch(epoch) => {
+                self.epoch = epoch.number + 1;
+                self.take_epoch(record, epoch)?;
+            }
+            What::Message(message @ Message::Sighting(sighting)) => {
+                self.recorder.message_with(stamp, message, |_, row| {
+                    row.splice(2..3, [short_name(sighting)]);
+                    row.push(tag);
+                })?;
+            }
+            What::Message(message @ Message::Room(_)) => {
+                self.recorder.message_with(stamp, message, |_, row| row.push(tag))?;
+            }
+            // Ranges without a round are those that tags tell anchors.
+            What::Message(
+                Message::Hello(_)
+                | Message::Fix(_)
+                | Message::Range(_)
+                | Message::Difference(_)
+                | Message::State(_)
+                | Message::Counters(_)
+                | Message::Reset(_),
+            )
+            | What::Fault(_) => {}
+        }
+        Ok(())
+    }
+
+    fn take_epoch(&mut self, record: &Record, epoch: &Epoch) -> csv::Result<()> {
+        let stamp = Stamp { t_s: record.t_s, epoch: epoch.number };
+        let tag = || record.node.to_string();
+        let los = |los: bool| if los { "1" } else { "0" }.to_owned();
+        for measured in &epoch.ranges {
+            let mut shape = Features::default();
+            measured.shape.iter().for_each(|of| shape.set_shape(of));
+            let features = self.features.iter().map(|&of| shape.get(of).map_or_else(String::new, |x| x.to_string()));
+            self.recorder.message_with(stamp, &Message::Range(measured.range), |_, row| {
+                row.extend([los(measured.los), tag()].into_iter().chain(features));
+            })?;
+        }
+        for measured in &epoch.differences {
+            self.recorder.message_with(stamp, &Message::Difference(measured.difference), |_, row| {
+                row.extend([los(measured.los), metres(measured.truth_m), tag()]);
+            })?;
+        }
+        self.recorder.message_with(stamp, &Message::Fix(epoch.fix), |_, row| {
+            complete_position(row, record.node, self.method, epoch);
+        })?;
+        let [x, y, z] = epoch.truth_m.map(metres);
+        self.truth.write_record([epoch.number.to_string(), format!("{:.6}", record.t_s), x, y, z, tag()])
+    }
+
+    /// Puts all files in their places.
+    ///
+    /// # Errors
+    /// The file system's.
+    pub fn finish(self) -> anyhow::Result<()> {
+        self.recorder.finish()?;
+        for table in [Some(self.truth), self.beacons].into_iter().flatten() {
+            table.into_inner().map_err(csv::IntoInnerError::into_error)?.finish()?;
+        }
+        for (node, bytes) in self.others {
+            write_file(&self.folder.join(format!("telemetry-{node}.bin")), &bytes)?;
+        }
+        Ok(())
+    }
+}
+
+/// Beacons as tags are told of them.
+fn beacons(folder: &Path, scenario: &Scenario) -> csv::Result<csv::Writer<Growing>> {
+    let columns = ["beacon", "x_m", "y_m", "z_m", "rssi_1m_dbm", "path_loss_exponent"];
+    let mut beacons = writer(folder, "beacons.csv", &columns)?;
+    for beacon in &scenario.beacons {
+        let Some(listed) = beacon.listed else { continue };
+        let [x, y, z] = listed.position_m.map(|coordinate| metres(coordinate.into()));
+        let figure = |known: Option<f32>| known.map_or_else(String::new, |value| value.to_string());
+        let (rssi, exponent) = (figure(listed.rssi_1m_dbm), figure(listed.path_loss_exponent));
+        beacons.write_record([beacon.name(), x, y, z, rssi, exponent])?;
+    }
+    Ok(beacons)
+}
+
+/// As a scenario's beacons are called in all its files: they are of one network.
+fn short_name(sighting: &Sighting) -> String {
+    format!("{}-{}", sighting.beacon.major, sighting.beacon.minor)
+}
+
+/// The columns of a position.
+pub fn position_header() -> Vec<&'static str> {
+    Table::Positions.columns().into_iter().chain(["error_m", "tag"]).collect()
+}
+
+/// The fields of a position, or of the reason why there is none.
+pub fn position_row(record: &Record, method: &str, epoch: &Epoch) -> Vec<String> {
+    let stamp = Stamp { t_s: record.t_s, epoch: epoch.number };
+    let mut row = Table::Positions.row(stamp, &Message::Fix(epoch.fix)).unwrap_or_default();
+    complete_position(&mut row, record.node, method, epoch);
+    row
+}
+
+fn complete_position(row: &mut Vec<String>, tag: u16, method: &str, epoch: &Epoch) {
+    row.splice(2..3, [method.to_owned()]);
+    row.extend([epoch.error_m().map_or_else(String::new, metres), tag.to_string()]);
+}

@@ -1,0 +1,297 @@
+//! A scenario's nodes: the apps of tag and anchor, started by their records as on a board, each step of which costs processor time.
+
+use std::cell::RefCell;
+use std::convert::Infallible;
+use std::future::pending;
+use std::rc::Rc;
+use std::time::Duration;
+
+use embassy_futures::join::{join, join3};
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use firmware_common::lines::LinePace;
+use firmware_common::settings::ProtocolConfig;
+use firmware_common::{AnchorProtocol, Settings, Start, TagProtocol, introduce};
+use firmware_tag::motion;
+use firmware_tag::motion::lis2dh12::{Lis2dh12, Sa0Pad};
+use firmware_tag::scan;
+use firmware_tag::{LocatorConfig, Observer, RateControl, TaskChannels, TelemetrySink, site_models};
+use positioning_core::Blocked;
+use positioning_core::engine::Solvers;
+use positioning_core::nlos::Model;
+use rand::Rng;
+use ranging::Restart;
+use ranging::{PhyConfig, dw1000};
+use wire::config::{LoadError, MAX_BYTES, Record, Role};
+use wire::telemetry::{Board, Condition, Hello, ResetCause};
+
+use super::config::eui;
+use super::hardware::{Firmware, NodePlan};
+use super::telemetry::{Outlet, Reporter};
+use super::{Anchor, Scenario, Tag, TagSettings, Walk};
+use crate::air::Path;
+use crate::bluetooth::Bluetooth;
+use crate::costs::{Charged, Costs};
+use crate::lis2dh12::Sensor;
+use crate::random::{Purpose, stream};
+use crate::{ClockConfig, Interrupts, Processor, SimDelay, World};
+
+/// What every node has: its flash, and where its telemetry goes.
+struct App {
+    world: World,
+    scenario: Rc<Scenario>,
+    address: u16,
+    /// The page of flash with its record.
+    page: Vec<u8>,
+    outlet: Rc<Outlet>,
+}
+
+impl App {
+    fn new(world: &World, scenario: &Rc<Scenario>, address: u16, record: &Record, outlet: Rc<Outlet>) -> Self {
+        let page = wire::config::encode(record, 0, &mut [0; MAX_BYTES]).to_vec();
+        Self { world: world.clone(), scenario: scenario.clone(), address, page, outlet }
+    }
+
+    fn record(&self) -> Result<Record, LoadError> {
+        wire::config::decode(&self.page).map(|(record, _)| record)
+    }
+
+    fn plan(&self) -> NodePlan {
+        let offset_ppm = self.world.random(u64::from(self.address)).random_range(-1.0..=1.0) * self.scenario.clock_ppm;
+        let settings = self.record().and_then(|of| Settings::of(&of, eui(self.address)).map_err(LoadError::Invalid));
+        // A node whose record cannot be followed starts no radio.
+        let config = settings.map_or(dw1000::Config::new(PhyConfig::FAST), |settings| settings.radio);
+        NodePlan { clock: ClockConfig::crystal(offset_ppm), config }
+    }
+
+    fn start(&self, reporter: &Reporter, role: wire::telemetry::Role) -> (Hello, Option<(Record, Settings)>) {
+        let eui = eui(self.address);
+        let start = Start { record: self.record(), eui, reset: ResetCause::PowerOn, crash: None };
+        introduce(reporter, Board::Simulated, role, start)
+    }
+}
+
+/// The record is for another role.
+async fn quiet(reporter: &Reporter) -> Infallible {
+    reporter.event_log.state(reporter.now_us(), Condition::WrongRecord);
+    pending().await
+}
+
+/// `firmware-anchor` for one node of a scenario.
+pub(super) struct AnchorApp(App);
+
+impl AnchorApp {
+    pub(super) fn new(world: &World, scenario: &Rc<Scenario>, anchor: &Anchor, outlet: Rc<Outlet>) -> Self {
+        Self(App::new(world, scenario, anchor.address, &scenario.anchor_record(anchor), outlet))
+    }
+}
+
+impl Firmware for AnchorApp {
+    fn plan(&self) -> NodePlan {
+        self.0.plan()
+    }
+
+    fn run<R: Restart + 'static>(
+        self: Rc<Self>,
+        radio: R,
+        delay: SimDelay,
+        processor: Processor,
+    ) -> impl Future<Output = Infallible> + 'static {
+        let reporter = self.0.outlet.boot(Some(processor.clone()));
+        async move {
+            let (hello, followed) = self.0.start(&reporter, wire::telemetry::Role::Anchor);
+            let ranging = async {
+                let Some((_, settings)) = followed else { return pending().await };
+                let Role::Anchor { position_m } = settings.role else { return quiet(&reporter).await };
+                let machine = Charged::new(AnchorProtocol::new(&settings, position_m), &processor);
+                let machine = match settings.protocol {
+                    ProtocolConfig::Native | ProtocolConfig::Listening { .. } => machine.with_address(settings.address),
+                    ProtocolConfig::DecaRanging(_) => machine,
+                };
+                firmware_anchor::run(radio, delay, machine, firmware_anchor::TelemetrySink(&reporter)).await
+            };
+            join(ranging, reporter.keep_telling(hello, self.0.world.delay())).await.0
+        }
+    }
+}
+
+/// `firmware-tag` for one node of a scenario.
+pub(super) struct TagApp {
+    app: App,
+    walk: Walk,
+    ears: Option<Ears>,
+    sensor: Option<Sensor>,
+}
+
+/// A tag's Bluetooth.
+pub(super) struct Ears {
+    pub(super) air: Bluetooth,
+    pub(super) path: Path,
+}
+
+impl TagApp {
+    pub(super) fn new(
+        world: &World,
+        scenario: &Rc<Scenario>,
+        tag: &Tag,
+        outlet: Rc<Outlet>,
+        (ears, sensor): (Option<Ears>, Option<Sensor>),
+    ) -> Self {
+        let app = App::new(world, scenario, tag.address, &scenario.tag_record(tag), outlet);
+        Self { app, walk: tag.walk.clone(), ears, sensor }
+    }
+}
+
+/// Interrupts of a Bluetooth controller while it scans: an assumption. Of each advertisement that comes, the access address, the end
+/// and what follows are served, and a timer now and then; with fifty a second, two hundred interrupts of 40 µs.
+const SCANNING: Interrupts = Interrupts { per_second: 200.0, each: Duration::from_micros(40) };
+
+/// A scanner whose interrupts go before all else while it is on.
+struct Interfering<S> {
+    scanner: S,
+    world: World,
+    processor: Processor,
+    address: u16,
+}
+
+impl<S> Interfering<S> {
+    fn interfere(&self, interrupts: Option<Interrupts>) {
+        let random = stream(self.world.seed(), Purpose::Interrupts, self.address.into());
+        self.processor.interfere(self.world.now(), interrupts, random);
+    }
+}
+
+impl<S: scan::Scanner> scan::Scanner for Interfering<S> {
+    async fn start(&mut self) {
+        self.interfere(Some(SCANNING));
+        self.scanner.start().await;
+    }
+
+    async fn stop(&mut self) {
+        self.interfere(None);
+        self.scanner.stop().await;
+    }
+}
+
+/// Sees what a tag reports: notes where the tag is, and charges the time that making and reporting it takes.
+struct Charging<'a> {
+    tag: &'a TagApp,
+    reporter: &'a Reporter,
+    processor: &'a Processor,
+    /// Which positions a board would log.
+    lines: RefCell<LinePace>,
+}
+
+impl Observer for &Charging<'_> {
+    async fn epoch(&self, epoch: &firmware_tag::Epoch<'_>) {
+        let App { world, scenario, outlet, .. } = &self.tag.app;
+        // The tag moves a few millimetres while the ranges of a round are made: this is the truth of their end.
+        let truth_m = self.tag.walk.at(world.now().as_secs_f64());
+        outlet.note_truth(epoch.measured.number(), truth_m, epoch.sounding.copied());
+        // The position has been made in no time; what it takes is waited for before anybody hears of it.
+        let costs = &Costs::of(self.processor.board().core).tag;
+        let (tracks, space) = (scenario.tag.method.is_none(), scenario.tag.height_m.is_none());
+        let measured = epoch.measured.count();
+        let round = costs.round(tracks, space, measured);
+        let line = if self.lines.borrow_mut().is_due(self.reporter.now_us()) { costs.line } else { 0 };
+        self.processor.background(world, round + costs.publish_range * measured as u32 + line).await;
+    }
+
+    fn sighting(&self) {
+        self.processor.charge_background(Costs::of(self.processor.board().core).tag.advert);
+    }
+}
+
+/// A tag's locator with what only a scenario has: methods that no node holds, and powers that are ignored.
+fn adapted<'a>(locator: LocatorConfig<'a>, settings: &TagSettings) -> LocatorConfig<'a> {
+    let other = settings.method.filter(|method| method.as_str() != locator.solver.name());
+    let mut locator = match other {
+        Some(method) => locator.solving(Solvers::of(method)),
+        None => locator,
+    };
+    if !settings.weigh_nlos {
+        locator.settings.engine.filter.blocked = Blocked::Alike;
+    }
+    locator
+}
+
+impl TagApp {
+    /// A tag's life: ranging, the engine in the background, and where there are beacons the scan beside them, as on a board. The motion
+    /// sensor runs beside it where there is one that serves a still rate.
+    async fn live<R: Restart>(
+        &self,
+        (radio, delay, processor): (R, SimDelay, &Processor),
+        (record, settings): (&Record, &Settings),
+        tag: &wire::config::Tag,
+        reporter: &Rc<Reporter>,
+    ) -> Infallible {
+        let App { scenario, world, address, .. } = &self.app;
+        let background = delay.for_background();
+        let machine = Charged::new(TagProtocol::new(settings, tag), processor);
+        let machine = match settings.protocol {
+            ProtocolConfig::Native => machine.with_address(settings.address),
+            ProtocolConfig::DecaRanging(_) | ProtocolConfig::Listening { .. } => machine,
+        };
+        let model = scenario.tag.model.and_then(|bytes| Model::decode(bytes).ok()).map(|(model, _)| model);
+        let anchors = firmware_tag::anchor_positions(record);
+        let locator = adapted(LocatorConfig::of(tag, record, &anchors), &scenario.tag).with_model(model.as_ref());
+        let models = scenario.bluetooth.site_models.as_deref();
+        let models = models.map_or(Err(LoadError::Missing), wire::config::decode_models);
+        let complain = |condition| reporter.event_log.state(reporter.now_us(), condition);
+        let surveyed = tag.scan.map(|_| site_models(models, &record.beacons, complain));
+        let locator = match &surveyed {
+            Some(surveyed) => locator.with_site_models(surveyed),
+            None => locator,
+        };
+        let charging = Charging { tag: self, reporter, processor, lines: RefCell::new(LinePace::new()) };
+        let sink = TelemetrySink::new(reporter, tag.report_ranges).with_observer(&charging);
+        let channels = Rc::new(TaskChannels::<NoopRawMutex>::new());
+        let ranging = firmware_tag::ranging(radio, delay, machine, &channels, &sink);
+        let engine = firmware_tag::engine(&channels, background.clone(), locator, RateControl::of(tag), &sink);
+        let scan = async {
+            let (Some(plan), Some(Ears { air, path })) = (tag.scan, &self.ears) else { return pending().await };
+            let scanner = {
+                let (channels, reporter) = (channels.clone(), reporter.clone());
+                let hear = move |data: &[u8], rssi_dbm| {
+                    scan::receive(&channels, &TelemetrySink::new(&reporter, false), data, rssi_dbm);
+                };
+                air.scanner(*address, path.clone(), hear)
+            };
+            let (world, processor, address) = (world.clone(), processor.clone(), *address);
+            let scanner = Interfering { scanner, world, processor, address };
+            scan::run(&channels, plan.into(), scanner, background.clone(), &sink).await
+        };
+        let motion = async {
+            if let Some(sensor) = self.sensor.as_ref().filter(|_| tag.still_rate_chz.is_some()) {
+                let (twi, int1) = (sensor.twi(processor), sensor.int1(processor));
+                let sensor = Lis2dh12::new(twi, Sa0Pad::High, int1, background.clone());
+                motion::run(&channels, sensor, background.clone(), &sink).await;
+            }
+            pending::<Infallible>().await
+        };
+        join(join3(ranging, engine, scan), motion).await.1
+    }
+}
+
+impl Firmware for TagApp {
+    fn plan(&self) -> NodePlan {
+        self.app.plan()
+    }
+
+    fn run<R: Restart + 'static>(
+        self: Rc<Self>,
+        radio: R,
+        delay: SimDelay,
+        processor: Processor,
+    ) -> impl Future<Output = Infallible> + 'static {
+        let reporter = self.app.outlet.boot(Some(processor.clone()));
+        async move {
+            let (hello, followed) = self.app.start(&reporter, wire::telemetry::Role::Tag);
+            let life = async {
+                let Some((record, settings)) = followed else { return pending().await };
+                let Role::Tag(tag) = settings.role else { return quiet(&reporter).await };
+                self.live((radio, delay, &processor), (&record, &settings), &tag, &reporter).await
+            };
+            join(life, reporter.keep_telling(hello, self.app.world.delay())).await.0
+        }
+    }
+}

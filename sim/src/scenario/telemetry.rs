@@ -1,0 +1,202 @@
+//! What a node reports: the frames of telemetry out of its queue, as a host would take them from its channel, into records beside the truth.
+
+use std::cell::RefCell;
+use std::collections::{HashMap, VecDeque};
+use std::rc::Rc;
+
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use firmware_tag::Sounding;
+use wire::telemetry::{Difference, Message, Range};
+
+use super::record::{DifferenceRecord, Epoch, RangeRecord, Record, Source, What};
+use super::{FaultKind, Scenario, distance};
+use crate::{Processor, TrueTime, World};
+
+/// Bytes of telemetry that wait in a node: ten times what the busiest tag reports from one look to the next.
+const QUEUE_BYTES: usize = 1 << 14;
+
+/// A node's reporter.
+pub(super) type Reporter = firmware_common::Reporter<NoopRawMutex, QUEUE_BYTES, Box<dyn Fn() -> u64>>;
+
+/// All that was recorded.
+#[derive(Default)]
+pub(super) struct Log {
+    /// Since they were last taken, each with the time from which on its node had reported it.
+    records: Vec<(f64, Record)>,
+    /// Epochs of all tags.
+    epochs: u64,
+    /// Positions found by each tag.
+    pub(super) fixes: HashMap<u16, usize>,
+    /// Errors of all positions, metres.
+    pub(super) errors_m: Vec<(Source, f64)>,
+}
+
+impl Log {
+    /// The records since they were last taken, in the order of time; the epochs of all tags count on.
+    pub(super) fn take(&mut self) -> Vec<Record> {
+        let mut records = std::mem::take(&mut self.records);
+        records.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+        let mut records: Vec<Record> = records.into_iter().map(|(_, record)| record).collect();
+        for record in &mut records {
+            if let What::Epoch(epoch) = &mut record.what {
+                epoch.number = self.epochs;
+                self.epochs += 1;
+            }
+        }
+        records
+    }
+}
+
+/// What reads a node's telemetry.
+pub(super) struct Outlet {
+    node: u16,
+    world: World,
+    scenario: Rc<Scenario>,
+    log: Rc<RefCell<Log>>,
+    /// Of the node's present life, and when that began, microseconds.
+    life: RefCell<Option<(Rc<Reporter>, u64)>>,
+    /// What is in the log up to now, seconds.
+    reported_s: RefCell<f64>,
+    round: RefCell<Round>,
+}
+
+/// What belongs to a tag's round before its end is reported.
+#[derive(Default)]
+struct Round {
+    truths: VecDeque<Truth>,
+    ranges: Vec<Range>,
+    differences: Vec<Difference>,
+}
+
+/// Where a tag was at the end of a round, and what it does not report of it.
+struct Truth {
+    round: u16,
+    at_m: [f64; 3],
+    sounding: Option<Sounding>,
+}
+
+fn micros(time: TrueTime) -> u64 {
+    (time.as_secs_f64() * 1e6) as u64
+}
+
+impl Outlet {
+    pub(super) fn new(node: u16, world: &World, scenario: &Rc<Scenario>, log: &Rc<RefCell<Log>>) -> Rc<Self> {
+        Rc::new(Self {
+            node,
+            world: world.clone(),
+            scenario: scenario.clone(),
+            log: log.clone(),
+            life: RefCell::default(),
+            reported_s: RefCell::default(),
+            round: RefCell::default(),
+        })
+    }
+
+    /// A life of the node begins: its reporter, whose clock tells when the processor has got so far.
+    pub(super) fn boot(&self, processor: Option<Processor>) -> Rc<Reporter> {
+        self.drain();
+        let (world, boot_us) = (self.world.clone(), micros(self.world.now()));
+        let reporter = Rc::new(Reporter::new(Box::new(move || {
+            let now = world.now();
+            micros(processor.as_ref().map_or(now, |processor| processor.settle(now))).saturating_sub(boot_us)
+        })));
+        *self.life.borrow_mut() = Some((reporter.clone(), boot_us));
+        *self.round.borrow_mut() = Round::default();
+        reporter
+    }
+
+    /// A tag ends this round here, and is about to report it.
+    pub(super) fn note_truth(&self, round: u16, at_m: [f64; 3], sounding: Option<Sounding>) {
+        self.round.borrow_mut().truths.push_back(Truth { round, at_m, sounding });
+    }
+
+    /// The scenario does this to the node: what it has reported is still to be had, what it would have reported is not.
+    pub(super) fn fault(&self, fault: FaultKind) {
+        self.drain();
+        self.write(self.world.now().as_secs_f64(), What::Fault(fault));
+    }
+
+    /// Takes all frames that wait.
+    pub(super) fn drain(&self) {
+        let Some((reporter, boot_us)) = self.life.borrow().clone() else { return };
+        reporter.event_log.drain(|frame| {
+            match wire::telemetry::decode(frame) {
+                Ok(message) => self.message(boot_us, message),
+                Err(error) => unreachable!("a node's frame is malformed: {error:?}"),
+            }
+            true
+        });
+    }
+
+    fn write(&self, t_s: f64, what: What) {
+        let mut reported_s = self.reported_s.borrow_mut();
+        *reported_s = reported_s.max(t_s);
+        self.log.borrow_mut().records.push((*reported_s, Record { t_s, node: self.node, what }));
+    }
+
+    fn message(&self, boot_us: u64, message: Message) {
+        let mut round = self.round.borrow_mut();
+        let what = match message {
+            // An anchor that is told of its tags' ranges makes no rounds of them.
+            Message::Range(range) if !round.truths.is_empty() => return round.ranges.push(range),
+            Message::Difference(difference) if !round.truths.is_empty() => return round.differences.push(difference),
+            Message::Fix(fix) => {
+                let Round { truths, ranges, differences } = &mut *round;
+                let truth = loop {
+                    match truths.pop_front() {
+                        Some(truth) if truth.round == fix.round => break truth,
+                        Some(_) => {}
+                        None => unreachable!("a round ended that nobody noted"),
+                    }
+                };
+                let epoch = Epoch {
+                    number: 0,
+                    truth_m: truth.at_m,
+                    fix,
+                    ranges: std::mem::take(ranges).into_iter().filter_map(|range| self.range(range, &truth)).collect(),
+                    differences: std::mem::take(differences)
+                        .into_iter()
+                        .filter_map(|difference| self.difference(difference, &truth))
+                        .collect(),
+                };
+                self.count(&epoch);
+                What::Epoch(epoch)
+            }
+            Message::Hello(_)
+            | Message::Range(_)
+            | Message::Difference(_)
+            | Message::Sighting(_)
+            | Message::State(_)
+            | Message::Counters(_)
+            | Message::Reset(_)
+            | Message::Room(_) => What::Message(message),
+        };
+        self.write((boot_us + message.t_us()) as f64 / 1e6, what);
+    }
+
+    fn count(&self, epoch: &Epoch) {
+        if let Some(error_m) = epoch.error_m() {
+            let mut log = self.log.borrow_mut();
+            *log.fixes.entry(self.node).or_default() += 1;
+            log.errors_m.push((epoch.source(), error_m));
+        }
+    }
+
+    fn range(&self, range: Range, truth: &Truth) -> Option<RangeRecord> {
+        let (truth_m, los) = self.sight(range.peer, truth.at_m)?;
+        let sounding = truth.sounding.filter(|sounding| sounding.peer == range.peer);
+        Some(RangeRecord { range, truth_m, los, shape: sounding.map(|sounding| sounding.shape) })
+    }
+
+    fn difference(&self, difference: Difference, truth: &Truth) -> Option<DifferenceRecord> {
+        let ((from_m, _), (to_m, los)) =
+            (self.sight(difference.reference, truth.at_m)?, self.sight(difference.peer, truth.at_m)?);
+        Some(DifferenceRecord { difference, truth_m: to_m - from_m, los })
+    }
+
+    /// How far an anchor is from there, metres, and whether nothing stands in between.
+    fn sight(&self, anchor: u16, from_m: [f64; 3]) -> Option<(f64, bool)> {
+        let at = self.scenario.anchors.iter().find(|known| known.address == anchor)?.at;
+        Some((distance(at, from_m), !self.scenario.walls.iter().any(|wall| wall.crosses(at, from_m))))
+    }
+}
