@@ -1,8 +1,8 @@
 //! The small peripherals of a board: the chip's reset line, and waiting.
 
 use crate::chip::Chip;
-use crate::kernel::Sleep;
 use crate::processor::Processor;
+use crate::sleep::Sleep;
 use crate::time::TrueTime;
 use crate::world::World;
 use embedded_hal::digital::{ErrorType, OutputPin};

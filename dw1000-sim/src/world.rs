@@ -18,17 +18,19 @@
 //! world.run_until(TrueTime::from_secs_f64(0.1));
 //! ```
 
-use crate::air::{Air, AirClient, AirConfig, AirStatistics, Path, PortId, RxSettings, Sniffed, TxStart};
+use crate::air::{Air, AirClient, AirConfig, AirEvent, AirStatistics, Path, PortId, RxSettings, Sniffed, TxStart};
 use crate::board::BoardProfile;
-use crate::chip::{Chip, ChipConfig, ChipStatistics, Consumption};
+use crate::chip::{Chip, ChipConfig, ChipEvent, ChipStatistics, Consumption};
 use crate::irq::{IrqLine, IrqPin};
-use crate::kernel::{Event, Kernel, Sleep, TaskId};
+use crate::kernel::{Kernel, Next, TaskId};
 use crate::pins::{ResetPin, SimDelay};
 use crate::processor::Processor;
 use crate::random::{Purpose, Stream, stream};
+use crate::sleep::Sleep;
 use crate::spi::{SimSpi, SpiClock};
 use crate::time::TrueTime;
 use std::cell::{Cell, RefCell, RefMut};
+use std::collections::BTreeMap;
 use std::future::{Future, poll_fn};
 use std::pin::Pin;
 use std::rc::{Rc, Weak};
@@ -39,9 +41,29 @@ use std::time::Duration;
 #[derive(Clone)]
 pub struct World(Rc<Shared>);
 
+/// What happens at an instant.
+pub(crate) enum Event {
+    /// Something in the chip of a node.
+    Chip { node: u32, event: ChipEvent },
+    /// A frame reaches a point of its course at a receiver.
+    Air(AirEvent),
+    /// The scenario does something: an action by its number, so that events stay small.
+    Call(u32),
+}
+
+impl From<AirEvent> for Event {
+    fn from(event: AirEvent) -> Self {
+        Self::Air(event)
+    }
+}
+
+type Action = Box<dyn FnOnce(&World)>;
+
 struct Shared {
     seed: u64,
-    kernel: Kernel,
+    kernel: Kernel<Event>,
+    /// Actions to come, by number, and the next number.
+    actions: RefCell<(BTreeMap<u32, Action>, u32)>,
     air: RefCell<Air>,
     nodes: RefCell<Vec<Node>>,
     clients: RefCell<Vec<Rc<RefCell<dyn AirClient>>>>,
@@ -110,6 +132,7 @@ impl World {
         Self(Rc::new(Shared {
             seed,
             kernel: Kernel::new(),
+            actions: RefCell::default(),
             air,
             nodes: RefCell::default(),
             clients: RefCell::default(),
@@ -189,7 +212,12 @@ impl World {
 
     /// Does something at an instant: a fault, a change of the air.
     pub fn at(&self, time: TrueTime, action: impl FnOnce(&World) + 'static) {
-        self.0.kernel.schedule_action(time, action);
+        let number = {
+            let (actions, next) = &mut *self.0.actions.borrow_mut();
+            actions.insert(*next, Box::new(action));
+            std::mem::replace(next, *next + 1)
+        };
+        self.0.kernel.schedule(time, Event::Call(number));
     }
 
     /// Waits until an instant of true time.
@@ -222,8 +250,8 @@ impl World {
         let kernel = &self.0.kernel;
         let _horizon = kernel.enter("run_until", time);
         self.run_ready();
-        while let Some(event) = kernel.next_event() {
-            self.dispatch(event);
+        while let Some(next) = kernel.next_event() {
+            self.dispatch(next);
             self.run_ready();
         }
         kernel.arrive_at_horizon();
@@ -287,7 +315,11 @@ impl World {
         self.air().sniff(sniffer);
     }
 
-    pub(crate) fn kernel(&self) -> &Kernel {
+    pub(crate) fn schedule_chip(&self, at: TrueTime, node: u32, event: ChipEvent) {
+        self.0.kernel.schedule(at, Event::Chip { node, event });
+    }
+
+    pub(crate) fn kernel(&self) -> &Kernel<Event> {
         &self.0.kernel
     }
 
@@ -303,14 +335,14 @@ impl World {
         }
     }
 
-    fn dispatch(&self, event: Event) {
-        match event {
-            Event::Timer(key) => self.0.kernel.fire_timer(key),
-            Event::Chip { node, event } => {
+    fn dispatch(&self, next: Next<Event>) {
+        match next {
+            Next::Timer(key) => self.0.kernel.fire_timer(key),
+            Next::Event(Event::Chip { node, event }) => {
                 let chip = self.0.nodes.borrow()[node as usize].chip.clone();
                 chip.borrow_mut().handle(self, event);
             }
-            Event::Air(event) => {
+            Next::Event(Event::Air(event)) => {
                 let heard = self.air().step(&self.0.kernel, event);
                 if let Some(heard) = heard {
                     let client = self.0.clients.borrow()[event.port as usize].clone();
@@ -318,8 +350,8 @@ impl World {
                     client.borrow_mut().on_air(self, self.now(), heard);
                 }
             }
-            Event::Call(number) => {
-                let action = self.0.kernel.take_action(number);
+            Next::Event(Event::Call(number)) => {
+                let action = self.0.actions.borrow_mut().0.remove(&number);
                 if let Some(action) = action {
                     action(self);
                 }

@@ -20,7 +20,7 @@ pub use phy::{Phy, Prf, Rate, Sfd, SfdKind};
 pub use port::{Path, PortId, RxSettings};
 pub use propagation::{Link, Material, SPEED_OF_LIGHT, Sight, Wall};
 
-use crate::kernel::{Event, Kernel};
+use crate::kernel::Kernel;
 use crate::random::{Purpose, stream};
 use crate::time::TrueTime;
 use port::{Port, Tuning};
@@ -201,7 +201,7 @@ impl Air {
     }
 
     /// Begins a frame; call it at `tx.start`. Bytes follow with [`Air::fill`].
-    pub(crate) fn transmit(&mut self, kernel: &Kernel, sender: PortId, tx: TxStart) -> u32 {
+    pub(crate) fn transmit(&mut self, kernel: &Kernel<impl From<AirEvent>>, sender: PortId, tx: TxStart) -> u32 {
         self.forget(kernel.now());
         let id = self.first.wrapping_add(self.frames.len() as u32);
         let position = self.position(sender, tx.start);
@@ -257,14 +257,14 @@ impl Air {
     }
 
     /// The sender stops in the middle of a frame, now.
-    pub(crate) fn cut(&mut self, kernel: &Kernel, frame: u32) {
+    pub(crate) fn cut(&mut self, now: TrueTime, frame: u32) {
         if let Some(on_air) = self.frames.get_mut(frame.wrapping_sub(self.first) as usize) {
-            on_air.cut = Some(kernel.now());
+            on_air.cut = Some(now);
         }
     }
 
     /// Switches a port's receiver on, now.
-    pub(crate) fn listen(&mut self, kernel: &Kernel, port: PortId, settings: RxSettings) {
+    pub(crate) fn listen(&mut self, kernel: &Kernel<impl From<AirEvent>>, port: PortId, settings: RxSettings) {
         self.close(port);
         let p = &mut self.ports[port as usize];
         p.listening = Some((settings, kernel.now()));
@@ -302,7 +302,7 @@ impl Air {
     }
 
     /// Lets a listening port find a frame's preamble, if there is enough of it left.
-    fn offer(&mut self, kernel: &Kernel, port: PortId, frame: u32) {
+    fn offer(&mut self, kernel: &Kernel<impl From<AirEvent>>, port: PortId, frame: u32) {
         let Some((settings, since)) = self.ports[port as usize].listening else { return };
         let on_air = &self.frames[frame.wrapping_sub(self.first) as usize];
         let sent = on_air.sent;
@@ -320,7 +320,7 @@ impl Air {
             let p = &mut self.ports[port as usize];
             p.offers.push((frame, link));
             let event = AirEvent { port, session: p.session, frame, stage: Stage::Preamble };
-            kernel.schedule(found, Event::Air(event));
+            kernel.schedule(found, event);
         }
     }
 

@@ -7,7 +7,7 @@ use super::port::Lock;
 use super::propagation::{SPEED_OF_LIGHT, dbm, milliwatts};
 use super::{Air, PortId};
 use crate::clock::TICKS_PER_PS;
-use crate::kernel::{Event, Kernel};
+use crate::kernel::Kernel;
 use crate::time::TrueTime;
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -23,7 +23,7 @@ pub(super) fn ticks_ps(ticks: u64) -> u64 {
 
 impl Air {
     /// Goes one step; what the port's client is to be told, if anything.
-    pub(crate) fn step(&mut self, kernel: &Kernel, event: AirEvent) -> Option<ReceptionEvent> {
+    pub(crate) fn step(&mut self, kernel: &Kernel<impl From<AirEvent>>, event: AirEvent) -> Option<ReceptionEvent> {
         if self.ports[event.port as usize].session != event.session {
             return None;
         }
@@ -41,7 +41,7 @@ impl Air {
         }
     }
 
-    fn find_preamble(&mut self, kernel: &Kernel, event: AirEvent) -> Option<ReceptionEvent> {
+    fn find_preamble(&mut self, kernel: &Kernel<impl From<AirEvent>>, event: AirEvent) -> Option<ReceptionEvent> {
         let now = kernel.now();
         let offers = &mut self.ports[event.port as usize].offers;
         let offer = offers.iter().position(|o| o.0 == event.frame)?;
@@ -91,14 +91,19 @@ impl Air {
         }
         let timeout = settings.sfd_timeout_at(now, sent.phy.prf);
         if settings.finds_sfd(sent.phy.sfd, sent.phy.rate) && timeout.is_none_or(|t| marker <= t) {
-            kernel.schedule(marker, Event::Air(AirEvent { stage: Stage::Sfd, ..event }));
+            kernel.schedule(marker, AirEvent { stage: Stage::Sfd, ..event });
         } else if let Some(timeout) = timeout {
-            kernel.schedule(timeout, Event::Air(AirEvent { stage: Stage::SfdTimeout, ..event }));
+            kernel.schedule(timeout, AirEvent { stage: Stage::SfdTimeout, ..event });
         }
         Some(ReceptionEvent::Preamble)
     }
 
-    fn find_sfd(&mut self, kernel: &Kernel, event: AirEvent, lock: Lock) -> Option<ReceptionEvent> {
+    fn find_sfd(
+        &mut self,
+        kernel: &Kernel<impl From<AirEvent>>,
+        event: AirEvent,
+        lock: Lock,
+    ) -> Option<ReceptionEvent> {
         let now = kernel.now();
         let followed = &self.frames[lock.frame.wrapping_sub(self.first) as usize];
         let (phy, never_sent) = (followed.sent.phy, followed.has_no_delimiter());
@@ -111,16 +116,16 @@ impl Air {
             }
             self.ports[event.port as usize].lock = Some(Lock { lost: true, ..lock });
             if let Some(timeout) = settings.sfd_timeout_at(lock.found, phy.prf) {
-                kernel.schedule(timeout, Event::Air(AirEvent { stage: Stage::SfdTimeout, ..event }));
+                kernel.schedule(timeout, AirEvent { stage: Stage::SfdTimeout, ..event });
             }
             return None;
         }
         let header_end = now.plus_ps(ticks_ps(phy.phr_ticks()));
-        kernel.schedule(header_end, Event::Air(AirEvent { stage: Stage::Header, ..event }));
+        kernel.schedule(header_end, AirEvent { stage: Stage::Header, ..event });
         Some(ReceptionEvent::Sfd)
     }
 
-    fn read_header(&mut self, kernel: &Kernel, event: AirEvent, lock: Lock) -> ReceptionEvent {
+    fn read_header(&mut self, kernel: &Kernel<impl From<AirEvent>>, event: AirEvent, lock: Lock) -> ReceptionEvent {
         let now = kernel.now();
         let index = lock.frame.wrapping_sub(self.first) as usize;
         let (phy, end) = (self.frames[index].sent.phy, self.frames[index].end);
@@ -135,7 +140,7 @@ impl Air {
             return self.give_up_counted(event.port, ReceptionEvent::HeaderError);
         }
         let at = end.plus_ps(lock.link.delay_ps as u64);
-        kernel.schedule(at, Event::Air(AirEvent { stage: Stage::End, ..event }));
+        kernel.schedule(at, AirEvent { stage: Stage::End, ..event });
         ReceptionEvent::Header { bytes: self.frames[index].bytes.clone(), phy }
     }
 

@@ -24,7 +24,6 @@ pub use energy::{Activity, Consumption, Currents};
 use crate::air::{AirClient, PortId, ReceptionEvent, Response};
 use crate::clock::{Clock, Count};
 use crate::irq::IrqLine;
-use crate::kernel::Event;
 use crate::random::{Purpose, Stream, stream};
 use crate::time::TrueTime;
 use crate::world::World;
@@ -253,7 +252,7 @@ impl Chip {
 
     fn schedule(&self, world: &World, at: TrueTime, what: What) {
         let event = ChipEvent { what, generation: self.lines[what.line() as usize] };
-        world.kernel().schedule(at, Event::Chip { node: self.node, event });
+        world.schedule_chip(at, self.node, event);
     }
 
     fn schedule_in(&self, world: &World, micros: u64, what: What) {

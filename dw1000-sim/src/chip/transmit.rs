@@ -101,7 +101,7 @@ impl Chip {
         if let Some(Transmission { progress, frame, .. }) = self.transmission.take() {
             self.status |= progress;
             if let Some(frame) = frame {
-                world.air().cut(world.kernel(), frame);
+                world.air().cut(world.now(), frame);
             }
         }
         if self.trx == Trx::Rx {

@@ -1,11 +1,6 @@
-//! Timers that can be given up, and the future that sleeps.
+//! Timers that can be given up.
 
 use super::executor::Continuation;
-use crate::time::TrueTime;
-use crate::world::World;
-use std::future::Future;
-use std::pin::Pin;
-use std::task::{Context, Poll};
 
 /// A timer that was armed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,46 +50,5 @@ impl Timers {
 
     pub(super) fn disarm(&mut self, key: Key) {
         self.fire(key);
-    }
-}
-
-/// Waits until an instant of true time.
-pub struct Sleep {
-    world: World,
-    until: TrueTime,
-    armed: Option<Key>,
-}
-
-impl Sleep {
-    pub(crate) fn new(world: World, until: TrueTime) -> Self {
-        Self { world, until, armed: None }
-    }
-}
-
-impl Future for Sleep {
-    type Output = ();
-
-    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
-        let this = self.get_mut();
-        let kernel = this.world.kernel();
-        if kernel.now() >= this.until {
-            if let Some(key) = this.armed.take() {
-                kernel.disarm(key);
-            }
-            return Poll::Ready(());
-        }
-        match this.armed {
-            Some(key) => kernel.retarget(key, cx.waker()),
-            None => this.armed = Some(kernel.schedule_wake(this.until, cx.waker())),
-        }
-        Poll::Pending
-    }
-}
-
-impl Drop for Sleep {
-    fn drop(&mut self) {
-        if let Some(key) = self.armed.take() {
-            self.world.kernel().disarm(key);
-        }
     }
 }
