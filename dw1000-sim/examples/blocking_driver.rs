@@ -177,3 +177,17 @@ fn main() {
         println!("{metres:6.2} m apart: measured {:.3} m", exchange(metres));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_blocking_drivers_measure_their_distance() {
+        for metres in [1.0, 30.0, 100.0] {
+            let measured = exchange(metres);
+            // Each of two stamps is rounded to a tick, and their difference halved; a tick is 4.7 mm.
+            assert!((measured - metres).abs() < 0.01, "{metres}: {measured}");
+        }
+    }
+}

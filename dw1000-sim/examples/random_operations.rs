@@ -311,3 +311,16 @@ impl Host {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn random_operations_never_panic() {
+        let totals = run(1_000_000, 1, |_, _| {});
+        assert!(totals.operations >= 1_000_000);
+        // They do something: frames leave and come through.
+        assert!(totals.sent > 10_000 && totals.received > 1_000, "{totals:?}");
+    }
+}

@@ -20,6 +20,8 @@ pub mod node;
 mod rate_control;
 pub mod scan;
 mod sightings;
+#[cfg(feature = "room")]
+pub mod simulated;
 mod site_models;
 mod sounding;
 mod telemetry_sink;

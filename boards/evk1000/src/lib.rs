@@ -18,6 +18,6 @@ mod uwb;
 #[cfg(target_os = "none")]
 pub use board::*;
 #[cfg(target_os = "none")]
-pub use display::{SharedPanel, Shown, OnPanel, display};
+pub use display::{OnPanel, SharedPanel, Shown, display};
 #[cfg(target_os = "none")]
 pub use uwb::{Bus, Interrupt, Reset};

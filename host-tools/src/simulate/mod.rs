@@ -6,9 +6,10 @@
 //! [`survey_csv`] makes the survey that they come from.
 
 mod capture;
-mod site_models;
+pub mod example;
 mod picture;
 mod recording;
+mod site_models;
 
 pub use capture::Capture;
 pub use picture::picture;

@@ -1,6 +1,5 @@
 //! `baliza decode`, `record` and `replay`: a simulated tag's telemetry, whole, damaged, of other builds, and no telemetry at all.
 
-use firmware_common::messages::range_message;
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Output, Stdio};

@@ -165,7 +165,8 @@ mod tests {
         let modes = (1..=8).filter_map(PhyConfig::evk1000_mode).map(|phy| Network { phy, ..Network::default() });
         for network in scenario.networks.iter().copied().chain(modes) {
             let network = Network { pinned: Some(ReplyDelay::START), ..network };
-            let of_record = scenario.record(&network, Role::Anchor { position_m: None }).network().unwrap();
+            let record = scenario.record(&network, Role::Anchor { position_m: None });
+            let of_record = ranging::native::Network::try_from(&record).unwrap();
             assert_eq!((of_record.pan, of_record.phy, of_record.pinned), (network.pan, network.phy, network.pinned));
         }
     }

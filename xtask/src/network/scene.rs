@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail};
 use dw1000_sim::{AirConfig, AirStatistics, ChipConfig, ClockConfig, NodeConfig, Path, TrueTime, World};
 use rand::Rng;
 use sim::scenario::Scenario;
-use wire::config::{Identity, Record, Role, Solver};
+use wire::config::{Identity, MAX_BYTES, Record};
 
 use super::guest::Guest;
 use super::node::{Life, Node};
@@ -57,13 +57,15 @@ pub fn run(chip: Chip, images: &Images, scenario: &Scenario) -> Result<Outcome> 
     let world = World::new(scenario.seed, air);
     let end = TrueTime::from_secs_f64(scenario.seconds);
     let mut machines = Vec::new();
-    let mut add = |address: u16, path: Path, role: Role, image: &PathBuf| -> Result<Running> {
+    let mut add = |address: u16, path: Path, record: Record, image: &PathBuf| -> Result<Running> {
         let offset_ppm = world.random(u64::from(address)).random_range(-1.0..=1.0) * scenario.clock_ppm;
         let config = ChipConfig { clock: ClockConfig::crystal(offset_ppm), ..ChipConfig::default() };
         let guest = Guest::start(chip, image)?;
         machines.push(guest.machine());
         let life = Rc::new(RefCell::new(Life::new()));
-        let record = record(scenario, address, role)?;
+        // All machines are the same chip.
+        let record = Record { identity: Identity { eui: None, address: Some(address) }, ..record };
+        let record = wire::config::encode(&record, 0, &mut [0; MAX_BYTES]).to_vec();
         let node = RefCell::new(Some(Node { guest, record, end, life: life.clone() }));
         let hardware = world.add_node(NodeConfig { path, chip: config, board: scenario.board });
         hardware.boot(move |peripherals| {
@@ -78,26 +80,13 @@ pub fn run(chip: Chip, images: &Images, scenario: &Scenario) -> Result<Outcome> 
     };
     let mut anchors = Vec::new();
     for anchor in &scenario.anchors {
-        let role = Role::Anchor { position_m: Some(anchor.at.map(|metres| metres as f32)) };
-        anchors.push(add(anchor.address, Path::Fixed(anchor.at), role, &images.anchor)?);
+        anchors.push(add(anchor.address, Path::Fixed(anchor.at), scenario.anchor_record(anchor), &images.anchor)?);
     }
     let mut tags = Vec::new();
     for tag in &scenario.tags {
         let walk = tag.walk.clone();
         let path = Path::Function(Rc::new(move |seconds| walk.at(seconds)));
-        let role = Role::Tag(wire::config::Tag {
-            height_m: scenario.tag.height_m,
-            rate_chz: None,
-            still_rate_chz: None,
-            sleep: false,
-            anchors_per_round: scenario.tag.anchors_per_round,
-            tell_distances: false,
-            scan: None,
-            report_ranges: true,
-            solver: Solver::Track,
-            scheme: None,
-        });
-        tags.push(add(tag.address, path, role, &images.tag)?);
+        tags.push(add(tag.address, path, scenario.tag_record(tag), &images.tag)?);
     }
     let start = Instant::now();
     let (done, watch) = mpsc::channel::<()>();
@@ -120,20 +109,4 @@ pub fn run(chip: Chip, images: &Images, scenario: &Scenario) -> Result<Outcome> 
         each.map(|(node, mut life)| life.failure.take().map_or(Ok(Lived { node, life }), Err)).collect()
     };
     Ok(Outcome { tags: lived(tags)?, anchors: lived(anchors)?, air: world.statistics(), took: start.elapsed() })
-}
-
-/// What a node of the scenario is told, as the beginning of a record's page.
-fn record(scenario: &Scenario, address: u16, role: Role) -> Result<Vec<u8>> {
-    let network = scenario.networks.first().context("the scenario has a network")?;
-    // Its network is the scenarios' as well: channel 5, the fastest frames.
-    let like = small_air::room::record(Solver::Track);
-    let record = Record {
-        identity: Identity { eui: None, address: Some(address) },
-        role,
-        network: wire::config::Network { pan: network.pan, ..like.network },
-        ..like
-    };
-    anyhow::ensure!(record.phy()? == network.phy, "the scenario's frames are others");
-    let mut page = [0; wire::config::MAX_BYTES];
-    Ok(wire::config::encode(&record, 0, &mut page).to_vec())
 }

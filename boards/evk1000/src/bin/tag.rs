@@ -3,7 +3,7 @@
 #![no_main]
 
 use baliza_board_evk1000::panel::{Awaiting, Panel};
-use baliza_board_evk1000::{Board, Radio, OnPanel, SharedPanel, Shown, display, supervise};
+use baliza_board_evk1000::{Board, OnPanel, Radio, SharedPanel, Shown, display, supervise};
 use embassy_executor::Spawner;
 use embassy_time::Delay;
 use firmware_anchor::node::Anchor;

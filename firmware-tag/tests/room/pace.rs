@@ -1,22 +1,19 @@
 //! A tag that lies still ranges seldom, and often again as soon as it is carried on.
 
-#[path = "../examples/simulated.rs"]
-#[allow(dead_code, reason = "its main is the example's")]
-mod simulated;
-
 use small_air::room;
 use wire::config::{Role, Solver, Tag};
-use wire::telemetry::{Decoder, Message};
+use wire::telemetry::Message;
+
+use super::live;
 
 #[test]
 fn a_tag_at_rest_goes_to_its_still_rate_and_back_when_it_is_carried_on() {
     let mut record = room::record(Solver::Track);
     let Role::Tag(tag) = record.role else { panic!("the room's record is a tag's") };
     record.role = Role::Tag(Tag { still_rate_chz: Some(200), report_ranges: false, ..tag });
-    let life = simulated::live(&record, 15_000_000, room::lazy_tag).unwrap();
-    let mut decoder = Decoder::new();
-    let told = life.telemetry.into_iter().filter_map(|byte| decoder.feed(byte)).map(|message| message.unwrap());
+    let (told, _) = live(record, 15_000_000, room::lazy_tag);
     let rounds_s: Vec<f64> = told
+        .iter()
         .filter_map(|message| if let Message::Fix(fix) = message { Some(fix.t_us as f64 / 1e6) } else { None })
         .collect();
     let rounds = |from: f64, to: f64| rounds_s.iter().filter(|t_s| (from..to).contains(*t_s)).count();

@@ -1,12 +1,10 @@
 //! A tag that ranges once a second and lets its radio sleep meanwhile: in step again each time, without a word of it.
 
-#[path = "../examples/simulated.rs"]
-#[allow(dead_code, reason = "its main is the example's")]
-mod simulated;
-
 use small_air::room;
 use wire::config::{Record, Role, Solver, Tag};
-use wire::telemetry::{Condition, Decoder, Fix, Message};
+use wire::telemetry::{Condition, Fix, Message};
+
+use super::live;
 
 /// Seconds.
 const LIFE_S: u64 = 30;
@@ -20,10 +18,7 @@ fn sleeper() -> Record {
 
 #[test]
 fn a_seldom_tag_sleeps_between_its_turns_and_loses_nothing_but_some_accuracy() {
-    let simulated::Life { telemetry, naps, .. } = simulated::live(&sleeper(), LIFE_S * 1_000_000, room::tag).unwrap();
-    let mut decoder = Decoder::new();
-    let told: Vec<Message> =
-        telemetry.into_iter().filter_map(|byte| decoder.feed(byte)).map(|message| message.unwrap()).collect();
+    let (told, naps) = live(sleeper(), LIFE_S * 1_000_000, room::tag);
     // A second's turn each, but for the first two; it naps until the beacon of
     // each turn, and once it knows how well it wakes from there to the round.
     let fixes: Vec<Fix> =

@@ -1,23 +1,17 @@
-//! The tag's app, whole, from its record to telemetry, in the small air's room: six anchors, two receptions in a hundred lost.
-
-#[path = "../examples/simulated.rs"]
-#[allow(dead_code, reason = "its main is the example's")]
-mod simulated;
+//! A tag that walks round in the room.
 
 use std::sync::OnceLock;
 
 use small_air::room;
 use wire::config::Solver;
-use wire::telemetry::{Condition, Decoder, Fix, Message};
+use wire::telemetry::{Condition, Fix, Message};
 
-/// What the tag tells; it lives once, because the world's clock is the program's.
+use super::live;
+
+/// What the tag tells; it lives once for all tests.
 fn told() -> &'static [Message] {
     static TOLD: OnceLock<Vec<Message>> = OnceLock::new();
-    TOLD.get_or_init(|| {
-        let mut decoder = Decoder::new();
-        let bytes = simulated::live(&room::record(Solver::Track), room::LIFE_US, room::tag).unwrap().telemetry;
-        bytes.into_iter().filter_map(|byte| decoder.feed(byte)).map(|message| message.unwrap()).collect()
-    })
+    TOLD.get_or_init(|| live(room::record(Solver::Track), room::LIFE_US, room::tag).0)
 }
 
 fn fixes(told: &[Message]) -> Vec<Fix> {
