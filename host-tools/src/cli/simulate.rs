@@ -18,8 +18,8 @@ use host_tools::train::Chosen;
 use positioning_core::Method;
 use positioning_core::engine::NodeMethod;
 use sim::BoardProfile;
-use sim::scenario::{BluetoothSummary, Cover, Epoch, Fidelity, Mode, Record, Scenario, Simulation, Summary, What};
-use wire::config::{Scheme, Solver};
+use sim::scenario::{BluetoothSummary, Cover, Epoch, Fidelity, LISTENING, Record, Scenario, Simulation, Summary, What};
+use wire::config::{Mode, Scheme, Solver};
 use wire::telemetry::{Message, Reason};
 
 use super::PictureFile;
@@ -233,7 +233,7 @@ impl Arguments {
                 network.mode = match (mode, network.mode) {
                     (ModeName::Native, _) => Mode::Native,
                     (ModeName::Listening, mode @ Mode::Listening { .. }) => mode,
-                    (ModeName::Listening, Mode::Native | Mode::DecaRanging(_)) => Mode::LISTENING,
+                    (ModeName::Listening, Mode::Native | Mode::DecaRanging { .. }) => LISTENING,
                 };
             }
         }

@@ -1,13 +1,24 @@
 //! The records by which a scenario's nodes start: what `baliza provision` would write into the flash of such boards.
 
-use ranging::RadioDuration;
+use ranging::PhyConfig;
 use ranging::dw1000::DEFAULT_ANTENNA_DELAY;
 use ranging::native::Scheme;
-use wire::config::{Calibration, Identity, Invalid, MAX_ANCHORS, Phy, Record, Region, Role, Solver};
-use wire::uwb::decaranging::Variant;
+use wire::config::{Calibration, Identity, Invalid, MAX_ANCHORS, Mode, Network, Phy, Record, Region, Role, Solver};
 
 use super::beacon::listed;
-use super::{Anchor, Beacon, Fidelity, Mode, Network, Scenario, Tag};
+use super::{Anchor, Beacon, Fidelity, Scenario, Tag};
+
+/// The network of a scenario that says nothing of it. Simulated frames leave no room: nobody's rules hold for them.
+pub const NETWORK: Network = Network {
+    pan: 0xBA12,
+    mode: Mode::Native,
+    phy: Phy { channel: 5, prf_mhz: 64, rate_kbps: 6810, preamble: 128, code: None },
+    turnaround: None,
+    region: Some(Region::Unchecked),
+};
+
+/// Tags listen to anchors that ask once a superframe, ten times a second.
+pub const LISTENING: Mode = Mode::Listening { rounds_chz: 1000 };
 
 /// The chip's own EUI-64 of the node with this short address; a record without an identity has both from it.
 pub(super) fn eui(address: u16) -> u64 {
@@ -15,7 +26,7 @@ pub(super) fn eui(address: u16) -> u64 {
 }
 
 /// Rounds a second as records have them: in 100 s.
-fn centihertz(hz: f64) -> u32 {
+pub(super) fn centihertz(hz: f64) -> u32 {
     (100.0 * hz).round() as u32
 }
 
@@ -25,7 +36,7 @@ impl Scenario {
         let network = self.network(tag.network);
         let still_rate_chz = match network.mode {
             Mode::Native => self.tag.still_rate_hz.map(centihertz),
-            Mode::DecaRanging(_) | Mode::Listening { .. } => None,
+            Mode::DecaRanging { .. } | Mode::Listening { .. } => None,
         };
         let role = Role::Tag(wire::config::Tag {
             height_m: self.tag.height_m,
@@ -36,7 +47,7 @@ impl Scenario {
             tell_distances: false,
             scan: (!self.beacons.is_empty()).then_some(self.bluetooth.scan),
             report_ranges: true,
-            solver: self.solver(&network),
+            solver: self.solver(network.mode),
             scheme: Some(match self.tag.scheme {
                 Scheme::SingleSided => wire::config::Scheme::SingleSided,
                 Scheme::DoubleSided => wire::config::Scheme::DoubleSided,
@@ -44,24 +55,24 @@ impl Scenario {
         });
         let anchors = match network.mode {
             Mode::Native | Mode::Listening { .. } => Default::default(),
-            Mode::DecaRanging(_) => {
+            Mode::DecaRanging { .. } => {
                 let own = self.anchors.iter().filter(|anchor| anchor.network == tag.network).take(MAX_ANCHORS);
                 own.map(|anchor| wire::config::Anchor { address: anchor.address, position_m: position(anchor) })
                     .collect()
             }
         };
         let beacons = listed(&self.beacons).collect();
-        Record { anchors, beacons, ..self.record(&network, role) }
+        Record { anchors, beacons, ..self.record(network, role) }
     }
 
     /// The record of an anchor.
     pub fn anchor_record(&self, anchor: &Anchor) -> Record {
-        self.record(&self.network(anchor.network), Role::Anchor { position_m: Some(position(anchor)) })
+        self.record(self.network(anchor.network), Role::Anchor { position_m: Some(position(anchor)) })
     }
 
     /// The record of a beacon; what it says of UWB is for others.
     pub(super) fn beacon_record(beacon: &Beacon) -> Record {
-        record(&Network::default(), Role::Advertiser(beacon.advertiser), None)
+        record(NETWORK, Role::Advertiser(beacon.advertiser), None)
     }
 
     /// Checks that every node can do what its record says.
@@ -76,21 +87,21 @@ impl Scenario {
     }
 
     /// What the records of tags in this network name as solver: the scenario's method, where nodes have it.
-    pub(super) fn solver(&self, network: &Network) -> Solver {
-        match (network.mode, self.tag.method) {
+    fn solver(&self, mode: Mode) -> Solver {
+        match (mode, self.tag.method) {
             (Mode::Listening { .. }, _) | (_, None) => Solver::Track,
-            (Mode::Native | Mode::DecaRanging(_), Some(method)) => {
+            (Mode::Native | Mode::DecaRanging { .. }, Some(method)) => {
                 Solver::from_name(method.as_str()).unwrap_or(Solver::Track)
             }
         }
     }
 
-    pub(super) fn network(&self, place: usize) -> Network {
-        self.networks.get(place).copied().unwrap_or_default()
+    fn network(&self, place: usize) -> Network {
+        self.networks.get(place).copied().unwrap_or(NETWORK)
     }
 
     /// Simulated chips are calibrated: they have the default's delay at every pulse frequency, and a radio straight on the air has none.
-    fn record(&self, network: &Network, role: Role) -> Record {
+    fn record(&self, network: Network, role: Role) -> Record {
         let antenna_delay = match self.level {
             Fidelity::Spi => DEFAULT_ANTENNA_DELAY,
             Fidelity::Air => 0,
@@ -99,11 +110,11 @@ impl Scenario {
     }
 }
 
-fn record(network: &Network, role: Role, antenna_delay: Option<u16>) -> Record {
+pub(super) fn record(network: Network, role: Role, antenna_delay: Option<u16>) -> Record {
     Record {
         identity: Identity::default(),
         role,
-        network: network.into(),
+        network,
         calibration: Calibration { antenna_delay, ..Calibration::default() },
         pins: None,
         anchors: Default::default(),
@@ -116,58 +127,27 @@ fn position(anchor: &Anchor) -> [f32; 3] {
     anchor.at.map(|metres| metres as f32)
 }
 
-impl From<&Network> for wire::config::Network {
-    fn from(network: &Network) -> Self {
-        let phy = network.phy;
-        let micros = |duration: RadioDuration| {
-            // `from_micros` rounds down.
-            let micros = duration.as_micros();
-            let exact = RadioDuration::from_micros(micros as u32) == duration;
-            u16::try_from(micros + i64::from(!exact)).unwrap_or(u16::MAX)
-        };
-        Self {
-            pan: network.pan,
-            mode: match network.mode {
-                Mode::Native => wire::config::Mode::Native,
-                Mode::DecaRanging(variant) => wire::config::Mode::DecaRanging { fast: variant == Variant::Fast },
-                Mode::Listening { period } => {
-                    wire::config::Mode::Listening { rounds_chz: centihertz(1e6 / period.as_micros() as f64) }
-                }
-            },
-            phy: Phy {
-                channel: phy.channel().number(),
-                prf_mhz: phy.prf().mhz(),
-                rate_kbps: phy.data_rate().kbps(),
-                preamble: phy.preamble_length().symbols(),
-                code: Some(phy.preamble_code()),
-            },
-            turnaround: network.pinned.map(|pinned| wire::config::ReplyDelay {
-                answer_us: micros(pinned.answer),
-                listen_again_us: micros(pinned.listen_again),
-                transmit_us: micros(pinned.transmit),
-            }),
-            // Simulated frames leave no room, and nobody's rules space them.
-            region: Some(Region::Unchecked),
-        }
+/// How frames are put on the air, as a record has it.
+pub(super) fn phy(config: &PhyConfig) -> Phy {
+    Phy {
+        channel: config.channel().number(),
+        prf_mhz: config.prf().mhz(),
+        rate_kbps: config.data_rate().kbps(),
+        preamble: config.preamble_length().symbols(),
+        code: Some(config.preamble_code()),
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use ranging::PhyConfig;
-    use ranging::native::ReplyDelay;
-
     use super::*;
 
     #[test]
-    fn the_record_has_the_network_as_the_scenario_has_it() {
-        let scenario = Scenario::rooms(200, 1000);
-        let modes = (1..=8).filter_map(PhyConfig::evk1000_mode).map(|phy| Network { phy, ..Network::default() });
-        for network in scenario.networks.iter().copied().chain(modes) {
-            let network = Network { pinned: Some(ReplyDelay::START), ..network };
-            let record = scenario.record(&network, Role::Anchor { position_m: None });
-            let of_record = ranging::native::Network::try_from(&record).unwrap();
-            assert_eq!((of_record.pan, of_record.phy, of_record.pinned), (network.pan, network.phy, network.pinned));
+    fn records_have_the_modes_of_the_evk1000() {
+        for mode in 1..=8 {
+            let config = PhyConfig::evk1000_mode(mode).unwrap();
+            let network = Network { phy: phy(&config), ..NETWORK };
+            assert_eq!(record(network, Role::Anchor { position_m: None }, None).phy(), Ok(config));
         }
     }
 

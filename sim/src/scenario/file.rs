@@ -21,7 +21,7 @@ use self::values::{
     anchors_per_round, board, clock_offset, method, not_negative, optional_board, optional_finite, optional_positive,
     optional_rate, place, places, positive, probability, scheme,
 };
-use super::{Anchor, Fault, FaultKind, Fidelity, Motion, Network, Scenario, Tag, TagSettings, Walk};
+use super::{Anchor, Fault, FaultKind, Fidelity, Motion, NETWORK, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
 use crate::board::BoardProfile;
 
@@ -249,7 +249,7 @@ impl File {
             return Err(SpanError { span: 0..0, message: format!("a scenario needs at least one {missing}") });
         }
         let networks = if self.network.is_empty() {
-            vec![Network::default()]
+            vec![NETWORK]
         } else {
             self.network
                 .iter()
@@ -391,12 +391,11 @@ fn walking() -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use ranging::RadioDuration;
+    use wire::config::{Mode, Network, Phy};
 
     use super::*;
     use crate::lis2dh12::Condition;
-    use crate::scenario::{BluetoothSettings, Carrier, MotionSensor};
-    use crate::scenario::{Mode, distance};
+    use crate::scenario::{BluetoothSettings, Carrier, MotionSensor, distance};
 
     const LEAST: &str = "[[anchor]]\nat = [0, 0, 2]\n[[tag]]\npath = [[1, 2, 1]]\n";
 
@@ -414,7 +413,8 @@ mod tests {
         assert_eq!(scenario.beacons.len(), 1);
         assert_eq!(scenario.bluetooth, BluetoothSettings::default());
         assert_eq!(scenario.walls[0].material, Material::BRICK);
-        assert_eq!(scenario.networks, [Network::default()]);
+        let phy = Phy { code: Some(9), ..NETWORK.phy };
+        assert_eq!(scenario.networks, [Network { phy, ..NETWORK }]);
         assert_eq!(scenario.board, BoardProfile::DWM1001);
         assert_eq!(scenario.anchors[2].board, Some(BoardProfile::ESP32C3.slowed(4.0)));
         assert_eq!(scenario.tag, TagSettings { height_m: Some(1.2), rate_hz: Some(10.0), ..TagSettings::default() });
@@ -465,20 +465,24 @@ mod tests {
             ("[[fault]]\nat_s = 1\nnode = 77\nwhat = \"off\"\n", 5, "no node has the address 77"),
             ("[[network]]\nevk1000_mode = 9\n", 5, "1 to 8, not 9"),
             ("[[network]]\nevk1000_mode = 5\nchannel = 5\n", 5, "evk1000_mode says it all"),
-            ("[[network]]\nchannel = 6\n", 5, "not 6"),
+            ("[[network]]\nchannel = 6\n", 5, "network.phy.channel is 6: it must be 1, 2, 3, 4, 5 or 7"),
             ("[[network]]\nrounds_hz = 6\n", 5, "rounds_hz is for mode"),
-            ("[[network]]\nrate_kbps = 110\npreamble = 128\n", 5, "at least 1024 symbols, not 128"),
+            (
+                "[[network]]\nrate_kbps = 110\npreamble = 128\n",
+                5,
+                "network.phy.preamble is 128: it must be 1024 or more at 110 kbit/s",
+            ),
             ("[[beacon]]\nat = [0, 0, 2]\nchannels = [37, 40]\n", 5, "37, 38 and 39, not 40"),
             ("[[beacon]]\nat = [0, 0, 2]\nchannels = []\n", 5, "one of 37, 38, 39 at least"),
             ("[[beacon]]\nat = [0, 0, 2]\ninterval_ms = 10\n", 5, "beacon.interval_ms is 10: it must be 20 to 10240"),
             ("[[beacon]]\nat = [0, 0, 2]\naddress = 1\n", 5, "two nodes have the address 1"),
             ("[[beacon]]\nat = [0, 0, 2]\nrssi_1m_dbm = 40\n", 7, "40 is not a level"),
             (
-                "[[tag]]\npath = [[0, 0, 1]]\nnetwork = 1\n[[network]]\n[[network]]\nmode = \"listening\"\nrounds_hz = 0.1\n",
+                "[[network]]\nmode = \"listening\"\nrounds_hz = 0.1\n",
                 5,
                 "network.rounds_hz is 0.1: it must be 0.13 to 1000",
             ),
-            ("[[network]]\ncode = 3\n", 5, "[9, 10, 11, 12], not 3"),
+            ("[[network]]\ncode = 3\n", 5, "network.phy.code is 3"),
         ];
         for (more, line, message) in cases {
             let found = error(&format!("{LEAST}{more}"));
@@ -524,8 +528,8 @@ mod tests {
         let mode = |more: &str| {
             Scenario::parse(&format!("{LEAST}[[network]]\nmode = \"listening\"\n{more}")).unwrap().networks[0].mode
         };
-        assert_eq!(mode(""), Mode::Listening { period: RadioDuration::from_micros(100_000) });
-        assert_eq!(mode("rounds_hz = 6.25\n"), Mode::Listening { period: RadioDuration::from_micros(160_000) });
+        assert_eq!(mode(""), Mode::Listening { rounds_chz: 1000 });
+        assert_eq!(mode("rounds_hz = 6.25\n"), Mode::Listening { rounds_chz: 625 });
     }
 
     #[test]

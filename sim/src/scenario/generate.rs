@@ -2,10 +2,10 @@
 
 use std::f64::consts::TAU;
 
-use ranging::PhyConfig;
-use ranging::phy::{Channel, DataRate, PreambleLength, Prf};
+use ranging::phy::{Channel, Prf};
+use wire::config::{Network, Phy};
 
-use super::{Anchor, BluetoothSettings, Fidelity, Mode, Motion, Network, Scenario, Tag, TagSettings, Walk};
+use super::{Anchor, BluetoothSettings, Fidelity, LISTENING, Motion, NETWORK, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
 use crate::board::BoardProfile;
 
@@ -38,7 +38,7 @@ impl Scenario {
     pub fn listening(anchors: usize, tags: usize) -> Self {
         let mut scenario = Self::in_rooms(1, anchors, tags);
         for network in &mut scenario.networks {
-            network.mode = Mode::LISTENING;
+            network.mode = LISTENING;
         }
         scenario
     }
@@ -89,14 +89,11 @@ impl Scenario {
 
 /// Neighbouring rooms are on channels of their own, the next but one on preamble codes of their own.
 fn network(room: usize, column: usize, row: usize) -> Network {
-    let default = Network::default();
     let channel = [Channel::Ch5, Channel::Ch2, Channel::Ch1, Channel::Ch3][column % 2 + 2 * (row % 2)];
     let codes = channel.preamble_codes(Prf::Mhz64);
     let code = codes[(column / 2 + 2 * (row / 2)) % codes.len()];
-    let phy = PhyConfig::new(channel, Prf::Mhz64, DataRate::Kbps6810, PreambleLength::Symbols128)
-        .and_then(|phy| phy.with_preamble_code(code))
-        .unwrap_or(default.phy);
-    Network { pan: default.pan.wrapping_add(room as u16), phy, ..default }
+    let phy = Phy { channel: channel.number(), code: Some(code), ..NETWORK.phy };
+    Network { pan: NETWORK.pan.wrapping_add(room as u16), phy, ..NETWORK }
 }
 
 /// Concrete around, a partition, a cabinet of sheet metal, shelves, somebody standing in the middle.
@@ -168,7 +165,7 @@ mod tests {
             }
         }
         // Rooms 0 and 1 are side by side, 0 and 8 (a grid of 8 columns) one above the other.
-        let channel = |room: usize| campus.networks[room].phy.channel();
+        let channel = |room: usize| campus.networks[room].phy.channel;
         assert_ne!(channel(0), channel(1));
         assert_ne!(channel(0), channel(8));
     }

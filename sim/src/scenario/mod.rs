@@ -21,14 +21,14 @@ mod telemetry;
 
 use positioning_core::Method;
 use ranging::native::Scheme;
-use ranging::{PhyConfig, RadioDuration};
-use wire::uwb::decaranging::Variant;
+use wire::config::Network;
 
 use crate::air::Wall;
 use crate::board::BoardProfile;
 use crate::lis2dh12;
 
 pub use beacon::{Beacon, BluetoothSettings, Format, SiteModelFiles};
+pub use config::{LISTENING, NETWORK};
 pub use draw::Charges;
 pub use file::ScenarioError;
 pub use motion::{Walk, distance};
@@ -53,7 +53,7 @@ pub struct Scenario {
     pub board: BoardProfile,
     /// What tags do with their ranges.
     pub tag: TagSettings,
-    /// The networks.
+    /// The networks, as records have them.
     pub networks: Vec<Network>,
     /// The floor plan.
     pub walls: Vec<Wall>,
@@ -134,45 +134,6 @@ impl Default for TagSettings {
             anchors_per_round: 8,
         }
     }
-}
-
-/// A network.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Network {
-    /// Its exchange.
-    pub mode: Mode,
-    /// Its PAN identifier; DecaRanging has its own.
-    pub pan: u16,
-    /// How its frames are put on the air.
-    pub phy: PhyConfig,
-    /// How quick its nodes say they are, as a record may; `None`: as they measure.
-    pub pinned: Option<ranging::native::ReplyDelay>,
-}
-
-impl Default for Network {
-    fn default() -> Self {
-        Self { mode: Mode::Native, pan: 0xBA12, phy: PhyConfig::FAST, pinned: None }
-    }
-}
-
-impl Mode {
-    /// Listening to anchors that ask once a superframe, ten times a second.
-    pub const LISTENING: Self = Self::Listening { period: RadioDuration::from_micros(100_000) };
-}
-
-/// An exchange.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Mode {
-    /// The project's own: all anchors of a round in one poll.
-    #[default]
-    Native,
-    /// That of an EVK1000, a tag and an anchor each.
-    DecaRanging(Variant),
-    /// The anchors of native mode ask each other, tags only listen.
-    Listening {
-        /// From one round of an anchor to its next.
-        period: RadioDuration,
-    },
 }
 
 /// An anchor.

@@ -1,9 +1,8 @@
 //! The same scenario on chips and straight on the air, on slow boards and on one that costs nothing: the same rounds.
 
-use ranging::RadioDuration;
-use ranging::native::ReplyDelay;
 use sim::BoardProfile;
-use sim::scenario::{Fidelity, Network, Record, Scenario, Simulation};
+use sim::scenario::{Fidelity, Record, Scenario, Simulation};
+use wire::config::{Network, ReplyDelay};
 
 /// What a second of rounds brings, once everybody has joined.
 #[derive(Debug)]
@@ -42,11 +41,9 @@ fn alike(has_same_slots: bool, a: &Rounds, b: &Rounds) -> bool {
 }
 
 /// The same network with slots for boards that are as quick as this.
-fn pinned(scenario: Scenario, answer_us: u32, listen_again_us: u32) -> Scenario {
-    let micros = RadioDuration::from_micros;
-    let turnaround =
-        ReplyDelay { answer: micros(answer_us), listen_again: micros(listen_again_us), transmit: micros(250) };
-    let networks = scenario.networks.iter().map(|network| Network { pinned: Some(turnaround), ..*network });
+fn pinned(scenario: Scenario, answer_us: u16, listen_again_us: u16) -> Scenario {
+    let turnaround = Some(ReplyDelay { answer_us, listen_again_us, transmit_us: 250 });
+    let networks = scenario.networks.iter().map(|network| Network { turnaround, ..*network });
     Scenario { networks: networks.collect(), ..scenario }
 }
 

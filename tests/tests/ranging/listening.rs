@@ -1,7 +1,8 @@
 //! Tags that only listen, whole nodes: eight anchors ask each other, any number of tags find themselves.
 
-use sim::scenario::{Fidelity, Mode, Network, Scenario, Simulation};
+use sim::scenario::{Fidelity, LISTENING, NETWORK, Scenario, Simulation};
 use system_tests::Run;
+use wire::config::{Mode, Network};
 
 /// Positions a second and tag from the first second on, their errors' root mean square in metres, and collisions.
 fn listen(level: Fidelity, tags: usize, seconds: f64, loss: f64) -> (f64, f64, u64) {
@@ -51,12 +52,12 @@ fn walls_between_anchors_are_not_in_the_differences() {
                 Ok(scenario) => scenario,
                 Err(error) => panic!("line {error}"),
             };
-            let networks = vec![Network { mode, ..Network::default() }];
+            let networks = vec![Network { mode, ..NETWORK }];
             let run = Run::of(Scenario { level: Fidelity::Air, seed, networks, ..scenario });
             run.summary.rmse_m.map_or(f64::NAN, |rmse_m| rmse_m * rmse_m)
         });
         squares.sum::<f64>() / 3.0
     };
-    let (asks, listens) = (mean_square(Mode::Native), mean_square(Mode::LISTENING));
+    let (asks, listens) = (mean_square(Mode::Native), mean_square(LISTENING));
     assert!(listens <= 4.0 * asks, "{listens} m² and {asks} m²");
 }

@@ -1,12 +1,12 @@
-//! A scenario's `[[network]]`: mode and radio configuration by their numbers in, a [`Network`] or what is wrong out.
+//! A scenario's `[[network]]`: its numbers in, the network of records or what is wrong out.
 
-use ranging::phy::{Channel, DataRate, PreambleLength, Prf};
-use ranging::{PhyConfig, RadioDuration};
+use ranging::PhyConfig;
 use serde::Deserialize;
-use wire::uwb::decaranging::Variant;
+use wire::config::{Mode, Network, Phy, Role};
 
 use super::values::optional_rate;
-use crate::scenario::{Mode, Network};
+use crate::scenario::config::{centihertz, phy, record};
+use crate::scenario::{LISTENING, NETWORK};
 
 /// `[[network]]`.
 #[derive(Clone, Copy, Default, Deserialize)]
@@ -37,56 +37,36 @@ enum ModeName {
 impl NetworkTable {
     /// The network that is meant, or what does not go together.
     pub(super) fn network(&self) -> Result<Network, String> {
-        let mode = match self.mode {
-            ModeName::Native => Mode::Native,
-            ModeName::Decaranging => Mode::DecaRanging(Variant::Standard),
-            ModeName::DecarangingFast => Mode::DecaRanging(Variant::Fast),
-            ModeName::Listening => match self.rounds_hz {
-                Some(hz) => Mode::Listening { period: RadioDuration::from_micros((1e6 / hz) as u32) },
-                None => Mode::LISTENING,
-            },
-        };
-        match (mode, self.rounds_hz) {
-            (Mode::Native | Mode::DecaRanging(_), Some(_)) => {
+        let mode = match (self.mode, self.rounds_hz) {
+            (ModeName::Native, None) => Mode::Native,
+            (ModeName::Decaranging, None) => Mode::DecaRanging { fast: false },
+            (ModeName::DecarangingFast, None) => Mode::DecaRanging { fast: true },
+            (ModeName::Listening, None) => LISTENING,
+            (ModeName::Listening, Some(hz)) => Mode::Listening { rounds_chz: centihertz(hz) },
+            (ModeName::Native | ModeName::Decaranging | ModeName::DecarangingFast, Some(_)) => {
                 return Err("rounds_hz is for mode = \"listening\": in others, anchors begin no rounds".to_owned());
             }
-            (Mode::Listening { .. }, _) | (_, None) => {}
-        }
-        Ok(Network { mode, pan: self.pan.unwrap_or(Network::default().pan), phy: self.phy()?, ..Network::default() })
+        };
+        let network = Network { mode, pan: self.pan.unwrap_or(NETWORK.pan), phy: self.phy()?, ..NETWORK };
+        let any = record(network, Role::Anchor { position_m: None }, None);
+        any.validate().map(|()| network).map_err(|invalid| invalid.to_string())
     }
 
-    fn phy(&self) -> Result<PhyConfig, String> {
-        if let Some(mode) = self.evk1000_mode {
-            return match PhyConfig::evk1000_mode(mode) {
-                Some(_)
-                    if [self.channel, self.prf_mhz, self.code] != [None; 3]
-                        || self.rate_kbps.or(self.preamble).is_some() =>
-                {
-                    Err("evk1000_mode says it all: no channel, prf_mhz, rate_kbps, preamble or code beside it"
-                        .to_owned())
-                }
-                Some(phy) => Ok(phy),
-                None => Err(format!("evk1000_mode is 1 to 8, not {mode}")),
-            };
-        }
-        let (channel, mhz) = (self.channel.unwrap_or(5), self.prf_mhz.unwrap_or(64));
-        let (kbps, symbols) = (self.rate_kbps.unwrap_or(6810), self.preamble.unwrap_or(128));
-        let channel =
-            Channel::from_number(channel).ok_or_else(|| format!("channel is 1, 2, 3, 4, 5 or 7, not {channel}"))?;
-        let prf = Prf::from_mhz(mhz).ok_or_else(|| format!("prf_mhz is 16 or 64, not {mhz}"))?;
-        let rate = DataRate::from_kbps(kbps).ok_or_else(|| format!("rate_kbps is 110, 850 or 6810, not {kbps}"))?;
-        let preamble = PreambleLength::from_symbols(symbols)
-            .ok_or_else(|| format!("preamble is 64, 128, 256, 512, 1024, 1536, 2048 or 4096, not {symbols}"))?;
-        let phy = PhyConfig::new(channel, prf, rate, preamble)
-            .map_err(|_| format!("at 110 kbit/s the preamble has at least 1024 symbols, not {symbols}"))?;
-        match self.code {
-            None => Ok(phy),
-            Some(code) => phy.with_preamble_code(code).map_err(|_| {
-                format!(
-                    "the preamble codes of this channel and pulse rate are {:?}, not {code}",
-                    channel.preamble_codes(prf)
-                )
+    fn phy(&self) -> Result<Phy, String> {
+        let Self { channel, prf_mhz, rate_kbps, preamble, code, .. } = *self;
+        match self.evk1000_mode.map(|mode| (mode, PhyConfig::evk1000_mode(mode))) {
+            None => Ok(Phy {
+                channel: channel.unwrap_or(NETWORK.phy.channel),
+                prf_mhz: prf_mhz.unwrap_or(NETWORK.phy.prf_mhz),
+                rate_kbps: rate_kbps.unwrap_or(NETWORK.phy.rate_kbps),
+                preamble: preamble.unwrap_or(NETWORK.phy.preamble),
+                code,
             }),
+            Some(_) if [channel, prf_mhz, code] != [None; 3] || rate_kbps.or(preamble).is_some() => {
+                Err("evk1000_mode says it all: no channel, prf_mhz, rate_kbps, preamble or code beside it".to_owned())
+            }
+            Some((_, Some(config))) => Ok(phy(&config)),
+            Some((mode, None)) => Err(format!("evk1000_mode is 1 to 8, not {mode}")),
         }
     }
 }
