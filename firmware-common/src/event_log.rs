@@ -1,4 +1,4 @@
-//! What a node tells: each entry becomes a telemetry frame in a queue and, where a person wants to read it, a line of the log.
+//! What a node tells: one call makes of a fact a telemetry frame in a queue and, where a person wants to read it, a line of the log.
 //!
 //! Writing never waits: a full queue drops its oldest frames and counts them. Whoever has a channel to the host takes the frames
 //! out with [`EventLog::drain`].
@@ -9,14 +9,11 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use ranging::exchange::Link;
-use wire::telemetry::{
-    Condition, Counters, Difference, Fix, Hello, Message, Queue, Range, Reset, Room, Severity, Sighting, State,
-};
+use wire::telemetry::log::{self, Line};
+use wire::telemetry::{Body, Condition, Fix, FixLine, Hello, Message, Queue, State};
 
 use crate::Counts;
 use crate::lines::LinePace;
-#[cfg(feature = "defmt")]
-use crate::lines::{CountersLine, FixLine, HelloLine, ResetLine, RoomLine, StateLine};
 use crate::supervision::{Lights, Lit};
 
 /// From one hello to the next, and from one telling of the counters to the next, seconds.
@@ -30,14 +27,6 @@ pub struct EventLog<M: RawMutex, const BYTES: usize> {
     fix_lines: Mutex<M, RefCell<LinePace>>,
 }
 
-/// A line of the log; nothing without a log.
-macro_rules! log {
-    ($level:ident, $line:expr) => {
-        #[cfg(feature = "defmt")]
-        defmt::$level!("{}", $line);
-    };
-}
-
 impl<M: RawMutex, const BYTES: usize> EventLog<M, BYTES> {
     /// An empty one.
     pub const fn new() -> Self {
@@ -48,67 +37,29 @@ impl<M: RawMutex, const BYTES: usize> EventLog<M, BYTES> {
         }
     }
 
-    fn tell(&self, message: &Message) {
-        self.queue.lock(|queue| queue.borrow_mut().push(message));
+    /// A fact that the log has a line of: its line, and its frame.
+    pub fn log(&self, body: impl Body + Line + Into<Message>) {
+        body.log();
+        self.send(body);
     }
 
-    /// Who is speaking, for listeners that come late; the log has it once, by [`greet`](Self::greet).
-    pub fn hello(&self, hello: Hello) {
-        self.tell(&Message::Hello(hello));
-    }
-
-    /// Who is speaking, at the start.
-    pub fn greet(&self, hello: Hello) {
-        log!(info, HelloLine(hello));
-        self.hello(hello);
+    /// A fact that the log has no line of: its frame alone.
+    pub fn send(&self, body: impl Into<Message>) {
+        let message = body.into();
+        self.queue.lock(|queue| queue.borrow_mut().push(&message));
     }
 
     /// The result of a round in which `answered` anchors answered. The log has a line of it, where the last such line is old enough.
     pub fn fix(&self, fix: Fix, answered: u8) {
-        let _ = answered;
         if self.fix_lines.lock(|lines| lines.borrow_mut().is_due(fix.t_us)) {
-            log!(info, FixLine::of(&fix, answered));
+            log::write(fix.severity(), &FixLine { fix, answered });
         }
-        self.tell(&Message::Fix(fix));
-    }
-
-    /// A range of a round.
-    pub fn range(&self, range: Range) {
-        self.tell(&Message::Range(range));
-    }
-
-    /// A difference of arrivals of a round.
-    pub fn difference(&self, difference: Difference) {
-        self.tell(&Message::Difference(difference));
-    }
-
-    /// An advertisement heard.
-    pub fn sighting(&self, sighting: Sighting) {
-        self.tell(&Message::Sighting(sighting));
-    }
-
-    /// In which room the tag is, now; the log has it where it is `news`.
-    pub fn room(&self, room: Room, news: bool) {
-        if news {
-            log!(info, RoomLine(room.is));
-        }
-        self.tell(&Message::Room(room));
+        self.send(fix);
     }
 
     /// A change of the node's state, now.
     pub fn state(&self, t_us: u64, is: Condition) {
-        match is.severity() {
-            Severity::Error => {
-                log!(error, StateLine(is));
-            }
-            Severity::Warning => {
-                log!(warn, StateLine(is));
-            }
-            Severity::Info => {
-                log!(info, StateLine(is));
-            }
-        }
-        self.tell(&Message::State(State { t_us, is }));
+        self.log(State { t_us, is });
         self.lights.lock(|lights| {
             let mut shown = lights.get();
             shown.show(is);
@@ -135,22 +86,6 @@ impl<M: RawMutex, const BYTES: usize> EventLog<M, BYTES> {
         self.lights.lock(Cell::get).at(t_us)
     }
 
-    /// What was counted.
-    pub fn counters(&self, counters: Counters) {
-        log!(debug, CountersLine(counters));
-        self.tell(&Message::Counters(counters));
-    }
-
-    /// Why the node started.
-    pub fn reset(&self, reset: Reset) {
-        if reset.crash.is_some() {
-            log!(error, ResetLine(reset));
-        } else {
-            log!(info, ResetLine(reset));
-        }
-        self.tell(&Message::Reset(reset));
-    }
-
     /// Takes frames out, the oldest first, for as long as `write` takes each whole. It is called with the queue locked: a copy into
     /// the channel's memory, no waiting.
     pub fn drain(&self, mut write: impl FnMut(&[u8]) -> bool) {
@@ -174,7 +109,7 @@ impl<M: RawMutex, const BYTES: usize> EventLog<M, BYTES> {
     }
 
     /// Tells every few seconds who is speaking and what was counted, for ever; `hello`'s time is replaced. The first hello is
-    /// [`greet`](Self::greet)'s.
+    /// logged at the start.
     pub async fn keep_telling(
         &self,
         hello: Hello,
@@ -187,10 +122,10 @@ impl<M: RawMutex, const BYTES: usize> EventLog<M, BYTES> {
             delay.delay_ms(1000).await;
             seconds = seconds.wrapping_add(1);
             if seconds.is_multiple_of(HELLO_S) {
-                self.hello(Hello { t_us: clock(), ..hello });
+                self.send(Hello { t_us: clock(), ..hello });
             }
             if seconds.is_multiple_of(COUNTERS_S) {
-                self.counters(counts.told(clock(), self.dropped()));
+                self.log(counts.told(clock(), self.dropped()));
             }
         }
     }
@@ -211,7 +146,7 @@ mod tests {
     use core::task::Poll;
     use embassy_sync::blocking_mutex::raw::NoopRawMutex;
     use std::vec::Vec;
-    use wire::telemetry::{Board, Decoder, ResetCause, Role};
+    use wire::telemetry::{Board, Decoder, Reset, ResetCause, Role};
 
     const HELLO: Hello = Hello { t_us: 0, eui: 1, address: 2, role: Role::Tag, board: Board::Simulated, build: [0; 8] };
 
@@ -229,8 +164,8 @@ mod tests {
     fn entries_come_out_as_frames_in_their_order() {
         let event_log = EventLog::<NoopRawMutex, 512>::new();
         let reset = Reset { t_us: 1, cause: ResetCause::PowerOn, crash: None };
-        event_log.reset(reset);
-        event_log.greet(HELLO);
+        event_log.log(reset);
+        event_log.log(HELLO);
         event_log.state(3, Condition::Searching);
         let state = State { t_us: 3, is: Condition::Searching };
         assert_eq!(messages(&event_log), [Message::Reset(reset), Message::Hello(HELLO), Message::State(state)]);

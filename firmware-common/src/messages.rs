@@ -1,7 +1,7 @@
 //! Telemetry messages of what ranging found.
 
 use ranging::exchange;
-use wire::telemetry::units::{deviation, length, lengths};
+use wire::telemetry::quantised::{deviation, length, position};
 use wire::telemetry::{Difference, Range};
 
 /// The message of a range, published at `t_us`, microseconds since the node started.
@@ -10,9 +10,9 @@ pub fn range_message(t_us: u64, round: u16, range: &exchange::Range) -> Range {
         t_us,
         round,
         peer: range.peer,
-        distance: length(range.distance_m),
-        deviation: deviation(range.deviation_m),
-        place: range.position_m.and_then(lengths),
+        distance_tenth_mm: length(range.distance_m),
+        deviation_tenth_mm: deviation(range.deviation_m),
+        position_tenth_mm: range.position_m.and_then(position),
         diagnostics: range.diagnostics.into(),
     }
 }
@@ -28,9 +28,9 @@ pub fn difference_messages<'r>(
         round: number,
         reference,
         peer: reference,
-        difference: 0,
-        deviation: deviation(round.reference_deviation_m),
-        place: lengths(round.reference_m),
+        difference_tenth_mm: 0,
+        deviation_tenth_mm: deviation(round.reference_deviation_m),
+        position_tenth_mm: position(round.reference_m),
         diagnostics: round.reference_diagnostics.into(),
     };
     let others = round.differences.iter().map(move |measured| Difference {
@@ -38,9 +38,9 @@ pub fn difference_messages<'r>(
         round: number,
         reference,
         peer: measured.peer,
-        difference: length(measured.difference_m),
-        deviation: deviation(measured.deviation_m),
-        place: lengths(measured.position_m),
+        difference_tenth_mm: length(measured.difference_m),
+        deviation_tenth_mm: deviation(measured.deviation_m),
+        position_tenth_mm: position(measured.position_m),
         diagnostics: measured.diagnostics.into(),
     });
     core::iter::once(first).chain(others)
@@ -61,9 +61,9 @@ mod tests {
         };
         let told = range_message(5, 6, &range);
         assert_eq!((told.t_us, told.round, told.peer), (5, 6, 7));
-        assert_eq!((told.distance_m(), told.deviation_m(), told.place_m()), (5.4321, 0.035, Some([1.0, 2.0, 3.0])));
+        assert_eq!((told.distance_m(), told.deviation_m(), told.position_m()), (5.4321, 0.035, Some([1.0, 2.0, 3.0])));
         range.position_m = Some([1.0, f32::NAN, 3.0]);
-        assert_eq!(range_message(5, 6, &range).place_m(), None);
+        assert_eq!(range_message(5, 6, &range).position_m(), None);
     }
 
     #[test]
@@ -90,7 +90,7 @@ mod tests {
         assert!(told.iter().all(|told| (told.t_us, told.round, told.reference) == (5, 6, 7)));
         let numbers = told.iter().map(|told| (told.peer, told.difference_m(), told.deviation_m()));
         assert!(numbers.eq([(7, 0.0, 0.03), (8, -1.2346, 0.04), (9, 0.5, 0.04)]));
-        assert_eq!((told[0].place_m(), told[0].diagnostics.preamble_count), (Some([0.0, 0.5, 2.0]), 99));
-        assert_eq!(told[2].place_m(), Some([1.0, 2.0, 3.0]));
+        assert_eq!((told[0].position_m(), told[0].diagnostics.preamble_count), (Some([0.0, 0.5, 2.0]), 99));
+        assert_eq!(told[2].position_m(), Some([1.0, 2.0, 3.0]));
     }
 }

@@ -66,7 +66,7 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Reporter<M, BYTES, C> {
         match report {
             Report::Round(round) => {
                 for range in round.ranges {
-                    self.event_log.range(range_message(now, round.number, range));
+                    self.event_log.send(range_message(now, round.number, range));
                 }
             }
             // Nobody but a tag listens to rounds of others, and it makes positions of them.

@@ -30,11 +30,11 @@ pub fn introduce<M: RawMutex, const BYTES: usize, C: Fn() -> u64>(
 ) -> (Hello, Option<(Record, Settings)>) {
     let Start { record, eui, reset, crash } = start;
     let t_us = reporter.now_us();
-    reporter.event_log.reset(Reset { t_us, cause: reset, crash });
+    reporter.event_log.log(Reset { t_us, cause: reset, crash });
     let followed = record.and_then(|record| Ok((Settings::of(&record, eui).map_err(LoadError::Invalid)?, record)));
     let (eui, address) = followed.as_ref().map_or((eui, 0xFFFF), |(settings, _)| (settings.eui, settings.address));
     let hello = Hello { t_us, eui, address, role, board, build: *build::BUILD };
-    reporter.event_log.greet(hello);
+    reporter.event_log.log(hello);
     match followed {
         Ok((settings, record)) => (hello, Some((record, settings))),
         Err(fault) => {

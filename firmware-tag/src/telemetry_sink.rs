@@ -48,10 +48,10 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64, O: Observer> Sink for Tele
         if self.report_ranges {
             match &measured {
                 Measured::Ranges(round) => {
-                    round.ranges.iter().for_each(|range| event_log.range(range_message(t_us, round.number, range)));
+                    round.ranges.iter().for_each(|range| event_log.send(range_message(t_us, round.number, range)));
                 }
                 Measured::Differences(round) => {
-                    difference_messages(t_us, round).for_each(|difference| event_log.difference(difference));
+                    difference_messages(t_us, round).for_each(|difference| event_log.send(difference));
                 }
                 // Sightings are told as they come.
                 Measured::Levels(_) => {}
@@ -98,7 +98,7 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64, O: Observer> Sink for Tele
 
     fn sighting(&self, sighting: Sighting) {
         self.observer.sighting();
-        self.reporter.event_log.sighting(sighting);
+        self.reporter.event_log.send(sighting);
     }
 
     fn beacon(&self, word: Condition) {
@@ -106,7 +106,12 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64, O: Observer> Sink for Tele
     }
 
     fn room(&self, told: RoomReport) {
-        self.reporter.event_log.room(told.room, told.is_news);
+        // The log has it where it is news.
+        if told.is_news {
+            self.reporter.event_log.log(told.room);
+        } else {
+            self.reporter.event_log.send(told.room);
+        }
     }
 
     fn motion_sensor(&self, state: MotionSensor) {

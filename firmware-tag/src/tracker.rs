@@ -127,7 +127,7 @@ impl<'a> Tracker<'a> {
         if let Some(index) = known.place {
             self.locator.advertisement(heard.t_us, index, rssi.into(), measured_power);
         }
-        Some(Sighting { t_us: heard.t_us, beacon: known.id, rssi, measured_power })
+        Some(Sighting { t_us: heard.t_us, beacon: known.id, rssi_dbm: rssi, measured_power_dbm: measured_power })
     }
 
     /// When [`window`](Self::window) is to be called next, microseconds since the node started.

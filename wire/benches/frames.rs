@@ -22,22 +22,22 @@ fn fix(i: u32) -> Message {
 
 fn range(i: u32) -> Message {
     let diagnostics = Diagnostics {
-        rx_power: -7925,
-        first_path_power: -8150,
-        first_path_index: 47_712,
+        rx_power_cdbm: -7925,
+        first_path_power_cdbm: -8150,
+        first_path_index_64ths: 47_712,
         first_path_amplitudes: [9000, 10_500, 8000],
         cir_power: 12_000,
         preamble_count: 118,
         noise_deviation: 52,
-        clock_offset: -235,
+        clock_offset_cppm: -235,
     };
     Message::Range(Range {
         t_us: 3_600_000_000 + 100_000 * u64::from(i),
         round: i as u16,
         peer: 258,
-        distance: 54_321,
-        deviation: 350,
-        place: Some([0, -125_000, 24_000]),
+        distance_tenth_mm: 54_321,
+        deviation_tenth_mm: 350,
+        position_tenth_mm: Some([0, -125_000, 24_000]),
         diagnostics,
     })
 }

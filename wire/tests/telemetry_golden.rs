@@ -5,6 +5,8 @@
 //! lengths of the pieces between zeros; the fields of each message in the order of the page.
 
 use std::collections::BTreeMap;
+#[cfg(feature = "host")]
+use std::collections::BTreeSet;
 
 use baliza_wire::telemetry::*;
 
@@ -16,39 +18,39 @@ fn fix(outcome: Outcome) -> Message {
 
 fn diagnostics() -> Diagnostics {
     Diagnostics {
-        rx_power: -7925,
-        first_path_power: -8150,
-        first_path_index: 47_712,
+        rx_power_cdbm: -7925,
+        first_path_power_cdbm: -8150,
+        first_path_index_64ths: 47_712,
         first_path_amplitudes: [9000, 10_500, 8000],
         cir_power: 12_000,
         preamble_count: 118,
         noise_deviation: 52,
-        clock_offset: -235,
+        clock_offset_cppm: -235,
     }
 }
 
-fn difference(peer: u16, difference: i32, deviation: u32, place: [i32; 3]) -> Message {
-    let (place, diagnostics) = (Some(place), diagnostics());
+fn difference(peer: u16, difference_tenth_mm: i32, deviation_tenth_mm: u32, position: [i32; 3]) -> Message {
+    let (position_tenth_mm, diagnostics) = (Some(position), diagnostics());
     Message::Difference(Difference {
         t_us: 12_345_600,
         round: 300,
         reference: 257,
         peer,
-        difference,
-        deviation,
-        place,
+        difference_tenth_mm,
+        deviation_tenth_mm,
+        position_tenth_mm,
         diagnostics,
     })
 }
 
-fn range(distance: i32, place: Option<[i32; 3]>) -> Message {
+fn range(distance_tenth_mm: i32, position_tenth_mm: Option<[i32; 3]>) -> Message {
     Message::Range(Range {
         t_us: 12_345_600,
         round: 300,
         peer: 258,
-        distance,
-        deviation: 350,
-        place,
+        distance_tenth_mm,
+        deviation_tenth_mm: 350,
+        position_tenth_mm,
         diagnostics: diagnostics(),
     })
 }
@@ -57,19 +59,19 @@ fn room(t_us: u64, is: RoomEstimate) -> Message {
     Message::Room(Room { t_us, is })
 }
 
-/// Every frame by the name that the page gives it.
-fn golden() -> Vec<(&'static str, Message, &'static str)> {
+/// Every frame by the name that the page gives it, and its object of JSON with ' for ": its keys are what other people's programs read.
+fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
     let position = Outcome::Position {
-        position: [32_100, 40_500, 15_000],
-        deviation: [600, 500, 1200],
-        correlation: [32, 0, -64],
+        position_tenth_mm: [32_100, 40_500, 15_000],
+        deviation_tenth_mm: [600, 500, 1200],
+        correlation_127ths: [32, 0, -64],
         used: 0b11_1011,
-        quality: 230,
+        quality_255ths: 230,
     };
-    let in_3 = RoomProbability { room: 3, probability: 242 };
+    let in_3 = RoomProbability { room: 3, probability_255ths: 242 };
     let between = RoomEstimate::Between([
-        RoomProbability { room: 0, probability: 140 },
-        RoomProbability { room: 2, probability: 90 },
+        RoomProbability { room: 0, probability_255ths: 140 },
+        RoomProbability { room: 2, probability_255ths: 90 },
     ]);
     let crash = Crash { reason: CrashReason::Stalled, program_counter: 0x2_A4F6, line: 0, file: 0 };
     let counters = Counters {
@@ -101,89 +103,159 @@ fn golden() -> Vec<(&'static str, Message, &'static str)> {
             "hello",
             Message::Hello(hello),
             "02 01 0F E0 C6 5B 90 F1 D9 A2 A3 E2 97 90 10 B4 24 0C 01 01 23 45 67 89 AB CD EF FC 46 00",
+            "{'type':'hello','t_s':1.5,'eui':'10205f1234567890','address':4660,'role':'tag','board':'evk1000',\
+             'build':'0123456789abcdef'}",
         ),
         (
             "fix",
             fix(position),
             "0C 01 01 CE C2 F1 05 AC 02 B4 42 06 11 C8 F5 03 E8 F8 04 B0 EA 01 D8 04 F4 03 B0 09 20 07 C0 3B E6 03 5A 39 00",
+            "{'type':'fix','t_s':12.345678,'round':300,'age_s':0.0085,'asked':6,'x_m':3.21,'y_m':4.05,'z_m':1.5,\
+             'sigma_x_m':0.06,'sigma_y_m':0.05,'sigma_z_m':0.12,'covariance_m2':[[0.0036,0.000755906,0.0],\
+             [0.000755906,0.0025,-0.003023622],[0.0,-0.003023622,0.0144]],'used':5,'used_ranges':[0,1,3,4,5],\
+             'quality':0.902,'reason':null,'solver':'b-wls'}",
         ),
         (
             "no fix",
             fix(Outcome::Reason(Reason::RangesDisjoint)),
             "11 01 01 CE C2 F1 05 AC 02 B4 42 06 01 05 03 8B 3E 00",
+            "{'type':'fix','t_s':12.345678,'round':300,'age_s':0.0085,'asked':6,'x_m':null,'y_m':null,'z_m':null,\
+             'sigma_x_m':null,'sigma_y_m':null,'sigma_z_m':null,'covariance_m2':null,'used':null,'used_ranges':null,\
+             'quality':null,'reason':'ranges-disjoint','solver':'b-wls'}",
         ),
         (
             "range",
             range(54_321, Some([0, -125_000, 24_000])),
             "11 01 02 80 C2 F1 05 AC 02 82 02 E2 D0 06 DE 02 01 1C 8F A1 0F 80 F7 02 E9 7B AB 7F E0 F4 02 A8 46 84 52 C0 \
              3E E0 5D 76 34 D5 03 3E 23 00",
+            "{'type':'range','t_s':12.3456,'round':300,'peer':258,'range_m':5.4321,'sigma_m':0.035,'peer_x_m':0.0,\
+             'peer_y_m':-12.5,'peer_z_m':2.4,'rx_power_dbm':-79.25,'fp_power_dbm':-81.5,'fp_idx':745.5,\
+             'fp_amp1':9000,'fp_amp2':10500,'fp_amp3':8000,'cir_pwr':12000,'rxpacc':118,'std_noise':52,\
+             'clock_offset_ppm':-2.35}",
         ),
         (
             "range, place unknown",
             range(-120, None),
             "0F 01 02 80 C2 F1 05 AC 02 82 02 EF 01 DE 02 16 E9 7B AB 7F E0 F4 02 A8 46 84 52 C0 3E E0 5D 76 34 D5 03 74 \
              20 00",
+            "{'type':'range','t_s':12.3456,'round':300,'peer':258,'range_m':-0.012,'sigma_m':0.035,'peer_x_m':null,\
+             'peer_y_m':null,'peer_z_m':null,'rx_power_dbm':-79.25,'fp_power_dbm':-81.5,'fp_idx':745.5,\
+             'fp_amp1':9000,'fp_amp2':10500,'fp_amp3':8000,'cir_pwr':12000,'rxpacc':118,'std_noise':52,\
+             'clock_offset_ppm':-2.35}",
         ),
         (
             "sighting",
-            Message::Sighting(Sighting { t_us: 20_000_000, beacon, rssi: -67, measured_power: -59 }),
+            Message::Sighting(Sighting { t_us: 20_000_000, beacon, rssi_dbm: -67, measured_power_dbm: -59 }),
             "13 01 03 80 DA C4 09 B0 FE 81 CA 0B 07 81 04 BD C5 E5 2D 00",
+            "{'type':'sighting','t_s':20.0,'beacon':'b9407f30-7-513','network':3108011824,'major':7,'minor':513,\
+             'rssi_dbm':-67,'measured_power_dbm':-59}",
         ),
         (
             "state",
             Message::State(State { t_us: 2_000_000, is: Condition::Synchronised(257) }),
             "0B 01 04 80 89 7A 04 81 02 52 17 00",
+            "{'type':'state','t_s':2.0,'state':'synchronised','peer':257,'slots':null,'times':null,\
+             'record_fault':null,'record_version':null,'levels_fault':null,'levels_version':null,'beacon':null,\
+             'for_s':null}",
         ),
         (
             "network full",
             Message::State(State { t_us: 2_000_000, is: Condition::NetworkFull }),
             "09 01 04 80 89 7A 0F 38 AC 00",
+            "{'type':'state','t_s':2.0,'state':'network-full','peer':null,'slots':null,'times':null,\
+             'record_fault':null,'record_version':null,'levels_fault':null,'levels_version':null,'beacon':null,\
+             'for_s':null}",
         ),
         (
             "motion sensor silent",
             Message::State(State { t_us: 2_000_000, is: Condition::MotionSensor(MotionSensor::Silent) }),
             "0A 01 04 80 89 7A 10 01 0A 4F 00",
+            "{'type':'state','t_s':2.0,'state':'motion-sensor-silent','peer':null,'slots':null,'times':null,\
+             'record_fault':null,'record_version':null,'levels_fault':null,'levels_version':null,'beacon':null,\
+             'for_s':null}",
         ),
-        ("no record", Message::State(State { t_us: 250_000, is: no_record }), "06 01 04 90 A1 0F 05 01 03 06 2E 00"),
+        (
+            "no record",
+            Message::State(State { t_us: 250_000, is: no_record }),
+            "06 01 04 90 A1 0F 05 01 03 06 2E 00",
+            "{'type':'state','t_s':0.25,'state':'no-record','peer':null,'slots':null,'times':null,\
+             'record_fault':'version','record_version':3,'levels_fault':null,'levels_version':null,'beacon':null,\
+             'for_s':null}",
+        ),
         (
             "counters",
             Message::Counters(counters),
             "0F 01 05 80 8E CE 1C D8 04 DE 1B 32 07 02 01 02 03 06 B0 09 04 88 94 00",
+            "{'type':'counters','t_s':60.0,'sent':600,'received':3550,'timeouts':50,'corrupt':7,'late':2,\
+             'not_sent':1,'radio_failures':0,'rounds_dropped':3,'telemetry_dropped':0,'sightings':1200,\
+             'sightings_dropped':4}",
         ),
         (
             "reset",
             Message::Reset(Reset { t_us: 1200, cause: ResetCause::Watchdog, crash: Some(crash) }),
             "0B 01 06 B0 09 04 01 03 F6 C9 0A 01 03 26 F1 00",
+            "{'type':'reset','t_s':0.0012,'cause':'watchdog','cause_number':null,'crash':{'reason':'stalled',\
+             'program_counter':'0002a4f6','line':0,'file_hash':'00000000'}}",
         ),
         (
             "power",
             Message::Reset(Reset { t_us: 900, cause: ResetCause::PowerOn, crash: None }),
             "05 01 06 84 07 01 03 6C 14 00",
+            "{'type':'reset','t_s':0.0009,'cause':'power-on','cause_number':null,'crash':null}",
         ),
         (
             "difference, the reference",
             difference(257, 0, 300, [10_000, 20_000, 24_000]),
             "0D 01 07 80 C2 F1 05 AC 02 81 02 81 02 22 AC 02 01 A0 9C 01 C0 B8 02 80 F7 02 E9 7B AB 7F E0 F4 02 A8 46 84 \
              52 C0 3E E0 5D 76 34 D5 03 86 B0 00",
+            "{'type':'difference','t_s':12.3456,'round':300,'reference':257,'peer':257,'difference_m':0.0,\
+             'sigma_m':0.03,'peer_x_m':1.0,'peer_y_m':2.0,'peer_z_m':2.4,'rx_power_dbm':-79.25,'fp_power_dbm':-81.5,\
+             'fp_idx':745.5,'fp_amp1':9000,'fp_amp2':10500,'fp_amp3':8000,'cir_pwr':12000,'rxpacc':118,\
+             'std_noise':52,'clock_offset_ppm':-2.35}",
         ),
         (
             "difference",
             difference(258, -12_345, 420, [0, -125_000, 24_000]),
             "13 01 07 80 C2 F1 05 AC 02 81 02 82 02 F1 C0 01 A4 03 01 1C 8F A1 0F 80 F7 02 E9 7B AB 7F E0 F4 02 A8 46 84 \
              52 C0 3E E0 5D 76 34 D5 03 5A 36 00",
+            "{'type':'difference','t_s':12.3456,'round':300,'reference':257,'peer':258,'difference_m':-1.2345,\
+             'sigma_m':0.042,'peer_x_m':0.0,'peer_y_m':-12.5,'peer_z_m':2.4,'rx_power_dbm':-79.25,\
+             'fp_power_dbm':-81.5,'fp_idx':745.5,'fp_amp1':9000,'fp_amp2':10500,'fp_amp3':8000,'cir_pwr':12000,\
+             'rxpacc':118,'std_noise':52,'clock_offset_ppm':-2.35}",
         ),
-        ("room", room(30_500_000, RoomEstimate::Room(in_3)), "0C 01 08 A0 C9 C5 0E 01 03 F2 DD C1 00"),
-        ("between rooms", room(31_000_000, between), "08 01 08 C0 8B E4 0E 02 06 8C 02 5A AB 43 00"),
-        ("room unknown", room(42_000_000, RoomEstimate::Unknown), "07 01 08 80 BD 83 14 03 D7 03 00"),
+        (
+            "room",
+            room(30_500_000, RoomEstimate::Room(in_3)),
+            "0C 01 08 A0 C9 C5 0E 01 03 F2 DD C1 00",
+            "{'type':'room','t_s':30.5,'is':'room','rooms':[3],'probabilities':[0.949]}",
+        ),
+        (
+            "between rooms",
+            room(31_000_000, between),
+            "08 01 08 C0 8B E4 0E 02 06 8C 02 5A AB 43 00",
+            "{'type':'room','t_s':31.0,'is':'between','rooms':[0,2],'probabilities':[0.549,0.353]}",
+        ),
+        (
+            "room unknown",
+            room(42_000_000, RoomEstimate::Unknown),
+            "07 01 08 80 BD 83 14 03 D7 03 00",
+            "{'type':'room','t_s':42.0,'is':'unknown','rooms':[],'probabilities':[]}",
+        ),
         (
             "map unused",
             Message::State(State { t_us: 300_000, is: Condition::Unused(Levels::Map, RssiModelError::Corrupt) }),
             "0B 01 04 E0 A7 12 0B 01 01 8D 54 00",
+            "{'type':'state','t_s':0.3,'state':'map-unused','peer':null,'slots':null,'times':null,\
+             'record_fault':null,'record_version':null,'levels_fault':'corrupt','levels_version':null,'beacon':null,\
+             'for_s':null}",
         ),
         (
             "models of beacons unused",
             Message::State(State { t_us: 300_000, is: Condition::Unused(Levels::All, RssiModelError::Version(2)) }),
             "07 01 04 E0 A7 12 0B 01 04 02 32 B3 00",
+            "{'type':'state','t_s':0.3,'state':'levels-unused','peer':null,'slots':null,'times':null,\
+             'record_fault':null,'record_version':null,'levels_fault':'version','levels_version':2,'beacon':null,\
+             'for_s':null}",
         ),
     ]
 }
@@ -194,10 +266,20 @@ fn bytes(hex: &str) -> Vec<u8> {
 
 #[test]
 fn messages_are_written_as_the_golden_bytes_and_read_back() {
-    for (name, message, hex) in golden() {
+    for (name, message, hex, _) in golden() {
         assert_eq!(encode(&message, &mut [0xA5; MAX_FRAME]), bytes(hex), "{name}");
         assert_eq!(decode(&bytes(hex)), Ok(message), "{name}");
     }
+}
+
+#[cfg(feature = "host")]
+#[test]
+fn messages_are_these_objects_of_json() {
+    for (name, message, _, json) in golden() {
+        assert_eq!(message.json().to_string(), json.replace('\'', "\""), "{name}");
+    }
+    let kinds: BTreeSet<_> = golden().iter().map(|(_, message, ..)| message.kind()).collect();
+    assert_eq!(kinds, BTreeSet::from_iter(Message::KINDS.iter().copied()), "every message is here");
 }
 
 #[test]
@@ -209,7 +291,7 @@ fn the_page_has_the_golden_bytes() {
         let (name, hex) = (cells.next()?, cells.next()?);
         Some((name, bytes(hex.strip_prefix('`')?.strip_suffix('`')?)))
     });
-    let golden: BTreeMap<_, _> = golden().into_iter().map(|(name, _, hex)| (name, bytes(hex))).collect();
+    let golden: BTreeMap<_, _> = golden().into_iter().map(|(name, _, hex, _)| (name, bytes(hex))).collect();
     assert_eq!(rows.collect::<BTreeMap<_, _>>(), golden);
     // The example that it explains byte by byte.
     assert!(page.contains("The frame is `0B 01 04 80 89 7A 04 81 02 52 17 00`"));
@@ -263,9 +345,10 @@ fn a_fix_of_a_build_without_solvers_or_of_one_with_more_is_read() {
 
 #[test]
 fn a_fix_takes_at_most_49_bytes() {
-    let longest = |t_us, round, age_us, position, deviation| {
-        let correlation = [127, -127, 1];
-        let outcome = Outcome::Position { position, deviation, correlation, used: u16::MAX, quality: 255 };
+    let longest = |t_us, round, age_us, position_tenth_mm, deviation_tenth_mm| {
+        let (correlation_127ths, used, quality_255ths) = ([127, -127, 1], u16::MAX, 255);
+        let outcome =
+            Outcome::Position { position_tenth_mm, deviation_tenth_mm, correlation_127ths, used, quality_255ths };
         let fix = Message::Fix(Fix { t_us, round, age_us, asked: 255, outcome, solver: Solver::BoundingBox });
         encode(&fix, &mut [0; MAX_FRAME]).len()
     };
@@ -282,23 +365,23 @@ fn a_fix_takes_at_most_49_bytes() {
 #[test]
 fn the_longest_message_takes_a_frame_whole() {
     let diagnostics = Diagnostics {
-        rx_power: i16::MIN,
-        first_path_power: i16::MIN,
-        first_path_index: u16::MAX,
+        rx_power_cdbm: i16::MIN,
+        first_path_power_cdbm: i16::MIN,
+        first_path_index_64ths: u16::MAX,
         first_path_amplitudes: [u16::MAX; 3],
         cir_power: u16::MAX,
         preamble_count: u16::MAX,
         noise_deviation: u16::MAX,
-        clock_offset: i16::MIN,
+        clock_offset_cppm: i16::MIN,
     };
     let difference = Message::Difference(Difference {
         t_us: u64::MAX,
         round: u16::MAX,
         reference: u16::MAX,
         peer: u16::MAX,
-        difference: i32::MIN,
-        deviation: u32::MAX,
-        place: Some([i32::MIN; 3]),
+        difference_tenth_mm: i32::MIN,
+        deviation_tenth_mm: u32::MAX,
+        position_tenth_mm: Some([i32::MIN; 3]),
         diagnostics,
     });
     let mut frame = [0; MAX_FRAME];

@@ -144,8 +144,8 @@ fn outcome() -> impl Strategy<Value = Outcome> {
     ];
     let position = any::<([i32; 3], [u32; 3], [i8; 3], u16, u8)>();
     prop_oneof![
-        position.prop_map(|(position, deviation, correlation, used, quality)| {
-            Outcome::Position { position, deviation, correlation, used, quality }
+        position.prop_map(|(position_tenth_mm, deviation_tenth_mm, correlation_127ths, used, quality_255ths)| {
+            Outcome::Position { position_tenth_mm, deviation_tenth_mm, correlation_127ths, used, quality_255ths }
         }),
         proptest::sample::select(&REASONS).prop_map(Outcome::Reason),
     ]
@@ -201,17 +201,17 @@ fn reset() -> impl Strategy<Value = (ResetCause, Option<Crash>)> {
     })
 }
 
-fn diagnostics(([rx_power, first_path_power, clock_offset], chip): ([i16; 3], [u16; 7])) -> Diagnostics {
-    let [first_path_index, a1, a2, a3, cir_power, preamble_count, noise_deviation] = chip;
+fn diagnostics(([rx_power_cdbm, first_path_power_cdbm, clock_offset_cppm], chip): ([i16; 3], [u16; 7])) -> Diagnostics {
+    let [first_path_index_64ths, a1, a2, a3, cir_power, preamble_count, noise_deviation] = chip;
     Diagnostics {
-        rx_power,
-        first_path_power,
-        first_path_index,
+        rx_power_cdbm,
+        first_path_power_cdbm,
+        first_path_index_64ths,
         first_path_amplitudes: [a1, a2, a3],
         cir_power,
         preamble_count,
         noise_deviation,
-        clock_offset,
+        clock_offset_cppm,
     }
 }
 
@@ -238,29 +238,44 @@ fn any_message() -> impl Strategy<Value = Message> {
             }
         ),
         (t_us(), any::<(u16, u16, i32, u32, Option<[i32; 3]>)>(), any::<([i16; 3], [u16; 7])>()).prop_map(
-            |(t_us, (round, peer, distance, deviation, place), measured)| {
+            |(t_us, (round, peer, distance_tenth_mm, deviation_tenth_mm, position_tenth_mm), measured)| {
                 let diagnostics = diagnostics(measured);
-                Message::Range(Range { t_us, round, peer, distance, deviation, place, diagnostics })
+                Message::Range(Range {
+                    t_us,
+                    round,
+                    peer,
+                    distance_tenth_mm,
+                    deviation_tenth_mm,
+                    position_tenth_mm,
+                    diagnostics,
+                })
             }
         ),
         (t_us(), any::<(u16, u16, u16, i32, u32, Option<[i32; 3]>)>(), any::<([i16; 3], [u16; 7])>()).prop_map(
-            |(t_us, (round, reference, peer, difference, deviation, place), measured)| {
+            |(t_us, (round, reference, peer, difference_tenth_mm, deviation_tenth_mm, position_tenth_mm), measured)| {
                 let diagnostics = diagnostics(measured);
                 Message::Difference(Difference {
                     t_us,
                     round,
                     reference,
                     peer,
-                    difference,
-                    deviation,
-                    place,
+                    difference_tenth_mm,
+                    deviation_tenth_mm,
+                    position_tenth_mm,
                     diagnostics,
                 })
             }
         ),
-        (t_us(), any::<(u32, u16, u16, i8, i8)>()).prop_map(|(t_us, (network, major, minor, rssi, measured_power))| {
-            Message::Sighting(Sighting { t_us, beacon: BeaconId { network, major, minor }, rssi, measured_power })
-        }),
+        (t_us(), any::<(u32, u16, u16, i8, i8)>()).prop_map(
+            |(t_us, (network, major, minor, rssi_dbm, measured_power_dbm))| {
+                Message::Sighting(Sighting {
+                    t_us,
+                    beacon: BeaconId { network, major, minor },
+                    rssi_dbm,
+                    measured_power_dbm,
+                })
+            }
+        ),
         (t_us(), condition()).prop_map(|(t_us, is)| Message::State(State { t_us, is })),
         (t_us(), any::<[u32; 11]>()).prop_map(|(t_us, [a, b, c, d, e, f, g, h, i, j, k])| {
             Message::Counters(Counters {

@@ -95,15 +95,28 @@ fn desktop(solver: Solver) -> Result<Life> {
     Ok(Life { messages: messages(&file)?, digest })
 }
 
-/// Prints what a person at the probe would read, without the single ranges, and gives back its lines.
+/// Prints the lines of the log, and gives them back.
 fn show(elf: &Path, telemetry: &Path, log: &Path) -> Result<Vec<String>> {
     let mut command = cargo();
-    command.args(["run", "--quiet", "--package", "host-tools", "--bin", "baliza", "--", "monitor"]);
+    command.args([
+        "run",
+        "--quiet",
+        "--package",
+        "host-tools",
+        "--bin",
+        "baliza",
+        "--",
+        "monitor",
+        "--format",
+        "jsonl",
+    ]);
     command.arg("--elf").arg(elf).arg("--file").arg(telemetry).arg("--defmt-file").arg(log);
     let output = command.output().context("cannot run cargo")?;
     ensure!(output.status.success(), "baliza monitor: {}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).context("baliza monitor prints no text")?;
-    let logged: Vec<String> = text.lines().filter(|line| line.contains("INFO")).map(str::to_owned).collect();
+    let said = text.lines().filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
+    let lines = said.filter(|said| said["type"] == "log").filter_map(|said| said["text"].as_str().map(str::to_owned));
+    let logged: Vec<String> = lines.collect();
     logged.iter().for_each(|line| println!("{line}"));
     Ok(logged)
 }
@@ -170,11 +183,11 @@ mod tests {
 
     fn fix(x: i32) -> Message {
         let outcome = Outcome::Position {
-            position: [x, 0, 0],
-            deviation: [1; 3],
-            correlation: [0; 3],
+            position_tenth_mm: [x, 0, 0],
+            deviation_tenth_mm: [1; 3],
+            correlation_127ths: [0; 3],
             used: 0b1111,
-            quality: 255,
+            quality_255ths: 255,
         };
         Message::Fix(Fix { t_us: 0, round: 0, age_us: 0, asked: 4, outcome, solver: wire::telemetry::Solver::Track })
     }
@@ -205,10 +218,10 @@ mod tests {
 
     #[test]
     fn a_line_of_the_log_names_its_solver() {
-        let line = "1.500000 INFO fix x=3.21 y=-0.05 z=1.50 ±0.06 m, 6 anchors, 12 ms, b-wls";
+        let line = "fix x=3.21 y=-0.05 z=1.50 ±0.06 m, 6 anchors, 12 ms, b-wls";
         assert!(is_position_by(line, Solver::BWls) && !is_position_by(line, Solver::BWlsR));
         assert!(!is_position_by(line, Solver::Track));
-        assert_eq!(digest_in("5.500000 INFO digest 00ff, and more"), Some("00ff,"));
+        assert_eq!(digest_in("digest 00ff, and more"), Some("00ff,"));
     }
 
     #[test]

@@ -109,7 +109,7 @@ impl Care {
                 true
             });
         });
-        reporter.event_log.counters(reporter.counts.told(reporter.now_us(), reporter.event_log.dropped()));
+        reporter.event_log.log(reporter.counts.told(reporter.now_us(), reporter.event_log.dropped()));
         reporter.event_log.drain(|frame| {
             PIPE.ask(Request::Telemetry(frame), |_| ());
             true

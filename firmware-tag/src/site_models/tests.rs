@@ -198,7 +198,10 @@ fn a_room_is_told_when_it_changes_and_every_five_seconds() {
     let news: Vec<_> = rooms.iter().filter(|(_, news)| *news).map(|(rooms, _)| rooms.clone()).collect();
     assert_eq!(news.first(), Some(&std::vec![0]));
     assert_eq!(news.last(), Some(&std::vec![1]), "{news:?}");
-    assert!(told.iter().flat_map(|(is, _)| is.rooms().to_vec()).all(|likely| likely.probability > 10), "{told:?}");
+    assert!(
+        told.iter().flat_map(|(is, _)| is.rooms().to_vec()).all(|likely| likely.probability_255ths > 10),
+        "{told:?}"
+    );
     // Nothing is heard any more: that is said after ten seconds, and then windows end.
     let mut last = None;
     for _ in 0..100 {

@@ -7,17 +7,16 @@ use std::time::{Duration, Instant, SystemTime};
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use host_tools::UserError;
-use host_tools::node::decode::{Stream, Timeline};
 use host_tools::node::monitor::{
-    Channel, Event, Files, Image, Limits, Lines, Listener, Patience, Piped, Reload, Said, Session, Source, json,
-    listen, summary,
+    Files, Image, Limits, Lines, Listener, Piped, Reload, Said, Session, Source, json, listen, summary,
 };
 use host_tools::node::recorder::Recorder;
 use indicatif::{ProgressBar, ProgressDrawTarget};
+use wire::telemetry::Table;
 
-use super::stream::{self, STOP, SourceArguments, TableName, catch_ctrl_c};
+use super::stream::{self, STOP, SourceArguments, catch_ctrl_c, table_names};
 
-/// Show what a node says: its log and its telemetry, in the order of its clock
+/// Show what a node says: its telemetry, and what its log has beside it
 ///
 /// By probe (the default), serial port, standard input or from files. With --elf, the very ELF file that was flashed, the log is
 /// shown too; without it telemetry alone. Unplugging, resets and new images are survived. Ctrl-C ends it, with a count of what
@@ -40,8 +39,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FORMAT", default_value = "text")]
     format: Format,
     /// Which messages are the rows (--format csv) [default: positions]
-    #[arg(long, value_name = "TABLE")]
-    table: Option<TableName>,
+    #[arg(long, value_name = "TABLE", value_parser = table_names())]
+    table: Option<Table>,
     /// Record as well, as `baliza record` does, into this folder
     #[arg(long, value_name = "FOLDER")]
     record: Option<PathBuf>,
@@ -74,19 +73,20 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         return Err(UserError::flag("--table", "only with --format csv").into());
     }
     let image = arguments.elf.as_deref().map(Image::read).transpose()?;
-    let (source, patience) = source(arguments, image.as_ref())?;
-    let mut source = Tee { source, recording: None };
-    if let Some(folder) = &arguments.record {
-        source.recording = Some((Recorder::create(folder, &[])?, Stream::default()));
-    }
+    let (mut source, live) = source(arguments, image.as_ref())?;
+    let recorder = arguments.record.as_deref().map(|folder| Recorder::create(folder, &[])).transpose()?;
     catch_ctrl_c()?;
     let limits = Limits { time: arguments.source.seconds, fixes: arguments.fixes };
-    let mut session = Session::new(image, reload(arguments.elf.as_deref()), patience);
-    let mut screen = Screen::new(arguments, patience.host.is_some());
+    let mut session = Session::new(image, reload(arguments.elf.as_deref()), live);
+    if let Some(recorder) = recorder {
+        session.record(recorder);
+    }
+    let mut screen = Screen::new(arguments, live);
     let begun = Instant::now();
-    let heard = screen.begin().and_then(|()| listen(&mut source, &mut session, &mut screen, limits, &STOP).map(drop));
+    let heard =
+        screen.begin().and_then(|()| listen(source.as_mut(), &mut session, &mut screen, limits, &STOP).map(drop));
     screen.end()?;
-    if let (Some((recorder, _)), Some(folder)) = (source.recording, &arguments.record) {
+    if let (Some(recorder), Some(folder)) = (session.recorded(), &arguments.record) {
         recorder.finish().with_context(|| format!("cannot write the recording into {}", folder.display()))?;
     }
     // A failure is one line, and follows.
@@ -96,43 +96,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     heard
 }
 
-fn source(arguments: &Arguments, image: Option<&Image>) -> Result<(Box<dyn Source>, Patience)> {
+/// Where the node's bytes come from, and whether it speaks now.
+fn source(arguments: &Arguments, image: Option<&Image>) -> Result<(Box<dyn Source>, bool)> {
     if let Some(file) = arguments.source.file() {
-        let log = arguments.defmt_file.as_deref();
-        let patience = if log.is_some() { Patience::FILES } else { Patience::MIXTURE };
-        return Ok((Box::new(Files::open(&file, log)?), patience));
+        return Ok((Box::new(Files::open(&file, arguments.defmt_file.as_deref())?), false));
     }
     if arguments.source.stdin {
-        return Ok((Box::new(Piped::new(std::io::stdin())), Patience::LIVE));
+        return Ok((Box::new(Piped::new(std::io::stdin())), true));
     }
-    Ok((arguments.source.live(image, arguments.reset), Patience::LIVE))
-}
-
-/// A source whose telemetry is recorded as well, if asked for.
-struct Tee {
-    source: Box<dyn Source>,
-    recording: Option<(Recorder, Stream)>,
-}
-
-impl Source for Tee {
-    fn next(&mut self, patience: Duration) -> Result<Option<Event>> {
-        let event = self.source.next(patience)?;
-        if let Some((recorder, stream)) = &mut self.recording {
-            match &event {
-                Some(Event::Bytes(Channel::Telemetry, bytes)) => {
-                    recorder.bytes(bytes).context("cannot write telemetry.bin")?;
-                    for byte in bytes {
-                        if let Some((stamp, message)) = stream.feed(*byte) {
-                            recorder.message(stamp, &message).context("cannot write the recording")?;
-                        }
-                    }
-                }
-                Some(Event::Lost(_)) => stream.interrupted(),
-                _ => {}
-            }
-        }
-        Ok(event)
-    }
+    Ok((arguments.source.live(image, arguments.reset), true))
 }
 
 /// Reads the ELF file again, where it has changed since the last time.
@@ -153,7 +125,7 @@ fn reload(file: Option<&Path>) -> Reload {
 enum Writing {
     Text(Lines),
     Json,
-    Csv(stream::Lines, Timeline),
+    Csv(stream::Lines),
 }
 
 /// Standard output for what the node says, standard error for everything else.
@@ -174,7 +146,7 @@ impl Screen {
                 Writing::Text(Lines::new(std::io::stdout().is_terminal() && !plain, arguments.places))
             }
             Format::Jsonl => Writing::Json,
-            Format::Csv => Writing::Csv(stream::Lines::csv(arguments.table), Timeline::default()),
+            Format::Csv => Writing::Csv(stream::Lines::csv(arguments.table)),
         };
         let bar = if live {
             ProgressBar::new_spinner()
@@ -186,7 +158,7 @@ impl Screen {
 
     fn begin(&mut self) -> Result<()> {
         match &self.writing {
-            Writing::Csv(lines, _) => read_on(self.out.write_all(&lines.header()?)).map(drop),
+            Writing::Csv(lines) => read_on(self.out.write_all(&lines.header()?)).map(drop),
             Writing::Text(_) | Writing::Json => Ok(()),
         }
     }
@@ -205,10 +177,10 @@ impl Screen {
                 line.push(b'\n');
                 Ok(line)
             }
-            Writing::Csv(lines, timeline) => {
+            Writing::Csv(lines) => {
                 let mut row = Vec::new();
-                if let Said::Message(message) = said {
-                    lines.append(&mut row, timeline.place(message), message)?;
+                if let Said::Message(stamp, message) = said {
+                    lines.append(&mut row, *stamp, message)?;
                 }
                 Ok(row)
             }

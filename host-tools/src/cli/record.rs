@@ -10,6 +10,7 @@ use host_tools::node::decode::{Stream, Summary};
 use host_tools::node::monitor::{Channel, Event};
 use host_tools::node::recorder::{Recorded, Recorder};
 use host_tools::read_anchors;
+use wire::telemetry::Message;
 
 use super::stream::{Input, STOP, SourceArguments, catch_ctrl_c};
 
@@ -145,17 +146,18 @@ impl Recording {
 
 fn told(arguments: &Arguments, summary: &Summary, recorded: &Recorded) -> String {
     let mut text = summary.told();
-    let Recorded { positions, ranges, sightings, rooms, differences, anchors, left_out } = recorded;
+    let Recorded { rows, anchors, left_out } = recorded;
+    let count = |name: &str| rows.get(name).copied().unwrap_or(0);
+    let (positions, ranges, sightings) = (count("positions"), count("ranges"), count("sightings"));
     let _ = writeln!(
         text,
         "recorded: {positions} rounds, {ranges} ranges to {anchors} anchors, {sightings} sightings, in {}",
         arguments.out.display()
     );
-    if *differences > 0 {
-        let _ = writeln!(text, "recorded: {differences} differences of arrivals");
-    }
-    if *rooms > 0 {
-        let _ = writeln!(text, "recorded: {rooms} times in which room");
+    for table in Message::tables().filter(|table| !["positions", "ranges", "rssi"].contains(&table.name)) {
+        if count(table.rows) > 0 {
+            let _ = writeln!(text, "recorded: {} {}", count(table.rows), table.counted);
+        }
     }
     if !left_out.is_empty() {
         let count: u64 = left_out.values().sum();

@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use firmware_common::lines::{RoomLine, StateLine};
 use host_tools::UserError;
 use host_tools::files::output;
 use host_tools::simulate::{
@@ -20,7 +19,7 @@ use positioning_core::engine::NodeMethod;
 use sim::BoardProfile;
 use sim::scenario::{BluetoothSummary, Cover, Epoch, Fidelity, LISTENING, Record, Scenario, Simulation, Summary, What};
 use wire::config::{Mode, Scheme, Solver};
-use wire::telemetry::{Message, Reason};
+use wire::telemetry::{Message, Reason, RoomLine};
 
 use super::PictureFile;
 use crate::cli::progress::Progress;
@@ -412,7 +411,7 @@ impl Show {
                     }
                 }
                 (Self::Lines { .. }, What::Fault(fault)) => text.extend(line(&format_args!("fault: {fault:?}"))),
-                (Self::Lines { .. }, What::Message(Message::State(state))) => text.extend(line(&StateLine(state.is))),
+                (Self::Lines { .. }, What::Message(Message::State(state))) => text.extend(line(&state.is)),
                 (Self::Lines { .. }, What::Message(Message::Room(room))) => text.extend(line(&RoomLine(room.is))),
                 (Self::Lines { .. } | Self::Rows { .. }, What::Message(_) | What::Fault(_)) | (Self::Nothing, _) => {}
             }

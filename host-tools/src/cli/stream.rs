@@ -6,12 +6,13 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use host_tools::UserError;
 use host_tools::files::output;
-use host_tools::node::decode::{Chunks, Stamp, Table, json, open_stream};
+use host_tools::node::decode::{Chunks, Stamp, open_stream, row};
 use host_tools::node::monitor::{Image, Pace, Port, Probed, Serial, Source};
 use host_tools::node::probe::ProbeArguments;
-use wire::telemetry::Message;
+use wire::telemetry::{Fix, Message, Table};
 
 use crate::cli::progress::Progress;
 
@@ -126,8 +127,8 @@ pub struct Writing {
     #[arg(long, value_name = "FORMAT", default_value = "jsonl")]
     format: Format,
     /// Which messages are the rows (--format csv) [default: positions]
-    #[arg(long, value_name = "TABLE")]
-    table: Option<TableName>,
+    #[arg(long, value_name = "TABLE", value_parser = table_names())]
+    table: Option<Table>,
 }
 
 /// `--format`.
@@ -139,19 +140,10 @@ enum Format {
     Csv,
 }
 
-/// `--table`.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum TableName {
-    /// Positions and rounds without one, as solve writes them
-    Positions,
-    /// Ranges, as solve reads them
-    Ranges,
-    /// Differences of arrivals, of tags that only listen
-    Differences,
-    /// Advertisements heard
-    Rssi,
-    /// In which rooms a tag is
-    Rooms,
+/// A table's name, each with what its message says of it.
+pub fn table_names() -> impl TypedValueParser<Value = Table> {
+    PossibleValuesParser::new(Message::tables().map(|table| PossibleValue::new(table.name).help(table.about)))
+        .try_map(|name| Message::tables().find(|table| table.name == name).ok_or("no such table"))
 }
 
 /// Makes text of messages.
@@ -173,21 +165,15 @@ impl Writing {
 
 impl Lines {
     /// The rows of a table, of positions where none is named.
-    pub fn csv(table: Option<TableName>) -> Self {
-        Self::Csv(match table {
-            None | Some(TableName::Positions) => Table::Positions,
-            Some(TableName::Ranges) => Table::Ranges,
-            Some(TableName::Differences) => Table::Differences,
-            Some(TableName::Rssi) => Table::Rssi,
-            Some(TableName::Rooms) => Table::Rooms,
-        })
+    pub fn csv(table: Option<Table>) -> Self {
+        Self::Csv(table.unwrap_or(Fix::POSITIONS))
     }
 
     /// What stands before all messages.
     pub fn header(&self) -> Result<Vec<u8>> {
         match self {
             Self::Json => Ok(Vec::new()),
-            Self::Csv(table) => row(&table.columns()),
+            Self::Csv(table) => csv_row(&table.header()),
         }
     }
 
@@ -195,12 +181,12 @@ impl Lines {
     pub fn append(&self, text: &mut Vec<u8>, stamp: Stamp, message: &Message) -> Result<()> {
         match self {
             Self::Json => {
-                text.extend(json(message).context("cannot write JSON")?);
+                serde_json::to_writer(&mut *text, &message.json()).context("cannot write JSON")?;
                 text.push(b'\n');
             }
             Self::Csv(table) => {
-                if let Some(fields) = table.row(stamp, message) {
-                    text.extend(row(&fields)?);
+                if let Some((_, fields)) = row(stamp, message).filter(|(of, _)| of == table) {
+                    text.extend(csv_row(&fields)?);
                 }
             }
         }
@@ -208,7 +194,7 @@ impl Lines {
     }
 }
 
-fn row<T: AsRef<[u8]>>(fields: &[T]) -> Result<Vec<u8>> {
+fn csv_row<T: AsRef<[u8]>>(fields: &[T]) -> Result<Vec<u8>> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     writer.write_record(fields)?;
     writer.into_inner().map_err(|error| anyhow::Error::from(error.into_error()))

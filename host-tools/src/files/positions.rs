@@ -9,12 +9,6 @@ use crate::{Solved, Table, UserError};
 pub(crate) const COLUMNS: [&str; 11] =
     ["epoch", "t_s", "method", "x_m", "y_m", "z_m", "sigma_x_m", "sigma_y_m", "sigma_z_m", "used", "reason"];
 
-/// The columns of received powers, in files of ranges and differences.
-pub(crate) const POWER_COLUMNS: [&str; 2] = ["rx_power_dbm", "fp_power_dbm"];
-/// And of the rest that the receiver measured, as the chip has it.
-pub(crate) const CHIP_COLUMNS: [&str; 7] =
-    ["fp_idx", "fp_amp1", "fp_amp2", "fp_amp3", "cir_pwr", "rxpacc", "std_noise"];
-
 /// The file as text, of every method the epochs in their order; with a column of errors or not.
 pub fn to_csv<'a>(
     epochs: &[Epoch],

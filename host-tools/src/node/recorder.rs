@@ -1,8 +1,8 @@
 //! A recording of what a node tells: the folder of tables that `solve`, `plot` and the commands for beacons read, and the bytes
 //! themselves, which `decode`, `monitor` and `replay` read.
 //!
-//! In flow bytes and the messages that they are, from wherever; out come `anchors.csv`, `ranges.csv`, `positions.csv`, `rssi.csv`
-//! where beacons were seen, `rooms.csv` where a tag tells rooms, `differences.csv` where a tag only listened, and `telemetry.bin`. Nothing is seen of them before [`Recorder::finish`].
+//! In flow bytes and the messages that they are, from wherever; out come `telemetry.bin`, `anchors.csv`, `ranges.csv`, `positions.csv`, and
+//! a file of each further table of which a row came. Nothing is seen of them before [`Recorder::finish`].
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -10,15 +10,14 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use wire::telemetry::Message;
+use wire::telemetry::{Message, Table, metres};
 
 use crate::files::output::Growing;
-use crate::node::decode::{Stamp, Table, metres};
+use crate::node::decode::{Stamp, row};
 use crate::{Anchor, UserError};
 
-/// The files of a recording.
-const FILES: [&str; 7] =
-    ["anchors.csv", "ranges.csv", "positions.csv", "rssi.csv", "rooms.csv", "differences.csv", "telemetry.bin"];
+/// Tables that a recording has in any case; others have a file from their first row on.
+const ALWAYS: [&str; 2] = ["positions", "ranges"];
 
 type Writer = csv::Writer<Growing>;
 
@@ -26,30 +25,24 @@ type Writer = csv::Writer<Growing>;
 pub struct Recorder {
     folder: PathBuf,
     bytes: Growing,
-    tables: BTreeMap<Table, Writer>,
-    /// Columns beside those of telemetry.
-    more: BTreeMap<Table, Vec<&'static str>>,
+    /// By their names.
+    tables: BTreeMap<&'static str, Writer>,
+    /// Columns beside those of telemetry, by the tables' names.
+    more: BTreeMap<&'static str, Vec<&'static str>>,
     /// By short address; what the user gives counts more than what the anchors say of themselves.
     given: BTreeMap<u16, [f64; 3]>,
-    told: BTreeMap<u16, [f64; 3]>,
+    reported: BTreeMap<u16, [f64; 3]>,
     /// Ranges to anchors of which nobody has said where they stand.
     waiting: BTreeMap<u16, Vec<Vec<String>>>,
     counts: Recorded,
 }
 
 /// What a recording has.
-#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Recorded {
-    /// Rows of `positions.csv`.
-    pub positions: u64,
-    /// Rows of `ranges.csv`.
-    pub ranges: u64,
-    /// Rows of `rssi.csv`.
-    pub sightings: u64,
-    /// Rows of `rooms.csv`.
-    pub rooms: u64,
-    /// Rows of `differences.csv`.
-    pub differences: u64,
+    /// Rows of each table, by what its rows are called.
+    #[serde(flatten)]
+    pub rows: BTreeMap<&'static str, u64>,
     /// Rows of `anchors.csv`.
     pub anchors: u64,
     /// Ranges that were left out, because nobody said where their anchor stands: how many by its short address.
@@ -64,20 +57,23 @@ impl Recorder {
     /// The folder has a recording already, an anchor's name is no short address, or the file system's.
     pub fn create(folder: &Path, anchors: &[Anchor]) -> anyhow::Result<Self> {
         let given = anchors.iter().map(address_and_place).collect::<Result<_, _>>()?;
-        if let Some(file) = FILES.into_iter().find(|file| folder.join(file).exists()) {
+        let tables = Message::tables().map(|table| format!("{}.csv", table.name));
+        let mut files = ["anchors.csv".to_owned()].into_iter().chain(tables).chain(["telemetry.bin".to_owned()]);
+        if let Some(file) = files.find(|file| folder.join(file).exists()) {
             return Err(UserError::flag("--out", format!("{} has {file} already", folder.display())).into());
         }
         Self::begin(folder, given, BTreeMap::new())
     }
 
-    /// Begins a recording that replaces the one in its folder; it knows where these anchors stand, and its tables have these columns more.
+    /// Begins a recording that replaces the one in its folder. `given` are anchors whose positions are known, metres, by their short
+    /// addresses; `more` are columns that tables have beside those of telemetry, by the tables' names.
     ///
     /// # Errors
     /// The folder is none, or the file system's.
     pub fn begin(
         folder: &Path,
         given: BTreeMap<u16, [f64; 3]>,
-        more: BTreeMap<Table, Vec<&'static str>>,
+        more: BTreeMap<&'static str, Vec<&'static str>>,
     ) -> anyhow::Result<Self> {
         if folder.exists() && !folder.is_dir() {
             return Err(UserError::flag("--out", format!("{} is not a folder", folder.display())).into());
@@ -85,17 +81,21 @@ impl Recorder {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
         let mut recorder = Self {
             bytes: Growing::create(&folder.join("telemetry.bin"))?,
-            folder: folder.to_owned(),
             tables: BTreeMap::new(),
             more,
+            folder: folder.to_owned(),
             given,
-            told: BTreeMap::new(),
+            reported: BTreeMap::new(),
             waiting: BTreeMap::new(),
-            counts: Recorded::default(),
+            counts: Recorded {
+                rows: Message::tables().map(|table| (table.rows, 0)).collect(),
+                anchors: 0,
+                left_out: BTreeMap::new(),
+            },
         };
-        // The others are there from their first row on.
-        recorder.table(Table::Positions)?;
-        recorder.table(Table::Ranges)?;
+        for table in Message::tables().filter(|table| ALWAYS.contains(&table.name)) {
+            recorder.table(&table)?;
+        }
         Ok(recorder)
     }
 
@@ -112,7 +112,7 @@ impl Recorder {
     /// # Errors
     /// The CSV writer's.
     pub fn message(&mut self, stamp: Stamp, message: &Message) -> csv::Result<()> {
-        self.message_with(stamp, message, |_, _| ())
+        self.message_with(stamp, message, |_| ())
     }
 
     /// Takes a message whose row `complete` fills up.
@@ -123,52 +123,43 @@ impl Recorder {
         &mut self,
         stamp: Stamp,
         message: &Message,
-        complete: impl FnOnce(Table, &mut Vec<String>),
+        complete: impl FnOnce(&mut Vec<String>),
     ) -> csv::Result<()> {
-        let row = Table::ALL.into_iter().find_map(|table| Some((table, table.row(stamp, message)?)));
-        let Some((table, mut row)) = row else { return Ok(()) };
-        complete(table, &mut row);
-        match message {
-            Message::Difference(difference) => self.told.extend(difference.place_m().map(|at| (difference.peer, at))),
-            Message::Range(range) => {
-                self.told.extend(range.place_m().map(|at| (range.peer, at)));
-                if !self.given.contains_key(&range.peer) && !self.told.contains_key(&range.peer) {
-                    self.waiting.entry(range.peer).or_default().push(row);
-                    return Ok(());
-                }
-                for earlier in self.waiting.remove(&range.peer).into_iter().flatten() {
-                    self.row(table, earlier)?;
-                }
-            }
-            Message::Hello(_)
-            | Message::Fix(_)
-            | Message::Sighting(_)
-            | Message::State(_)
-            | Message::Counters(_)
-            | Message::Reset(_)
-            | Message::Room(_) => {}
+        let Some((table, mut row)) = row(stamp, message) else { return Ok(()) };
+        complete(&mut row);
+        if let Message::Difference(difference) = message {
+            self.place(difference.peer, difference.position_m());
         }
-        self.row(table, row)
+        if let Message::Range(range) = message {
+            self.place(range.peer, range.position_m());
+            if !self.given.contains_key(&range.peer) && !self.reported.contains_key(&range.peer) {
+                self.waiting.entry(range.peer).or_default().push(row);
+                return Ok(());
+            }
+            for row in self.waiting.remove(&range.peer).into_iter().flatten() {
+                self.row(&table, &row)?;
+            }
+        }
+        self.row(&table, &row)
     }
 
-    fn row(&mut self, table: Table, row: Vec<String>) -> csv::Result<()> {
-        *match table {
-            Table::Positions => &mut self.counts.positions,
-            Table::Ranges => &mut self.counts.ranges,
-            Table::Differences => &mut self.counts.differences,
-            Table::Rssi => &mut self.counts.sightings,
-            Table::Rooms => &mut self.counts.rooms,
-        } += 1;
+    /// Takes note of where an anchor says that it stands.
+    fn place(&mut self, anchor: u16, position_m: Option<[f64; 3]>) {
+        self.reported.extend(position_m.map(|position_m| (anchor, position_m)));
+    }
+
+    fn row(&mut self, table: &Table, row: &[String]) -> csv::Result<()> {
+        *self.counts.rows.entry(table.rows).or_default() += 1;
         self.table(table)?.write_record(row)
     }
 
-    fn table(&mut self, table: Table) -> csv::Result<&mut Writer> {
-        match self.tables.entry(table) {
+    fn table(&mut self, table: &Table) -> csv::Result<&mut Writer> {
+        match self.tables.entry(table.name) {
             Entry::Occupied(writer) => Ok(writer.into_mut()),
-            Entry::Vacant(place) => {
-                let mut columns = table.columns();
-                columns.extend(self.more.get(&table).into_iter().flatten());
-                Ok(place.insert(writer(&self.folder, table.file(), &columns)?))
+            Entry::Vacant(none) => {
+                let mut columns = table.header();
+                columns.extend(self.more.get(table.name).into_iter().flatten());
+                Ok(none.insert(writer(&self.folder, &format!("{}.csv", table.name), &columns)?))
             }
         }
     }
@@ -179,8 +170,8 @@ impl Recorder {
     /// The file system's.
     pub fn finish(mut self) -> anyhow::Result<Recorded> {
         let mut anchors = writer(&self.folder, "anchors.csv", &["anchor", "x_m", "y_m", "z_m"])?;
-        self.told.extend(self.given);
-        for (address, place_m) in &self.told {
+        self.reported.extend(self.given);
+        for (address, place_m) in &self.reported {
             let [x, y, z] = place_m.map(metres);
             anchors.write_record([address.to_string(), x, y, z])?;
             self.counts.anchors += 1;

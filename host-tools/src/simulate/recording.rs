@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 
 use positioning_core::nlos::{Feature, Features};
 use sim::scenario::{Epoch, Record, Scenario, What};
-use wire::telemetry::{MAX_FRAME, Message, Sighting, encode};
+use wire::telemetry::{Body, Fix, MAX_FRAME, Message, Sighting, Table, encode, metres};
 
 use crate::files::output::{Growing, write_file};
-use crate::node::decode::{Stamp, Table, metres};
+use crate::node::decode::{Stamp, row};
 use crate::node::recorder::{Recorder, writer};
 
 /// A recording as it fills.
@@ -40,11 +40,11 @@ impl SimulatedRecording {
         let features: Vec<_> = Feature::ALL.into_iter().filter(|feature| reads && feature.is_of_response()).collect();
         let of_ranges = ["los", "tag"].into_iter().chain(features.iter().map(|feature| feature.as_str()));
         let more = BTreeMap::from([
-            (Table::Positions, vec!["error_m", "tag"]),
-            (Table::Ranges, of_ranges.collect()),
-            (Table::Differences, vec!["los", "truth_m", "tag"]),
-            (Table::Rssi, vec!["tag"]),
-            (Table::Rooms, vec!["tag"]),
+            ("positions", vec!["error_m", "tag"]),
+            ("ranges", of_ranges.collect()),
+            ("differences", vec!["los", "truth_m", "tag"]),
+            ("rssi", vec!["tag"]),
+            ("rooms", vec!["tag"]),
         ]);
         Ok(Self {
             recorder: Recorder::begin(folder, anchors, more)?,
@@ -81,13 +81,13 @@ impl SimulatedRecording {
                 self.take_epoch(record, epoch)?;
             }
             What::Message(message @ Message::Sighting(sighting)) => {
-                self.recorder.message_with(stamp, message, |_, row| {
+                self.recorder.message_with(stamp, message, |row| {
                     row.splice(2..3, [short_name(sighting)]);
                     row.push(tag);
                 })?;
             }
             What::Message(message @ Message::Room(_)) => {
-                self.recorder.message_with(stamp, message, |_, row| row.push(tag))?;
+                self.recorder.message_with(stamp, message, |row| row.push(tag))?;
             }
             // Ranges without a round are those that tags tell anchors.
             What::Message(
@@ -112,16 +112,16 @@ impl SimulatedRecording {
             let mut shape = Features::default();
             measured.shape.iter().for_each(|of| shape.set_shape(of));
             let features = self.features.iter().map(|&of| shape.get(of).map_or_else(String::new, |x| x.to_string()));
-            self.recorder.message_with(stamp, &Message::Range(measured.range), |_, row| {
+            self.recorder.message_with(stamp, &Message::Range(measured.range), |row| {
                 row.extend([los(measured.los), tag()].into_iter().chain(features));
             })?;
         }
         for measured in &epoch.differences {
-            self.recorder.message_with(stamp, &Message::Difference(measured.difference), |_, row| {
+            self.recorder.message_with(stamp, &Message::Difference(measured.difference), |row| {
                 row.extend([los(measured.los), metres(measured.truth_m), tag()]);
             })?;
         }
-        self.recorder.message_with(stamp, &Message::Fix(epoch.fix), |_, row| {
+        self.recorder.message_with(stamp, &Message::Fix(epoch.fix), |row| {
             complete_position(row, record.node, self.method, epoch);
         })?;
         let [x, y, z] = epoch.truth_m.map(metres);
@@ -165,13 +165,13 @@ fn short_name(sighting: &Sighting) -> String {
 
 /// The columns of a position.
 pub fn position_header() -> Vec<&'static str> {
-    Table::Positions.columns().into_iter().chain(["error_m", "tag"]).collect()
+    Fix::TABLE.iter().flat_map(Table::header).chain(["error_m", "tag"]).collect()
 }
 
 /// The fields of a position, or of the reason why there is none.
 pub fn position_row(record: &Record, method: &str, epoch: &Epoch) -> Vec<String> {
     let stamp = Stamp { t_s: record.t_s, epoch: epoch.number };
-    let mut row = Table::Positions.row(stamp, &Message::Fix(epoch.fix)).unwrap_or_default();
+    let mut row = row(stamp, &Message::Fix(epoch.fix)).map_or_else(Vec::new, |(_, row)| row);
     complete_position(&mut row, record.node, method, epoch);
     row
 }

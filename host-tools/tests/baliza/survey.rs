@@ -13,8 +13,9 @@ fn stream() -> Vec<u8> {
                 continue;
             }
             let beacon = BeaconId { network: 0xB0, major: 7, minor };
-            let rssi = -60 - (advert % 2) as i8 - 4 * minor as i8;
-            let message = Message::Sighting(Sighting { t_us: advert * 100_000, beacon, rssi, measured_power: -59 });
+            let rssi_dbm = -60 - (advert % 2) as i8 - 4 * minor as i8;
+            let message =
+                Message::Sighting(Sighting { t_us: advert * 100_000, beacon, rssi_dbm, measured_power_dbm: -59 });
             bytes.extend_from_slice(encode(&message, &mut [0; MAX_FRAME]));
         }
     }

@@ -44,7 +44,7 @@ fn kernel_alone(run: &Run) -> f64 {
         for record in run.records.iter().filter(|record| (pair[0].0..pair[1].0).contains(&record.t_s)) {
             if let What::Message(Message::Sighting(sighting)) = &record.what {
                 let (sum, count) = &mut powers[usize::from(sighting.beacon.minor) - 1];
-                *sum += 10.0_f64.powf(f64::from(sighting.rssi) / 10.0);
+                *sum += 10.0_f64.powf(f64::from(sighting.rssi_dbm) / 10.0);
                 *count += 1;
             }
         }

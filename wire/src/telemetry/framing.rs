@@ -3,6 +3,8 @@
 //! The [`SCHEMA`] byte, the message as postcard writes it, a CRC-16 of both (CRC-16/IBM-3740, low byte first); all encoded by COBS
 //! (S. Cheshire and M. Baker, IEEE/ACM Transactions on Networking 7, 1999), so that the only zero is the one that ends the frame.
 
+use core::fmt;
+
 use crc::{CRC_16_IBM_3740, Crc};
 use postcard::experimental::max_size::MaxSize;
 
@@ -38,6 +40,21 @@ pub enum DecodeError {
     /// Whole, but its body is not what the schema says.
     Body,
 }
+
+impl fmt::Display for DecodeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooLong => f.write_str("too long to be a frame"),
+            Self::Cobs => f.write_str("COBS is violated"),
+            Self::Checksum => f.write_str("the checksum is wrong"),
+            Self::Schema(schema) => write!(f, "schema {schema}, not {SCHEMA}"),
+            Self::Unknown => f.write_str("a message of a newer build"),
+            Self::Body => f.write_str("the body is not what the schema says"),
+        }
+    }
+}
+
+impl core::error::Error for DecodeError {}
 
 /// Writes a message as a frame with its final zero, and returns it.
 pub fn encode<'a>(message: &Message, frame: &'a mut [u8; MAX_FRAME]) -> &'a [u8] {

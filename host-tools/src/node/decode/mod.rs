@@ -1,24 +1,20 @@
-//! A node's telemetry, from the bytes of a stream to lines and tables.
+//! A node's telemetry, from the bytes of a stream to messages in one time.
 //!
-//! [`Chunks`] reads a file or a pipe; [`Stream`] takes the bytes and gives messages, each with its place in the recording's [`Timeline`]; a message becomes a line of JSON
-//! ([`json()`]) or a row of a [`Table`]; [`Summary`] tells what came and what was lost. The bytes are those of `docs/wire-format.md`.
+//! [`Chunks`] reads a file or a pipe; [`Stream`] takes the bytes and gives messages, each with its place in the recording's
+//! [`Timeline`]; [`row`] makes of a message the row of its table, and [`Summary`] tells what came and what was lost. The bytes are those of
+//! `docs/wire-format.md`.
 
 mod chunks;
-mod json;
 mod summary;
-mod table;
 mod timeline;
 
 pub use chunks::{Chunks, Waited, open_stream};
-pub use json::json;
 pub use summary::Summary;
-pub(crate) use table::metres;
-pub use table::{Table, beacon_name};
 pub use timeline::{Stamp, Timeline};
 
-use wire::telemetry::{Decoder, Hello, Message};
+use wire::telemetry::{Decoder, Hello, Message, Table};
 
-/// A stream, as it is read.
+/// A stream, as it is read: the one decoder of telemetry for all commands.
 #[derive(Clone, Debug, Default)]
 pub struct Stream {
     decoder: Decoder,
@@ -30,15 +26,8 @@ pub struct Stream {
 #[derive(Clone, Copy, Debug, Default)]
 struct Seen {
     bytes: u64,
-    hello: u64,
-    fix: u64,
-    range: u64,
-    difference: u64,
-    sighting: u64,
-    state: u64,
-    counters: u64,
-    reset: u64,
-    room: u64,
+    /// Messages, in the order of [`Message::KINDS`].
+    kinds: [u64; Message::KINDS.len()],
     positions: u64,
     telemetry_dropped: Option<u32>,
     node: Option<Hello>,
@@ -62,6 +51,22 @@ impl Stream {
         self.decoder.interrupted();
     }
 
+    /// The node has restarted: the source saw it.
+    pub fn restarted(&mut self) {
+        self.decoder.interrupted();
+        self.timeline.restart();
+    }
+
+    /// How many times the node started anew.
+    pub fn restarts(&self) -> u64 {
+        self.timeline.restarts()
+    }
+
+    /// What became of the bytes so far.
+    pub fn counts(&self) -> &wire::telemetry::Counts {
+        self.decoder.counts()
+    }
+
     /// What came so far.
     pub fn summary(&self) -> Summary {
         Summary::of(&self.seen, &self.timeline, self.decoder.counts(), self.decoder.pending())
@@ -72,26 +77,24 @@ impl Seen {
     fn message(&mut self, message: &Message, stamp: Stamp) {
         self.first_t_s = self.first_t_s.or(Some(stamp.t_s));
         self.last_t_s = Some(stamp.t_s);
-        let count = match message {
-            Message::Hello(hello) => {
-                self.node = Some(*hello);
-                &mut self.hello
-            }
-            Message::Fix(fix) => {
-                self.positions += u64::from(fix.reason().is_none());
-                &mut self.fix
-            }
-            Message::Range(_) => &mut self.range,
-            Message::Difference(_) => &mut self.difference,
-            Message::Sighting(_) => &mut self.sighting,
-            Message::State(_) => &mut self.state,
-            Message::Counters(counters) => {
-                self.telemetry_dropped = Some(counters.telemetry_dropped);
-                &mut self.counters
-            }
-            Message::Reset(_) => &mut self.reset,
-            Message::Room(_) => &mut self.room,
-        };
-        *count += 1;
+        for (kind, count) in Message::KINDS.iter().zip(&mut self.kinds) {
+            *count += u64::from(*kind == message.kind());
+        }
+        if let Message::Hello(hello) = message {
+            self.node = Some(*hello);
+        }
+        if let Message::Fix(fix) = message {
+            self.positions += u64::from(fix.reason().is_none());
+        }
+        if let Message::Counters(counters) = message {
+            self.telemetry_dropped = Some(counters.telemetry_dropped);
+        }
     }
+}
+
+/// The table that a message is a row of, and the row; `None` where it is in none.
+pub fn row(stamp: Stamp, message: &Message) -> Option<(Table, Vec<String>)> {
+    let (table, fields) = message.row()?;
+    let start = [stamp.epoch.to_string(), format!("{:.6}", stamp.t_s)];
+    Some((table, start.into_iter().chain(fields).collect()))
 }

@@ -2,10 +2,9 @@
 
 use std::fmt::Write as _;
 
-use serde::Serialize;
-use wire::telemetry::Counts;
+use serde::{Serialize, Serializer};
+use wire::telemetry::{Body, Counts, Hello, Message};
 
-use super::json::hex;
 use super::{Seen, Timeline};
 
 /// What came through a stream.
@@ -44,23 +43,29 @@ pub struct Summary {
     /// Time of the last message.
     pub last_t_s: Option<f64>,
     /// Who spoke, as it told last.
-    pub node: Option<Node>,
+    #[serde(serialize_with = "node")]
+    pub node: Option<Hello>,
 }
 
 /// Messages by their kind.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[allow(missing_docs, reason = "they are called as the messages are")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frames {
+    /// All.
     pub total: u64,
-    pub hello: u64,
-    pub fix: u64,
-    pub range: u64,
-    pub sighting: u64,
-    pub state: u64,
-    pub counters: u64,
-    pub reset: u64,
-    pub difference: u64,
-    pub room: u64,
+    /// Those of each kind, in the order of [`Message::KINDS`].
+    pub kinds: [u64; Message::KINDS.len()],
+}
+
+impl Frames {
+    fn by_kind(&self) -> impl Iterator<Item = (&'static str, u64)> {
+        Message::KINDS.iter().copied().zip(self.kinds)
+    }
+}
+
+impl Serialize for Frames {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map([("total", self.total)].into_iter().chain(self.by_kind()))
+    }
 }
 
 /// Frames that did not come whole, as [`wire::telemetry::DecodeError`] calls them.
@@ -83,34 +88,12 @@ pub struct Newer {
     pub unknown: u64,
 }
 
-/// Who spoke.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-#[allow(missing_docs, reason = "they are called as wire::telemetry::Hello calls them")]
-pub struct Node {
-    pub eui: String,
-    pub address: u16,
-    pub role: &'static str,
-    pub board: &'static str,
-    pub build: String,
-}
-
 impl Summary {
     pub(super) fn of(seen: &Seen, timeline: &Timeline, counts: &Counts, pending: usize) -> Self {
         let (gaps, rounds_missed) = timeline.gaps();
         Self {
             bytes: seen.bytes,
-            frames: Frames {
-                total: counts.frames,
-                hello: seen.hello,
-                fix: seen.fix,
-                range: seen.range,
-                sighting: seen.sighting,
-                state: seen.state,
-                counters: seen.counters,
-                reset: seen.reset,
-                difference: seen.difference,
-                room: seen.room,
-            },
+            frames: Frames { total: counts.frames, kinds: seen.kinds },
             positions: seen.positions,
             malformed: Malformed {
                 total: counts.malformed(),
@@ -131,39 +114,22 @@ impl Summary {
             telemetry_dropped: seen.telemetry_dropped,
             first_t_s: seen.first_t_s,
             last_t_s: seen.last_t_s,
-            node: seen.node.map(|hello| Node {
-                eui: format!("{:016x}", hello.eui),
-                address: hello.address,
-                role: hello.role.as_str(),
-                board: hello.board.name(),
-                build: hex(&hello.build),
-            }),
+            node: seen.node,
         }
     }
 
     /// For reading: what came, then a line for each thing that is not as it should be.
     pub fn told(&self) -> String {
-        let Frames { total, hello, fix, range, sighting, state, counters, reset, difference, room } = self.frames;
-        let mut text = format!("{total} frames in {} bytes", self.bytes);
-        let kinds = [
-            ("hello", hello),
-            ("fix", fix),
-            ("range", range),
-            ("sighting", sighting),
-            ("state", state),
-            ("counters", counters),
-            ("reset", reset),
-            ("difference", difference),
-            ("room", room),
-        ];
+        let mut text = format!("{} frames in {} bytes", self.frames.total, self.bytes);
         let mut separator = ": ";
-        for (kind, count) in kinds.into_iter().filter(|(_, count)| *count > 0) {
+        for (kind, count) in self.frames.by_kind().filter(|(_, count)| *count > 0) {
             let _ = write!(text, "{separator}{count} {kind}");
             separator = ", ";
         }
         text.push('\n');
-        if let Some(Node { eui, address, role, board, build }) = &self.node {
-            let _ = writeln!(text, "node: {role} {address} on {board}, EUI-64 {eui}, build {build}");
+        if let Some(Hello { eui, address, role, board, build, .. }) = self.node {
+            let (role, board, build) = (role.as_str(), board.name(), u64::from_be_bytes(build));
+            let _ = writeln!(text, "node: {role} {address} on {board}, EUI-64 {eui:016x}, build {build:016x}");
         }
         if let (Some(first), Some(last)) = (self.first_t_s, self.last_t_s) {
             let _ = writeln!(text, "from {first:.3} s to {last:.3} s, {} positions", self.positions);
@@ -191,4 +157,9 @@ impl Summary {
         line(self.telemetry_dropped.unwrap_or(0).into(), "frames dropped by the node, its channel being full");
         text
     }
+}
+
+/// Who spoke, with the keys of its message.
+fn node<S: Serializer>(hello: &Option<Hello>, serializer: S) -> Result<S::Ok, S::Error> {
+    hello.map(|hello| hello.json()).serialize(serializer)
 }

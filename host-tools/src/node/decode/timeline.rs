@@ -39,29 +39,22 @@ impl Timeline {
         if let Some(latest_us) = self.latest_us {
             let started = matches!(message, Message::Reset(_)) && t_us < latest_us;
             if started || t_us.saturating_add(SLACK_US) < latest_us {
-                self.restarts += 1;
-                self.zero_us = self.zero_us.saturating_add(latest_us);
-                self.latest_us = None;
-                self.new_run = true;
+                self.restart();
             }
         }
         self.latest_us = Some(self.latest_us.map_or(t_us, |latest_us| latest_us.max(t_us)));
-        let round = match message {
-            Message::Fix(fix) => Some(fix.round),
-            Message::Range(range) => Some(range.round),
-            Message::Difference(difference) => Some(difference.round),
-            Message::Hello(_)
-            | Message::Sighting(_)
-            | Message::State(_)
-            | Message::Counters(_)
-            | Message::Reset(_)
-            | Message::Room(_) => None,
-        };
-        let epoch = match round {
+        let epoch = match message.round() {
             Some(round) => self.epoch(round),
             None => self.round.map_or(0, |(_, epoch)| epoch),
         };
         Stamp { t_s: self.zero_us.saturating_add(t_us) as f64 / 1e6, epoch }
+    }
+
+    /// The node has restarted: its clock begins anew with the next message.
+    pub fn restart(&mut self) {
+        self.restarts += 1;
+        self.zero_us = self.zero_us.saturating_add(self.latest_us.take().unwrap_or(0));
+        self.new_run = true;
     }
 
     fn epoch(&mut self, round: u16) -> u64 {

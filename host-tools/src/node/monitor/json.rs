@@ -3,7 +3,6 @@
 use serde::Serialize;
 
 use super::session::Said;
-use crate::node::decode;
 
 /// What a node said as one line of JSON, without the line's end. Its `type` is a message's kind, or `log`, `text` (a boot loader's
 /// line) or `unreadable` (the log cannot be read from here on).
@@ -12,7 +11,7 @@ use crate::node::decode;
 /// The serializer's.
 pub fn json(said: &Said) -> serde_json::Result<Vec<u8>> {
     let object = match said {
-        Said::Message(message) => return decode::json(message),
+        Said::Message(_, message) => return serde_json::to_vec(&message.json()),
         Said::Log(line) => Object::Log {
             t_s: line.t_us.map(|t_us| t_us as f64 / 1e6),
             level: line.level.map(defmt_parser::Level::as_str),

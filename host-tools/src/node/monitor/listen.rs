@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use wire::telemetry::Message;
 
 use super::session::{Counts, Said, Session};
@@ -20,7 +20,7 @@ pub struct Limits {
 
 /// Whoever listens.
 pub trait Listener {
-    /// What the node says, in its order. `false`: enough.
+    /// What the node says, in the order of its arrival. `false`: enough.
     ///
     /// # Errors
     /// It cannot be written.
@@ -36,7 +36,7 @@ pub trait Listener {
     fn status(&mut self, session: &Session, elapsed: Duration) -> Result<bool>;
 }
 
-/// A source is asked for no longer than this, so that what waits for its turn is not late.
+/// A source is asked for no longer than this, so that a log that waits is not late.
 const PATIENCE: Duration = Duration::from_millis(50);
 
 /// Listens.
@@ -65,7 +65,7 @@ pub fn listen(
         };
         let ended = event == Some(Event::End);
         if let Some(event) = event {
-            session.accept(begun.elapsed(), event);
+            session.accept(begun.elapsed(), event).context("cannot write the recording")?;
         }
         while let Some(note) = session.note() {
             listener.note(&note);
@@ -92,5 +92,5 @@ pub fn listen(
 }
 
 fn is_position(said: &Said) -> bool {
-    matches!(said, Said::Message(Message::Fix(fix)) if fix.position_m().is_some())
+    matches!(said, Said::Message(_, Message::Fix(fix)) if fix.position_m().is_some())
 }

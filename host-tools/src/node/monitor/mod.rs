@@ -1,8 +1,8 @@
-//! What a node says, live or from files: its log and its telemetry together, in the order of its own clock.
+//! What a node says, live or from files: its log and its telemetry together, in the order of their arrival.
 //!
 //! A [`Source`] gives bytes of two channels (a chip behind a [`Probed`] probe, a [`Serial`] port, a [`Piped`] stream, [`Files`]); a
-//! [`Session`] makes lines and messages of them, merges them and counts what was lost; [`listen()`] runs both until the end, and
-//! [`Lines`] is how a person reads it. An [`Image`] is the ELF file without which the log cannot be read.
+//! [`Session`] makes lines and messages of them and counts what was lost; [`listen()`] runs both until the end, and [`Lines`] is how a
+//! person reads it, without the log's lines that telemetry has as well. An [`Image`] is the ELF file without which the log cannot be read.
 
 mod demux;
 mod formats;
@@ -10,7 +10,6 @@ mod image;
 mod json;
 mod listen;
 mod log;
-mod merge;
 mod probed;
 mod rtt;
 mod serial;
@@ -18,14 +17,12 @@ mod session;
 mod show;
 mod source;
 mod streams;
-mod words;
 
 pub use demux::Demux;
 pub use image::{Build, Image, Marks, SourceLocation};
 pub use json::json;
 pub use listen::{Limits, Listener, listen};
 pub use log::LogLine;
-pub use merge::{Merger, Patience};
 pub use probed::{Attach, Probed};
 pub use rtt::{Memory, Polled, Rings, find};
 pub use serial::{Open, Port, Serial};
@@ -33,7 +30,6 @@ pub use session::{Counts, Reload, Said, Session};
 pub use show::{Lines, summary};
 pub use source::{Channel, Event, Pace, Source};
 pub use streams::{Files, Piped};
-pub use words::{label, words};
 
 #[cfg(test)]
 mod testing;

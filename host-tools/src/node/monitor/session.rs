@@ -1,30 +1,27 @@
-//! One listening: events of a source in, what the node says in its own order out, with counts and sentences for the user.
+//! One listening: events of a source in, what the node says in the order of its arrival out, with counts and sentences for the user.
 //!
 //! Time is an argument. The log is read with the table of an ELF file only while nothing says that the node runs another build:
-//! its `Hello` says which it runs, a few seconds after the first word at the latest, and until then lines of the log are kept
-//! (`trust`).
+//! its `Hello` says which it runs, a few seconds after the first word at the latest, and until then all waits behind the log's first line.
 
 #[cfg(test)]
 mod tests;
-mod trust;
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use firmware_common::lines::StateLine;
-use wire::telemetry::{Condition, Decoder, Message, State};
+use wire::telemetry::{Condition, Message, State};
 
 use super::image::{Build, Image};
 use super::log::{self, Frames, LogLine};
-use super::merge::{Merger, Patience};
 use super::source::{Channel, Event};
 use crate::UserError;
-use trust::{OPEN, Trust};
+use crate::node::decode::{Stamp, Stream};
+use crate::node::recorder::Recorder;
 
 /// A node says who it is every two seconds. Who has not heard it by now need not wait for it any longer.
 const HELLO_WITHIN: Duration = Duration::from_secs(3);
-/// Frames of the log that are kept meanwhile, bytes.
-const MOST_KEPT: usize = 1 << 18;
+/// What waits meanwhile at most.
+const MOST_WAITING: usize = 1 << 14;
 
 /// What a node said.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,7 +29,7 @@ pub enum Said {
     /// A line of its log.
     Log(LogLine),
     /// A telemetry message.
-    Message(Message),
+    Message(Stamp, Message),
     /// A line of its boot loader.
     Text(String),
     /// The log says something that cannot be read from here on; said once for each reason.
@@ -74,24 +71,41 @@ impl Counts {
 /// Rereads an ELF file that may have been built anew since.
 pub type Reload = Box<dyn FnMut(&Image) -> Option<Result<Image, UserError>>>;
 
+/// What came, in its order.
+enum Waiting {
+    Said(Said),
+    /// A frame of the log that came then, not read yet.
+    Log(Duration, Vec<u8>),
+}
+
+/// Whether the ELF file is the node's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ImageMatch {
+    /// Not known yet; with what was seen in the chip's flash.
+    Unknown { flash: Option<bool> },
+    /// It is.
+    Same,
+    /// It is another's; whether the user has seen a word of it.
+    Other { is_shown: bool },
+}
+
 /// One listening to a node.
 pub struct Session {
     image: Option<Image>,
     reload: Reload,
+    /// The node speaks now: there is no end to wait for.
     live: bool,
-    trust: Trust,
+    image_match: ImageMatch,
     frames: Frames,
-    /// Frames of the log that wait for [`Trust`].
-    kept: Vec<(Duration, Vec<u8>)>,
-    kept_bytes: usize,
-    decoder: Decoder,
-    merger: Merger<Said>,
+    stream: Stream,
+    recorder: Option<Recorder>,
+    waiting: VecDeque<Waiting>,
     ended: bool,
     connected_before: bool,
     /// The node's build that the user has been told of.
-    told: Option<Build>,
+    reported: Option<Build>,
     hinted: bool,
-    silent_told: bool,
+    silent_reported: bool,
     notes: VecDeque<String>,
     counts: Counts,
     state: Option<Condition>,
@@ -99,22 +113,21 @@ pub struct Session {
 
 impl Session {
     /// Reads the log with `image`, where there is one.
-    pub fn new(image: Option<Image>, reload: Reload, patience: Patience) -> Self {
+    pub fn new(image: Option<Image>, reload: Reload, live: bool) -> Self {
         let mut session = Self {
             image,
             reload,
-            live: patience.host.is_some(),
-            trust: OPEN,
+            live,
+            image_match: ImageMatch::Unknown { flash: None },
             frames: Frames::default(),
-            kept: Vec::new(),
-            kept_bytes: 0,
-            decoder: Decoder::new(),
-            merger: Merger::new(patience),
+            stream: Stream::default(),
+            recorder: None,
+            waiting: VecDeque::new(),
             ended: false,
             connected_before: false,
-            told: None,
+            reported: None,
             hinted: false,
-            silent_told: false,
+            silent_reported: false,
             notes: VecDeque::new(),
             counts: Counts::default(),
             state: None,
@@ -122,7 +135,7 @@ impl Session {
         if let Some(image) = &session.image
             && image.build.is_none()
         {
-            session.trust = Trust::Same;
+            session.image_match = ImageMatch::Same;
             session.notes.push_back(format!(
                 "{} has no build of ours (no section .baliza.build): whether it is the node's cannot be told",
                 image.file.display()
@@ -131,40 +144,50 @@ impl Session {
         session
     }
 
-    /// Takes an event that came at `now`, by the host's clock.
-    pub fn accept(&mut self, now: Duration, event: Event) {
+    /// Records the telemetry that comes from now on.
+    pub fn record(&mut self, recorder: Recorder) {
+        self.recorder = Some(recorder);
+    }
+
+    /// Gives the recorder back.
+    pub fn recorded(&mut self) -> Option<Recorder> {
+        self.recorder.take()
+    }
+
+    /// Takes an event.
+    ///
+    /// # Errors
+    /// It cannot be recorded.
+    pub fn accept(&mut self, now: Duration, event: Event) -> csv::Result<()> {
         match event {
-            Event::Bytes(Channel::Telemetry, bytes) => {
-                for byte in bytes {
-                    if let Some(Ok(message)) = self.decoder.feed(byte) {
-                        self.message(now, message);
-                    }
-                }
-            }
+            Event::Bytes(Channel::Telemetry, bytes) => self.telemetry(&bytes)?,
             Event::Bytes(Channel::Log, bytes) => {
                 for frame in self.frames.feed(&bytes) {
                     self.log_frame(now, frame);
                 }
             }
-            Event::Text(line) => _ = self.merger.push(Channel::Telemetry, None, false, now, Said::Text(line)),
+            Event::Text(line) => self.waiting.push_back(Waiting::Said(Said::Text(line))),
             Event::Connected(to) => {
                 let again = if self.connected_before { "again " } else { "" };
                 self.connected_before = true;
                 self.notes.push_back(format!("connected {again}to {to}"));
-                self.doubt();
+                // Another image may run from here on.
+                if self.image.as_ref().is_some_and(|image| image.build.is_some()) {
+                    self.image_match = ImageMatch::Unknown { flash: None };
+                }
             }
             Event::Lost(why) => {
                 self.counts.lost += 1;
-                self.interrupted();
+                self.stream.interrupted();
+                self.frames.cut();
                 self.notes.push_back(format!("connection lost ({why}); it is sought again until Ctrl-C"));
             }
             Event::Restarted => {
-                self.interrupted();
-                self.merger.restart();
-                self.restarted();
+                self.stream.restarted();
+                self.frames.cut();
             }
             Event::Silent => {
-                if !std::mem::replace(&mut self.silent_told, true) {
+                if !std::mem::replace(&mut self.silent_reported, true) {
                     self.notes.push_back(
                         "no RTT control block in the chip's RAM: is a baliza image flashed and running? --reset starts it anew; \
                          it is sought on"
@@ -172,34 +195,43 @@ impl Session {
                     );
                 }
             }
-            Event::Flashed { same } => match &mut self.trust {
-                Trust::Open { flash, .. } => *flash = Some(same),
-                Trust::Same | Trust::Other => {}
-            },
+            Event::Flashed { same } => {
+                if let ImageMatch::Unknown { flash } = &mut self.image_match {
+                    *flash = Some(same);
+                }
+            }
             Event::End => {
-                self.settle(now);
-                self.interrupted();
+                self.stream.interrupted();
+                self.frames.cut();
                 self.ended = true;
             }
         }
-        if let Trust::Open { flash: Some(true), .. } = self.trust {
-            self.trust_it(now);
+        while self.counts.restarts < self.stream.restarts() {
+            self.counts.restarts += 1;
+            self.notes.push_back("the node has restarted".into());
         }
+        Ok(())
     }
 
-    /// What the node said next, in its own order, as far as is certain at `now`; `None`: for now nothing.
+    /// What the node said next, as far as it can be read at `now`; `None`: for now nothing.
     pub fn next(&mut self, now: Duration) -> Option<Said> {
-        if self.ended {
-            return self.merger.finish();
-        }
-        if let Trust::Open { since: Some(since), .. } = self.trust {
-            let late = self.live && now.saturating_sub(since) >= HELLO_WITHIN;
-            if !late && self.kept_bytes < MOST_KEPT {
-                return None;
+        loop {
+            let (came, frame) = match self.waiting.pop_front()? {
+                Waiting::Said(said) => return Some(said),
+                Waiting::Log(came, frame) => (came, frame),
+            };
+            if let ImageMatch::Unknown { flash } = self.image_match {
+                let is_late = self.live && now.saturating_sub(came) >= HELLO_WITHIN;
+                if flash != Some(true) && !self.ended && !is_late && self.waiting.len() < MOST_WAITING {
+                    self.waiting.push_front(Waiting::Log(came, frame));
+                    return None;
+                }
+                self.decide(flash);
             }
-            self.settle(now);
+            if let Some(said) = self.log_line(&frame) {
+                return Some(said);
+            }
         }
-        self.merger.pop(now)
     }
 
     /// Sentences for the user, beside the data.
@@ -211,89 +243,123 @@ impl Session {
     pub fn counts(&self) -> Counts {
         Counts {
             log_malformed: self.counts.log_malformed + self.frames.malformed(),
-            telemetry: *self.decoder.counts(),
+            telemetry: *self.stream.counts(),
             ..self.counts
         }
     }
 
     /// The node's state, as it last said.
     pub fn state(&self) -> Option<String> {
-        self.state.map(|is| StateLine(is).to_string())
+        self.state.map(|is| is.to_string())
     }
 
-    fn message(&mut self, now: Duration, message: Message) {
-        let begins = match &message {
-            Message::Hello(hello) => {
-                self.compare(now, Build(hello.build));
-                true
-            }
-            Message::Reset(_) => true,
-            Message::Fix(fix) => {
-                *(if fix.position_m().is_some() { &mut self.counts.fixes } else { &mut self.counts.no_fixes }) += 1;
-                false
-            }
-            Message::Counters(counters) => {
-                self.counts.node_dropped = counters.telemetry_dropped.into();
-                false
-            }
-            Message::State(State {
-                is:
-                    Condition::BeaconMoved(_)
-                    | Condition::BeaconDuplicated(_)
-                    | Condition::BeaconRestored(_)
-                    | Condition::MotionSensor(_),
-                ..
-            }) => false,
-            Message::State(state) => {
-                self.state = Some(state.is);
-                false
-            }
-            Message::Range(_) | Message::Difference(_) | Message::Sighting(_) | Message::Room(_) => false,
-        };
-        if !matches!(message, Message::Fix(_)) {
-            self.counts.others += 1;
+    fn telemetry(&mut self, bytes: &[u8]) -> csv::Result<()> {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.bytes(bytes)?;
         }
-        if self.merger.push(Channel::Telemetry, Some(message.t_us()), begins, now, Said::Message(message)) {
-            self.restarted();
+        for byte in bytes {
+            let Some((stamp, message)) = self.stream.feed(*byte) else { continue };
+            if let Some(recorder) = &mut self.recorder {
+                recorder.message(stamp, &message)?;
+            }
+            self.message(&message);
+            self.waiting.push_back(Waiting::Said(Said::Message(stamp, message)));
+        }
+        Ok(())
+    }
+
+    fn message(&mut self, message: &Message) {
+        let counts = &mut self.counts;
+        if let Message::Fix(fix) = message {
+            *(if fix.reason().is_none() { &mut counts.fixes } else { &mut counts.no_fixes }) += 1;
+        } else {
+            counts.others += 1;
+        }
+        if let Message::Counters(of) = message {
+            counts.node_dropped = of.telemetry_dropped.into();
+        }
+        if let Message::State(State { is, .. }) = message
+            && is.is_of_node()
+        {
+            self.state = Some(*is);
+        }
+        if let Message::Hello(hello) = message {
+            self.compare(Build(hello.build));
         }
     }
 
     fn log_frame(&mut self, now: Duration, frame: Vec<u8>) {
-        let Some(image) = &self.image else {
-            self.counts.log_unreadable += 1;
-            if !std::mem::replace(&mut self.hinted, true) {
-                self.notes.push_back(
-                    "the node writes a log as well: --elf FILE, the ELF file that was flashed, shows it".into(),
-                );
-            }
+        if self.image.is_some() {
+            self.waiting.push_back(Waiting::Log(now, frame));
             return;
-        };
-        match &mut self.trust {
-            Trust::Open { since, .. } => {
-                since.get_or_insert(now);
-                self.kept_bytes += frame.len();
-                self.kept.push((now, frame));
-            }
-            Trust::Other => self.counts.log_unreadable += 1,
-            Trust::Same => match log::read(image, &frame) {
-                Some(line) => {
-                    self.counts.log_lines += 1;
-                    if self.merger.push(Channel::Log, line.t_us, false, now, Said::Log(line)) {
-                        self.restarted();
-                    }
-                }
-                None => self.counts.log_malformed += 1,
-            },
+        }
+        self.counts.log_unreadable += 1;
+        if !std::mem::replace(&mut self.hinted, true) {
+            self.notes
+                .push_back("the node writes a log as well: --elf FILE, the ELF file that was flashed, shows it".into());
         }
     }
 
-    fn interrupted(&mut self) {
-        self.decoder.interrupted();
-        self.frames.cut();
+    /// What a frame of the log says; `None`: nothing that can be read, which is counted.
+    fn log_line(&mut self, frame: &[u8]) -> Option<Said> {
+        if let ImageMatch::Other { is_shown } = &mut self.image_match {
+            self.counts.log_unreadable += 1;
+            return (!std::mem::replace(is_shown, true)).then_some(Said::Unreadable);
+        }
+        let line = self.image.as_ref().and_then(|image| log::read(image, frame));
+        *(if line.is_some() { &mut self.counts.log_lines } else { &mut self.counts.log_malformed }) += 1;
+        line.map(Said::Log)
     }
 
-    fn restarted(&mut self) {
-        self.counts.restarts += 1;
-        self.notes.push_back("the node has restarted".into());
+    /// The node says which build it runs.
+    fn compare(&mut self, node: Build) {
+        let Some(image) = &self.image else { return };
+        let Some(build) = image.build else { return };
+        if node == build {
+            return self.is_same();
+        }
+        if self.reported != Some(node) {
+            // Whoever flashes while we listen has built before.
+            if let Some(Ok(newer)) = (self.reload)(image)
+                && newer.build == Some(node)
+            {
+                self.notes.push_back(format!("{} has been built anew, and is the node's again", newer.file.display()));
+                self.image = Some(newer);
+                self.is_same();
+                return;
+            }
+            self.reported = Some(node);
+            self.notes.push_back(format!(
+                "the node runs build {node}, the ELF file {} is {build}: flash it, or give the ELF that was flashed",
+                image.file.display()
+            ));
+        }
+        self.is_other();
+    }
+
+    fn is_same(&mut self) {
+        self.reported = None;
+        self.image_match = ImageMatch::Same;
+    }
+
+    fn is_other(&mut self) {
+        if !matches!(self.image_match, ImageMatch::Other { .. }) {
+            self.image_match = ImageMatch::Other { is_shown: false };
+        }
+    }
+
+    /// No word of the node says which build it runs: what was seen of its flash decides, else the user is believed.
+    fn decide(&mut self, flash: Option<bool>) {
+        if flash != Some(false) {
+            return self.is_same();
+        }
+        if let Some(image) = &self.image {
+            let build = image.build.map_or_else(String::new, |build| format!(" (build {build})"));
+            self.notes.push_back(format!(
+                "the chip's flash does not hold the ELF file {}{build}: flash it, or give the ELF that was flashed",
+                image.file.display()
+            ));
+        }
+        self.is_other();
     }
 }

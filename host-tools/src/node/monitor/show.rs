@@ -1,20 +1,14 @@
 //! What a node says as lines for a person.
 
-use std::collections::VecDeque;
 use std::fmt::Write;
+use std::path::Path;
 use std::time::Duration;
 
 use defmt_parser::Level;
-use wire::telemetry::{Fix, Message, Outcome, Severity};
+use wire::telemetry::{Message, Tone};
 
 use super::log::LogLine;
 use super::session::{Counts, Said};
-use super::words;
-
-/// Between the log's word and telemetry's for the same thing, microseconds.
-const SAME_US: u64 = 20_000;
-/// Enough to find the other word for it.
-const REMEMBERED: usize = 16;
 
 const RED: &str = "\x1b[31m";
 const GREEN: &str = "\x1b[32m";
@@ -29,37 +23,30 @@ pub struct Lines {
     colour: bool,
     places: bool,
     hello: Option<wire::telemetry::Hello>,
-    shown: VecDeque<Said>,
+    has_telemetry: bool,
 }
 
 impl Lines {
     /// `colour`: for a terminal; `places`: where in the sources each line of the log is said.
     pub fn new(colour: bool, places: bool) -> Self {
-        Self { colour, places, hello: None, shown: VecDeque::new() }
+        Self { colour, places, hello: None, has_telemetry: false }
     }
 
-    /// A line with its end; `None` for what was said already: by telemetry what the log has said or the other way round, and a
-    /// greeting that is only repeated.
+    /// A line with its end; `None` for a line of the log that telemetry has as well, where there is telemetry, and for a greeting that is
+    /// only repeated.
     pub fn line(&mut self, said: &Said) -> Option<String> {
-        if let Some(twin) = self.shown.iter().position(|shown| twins(shown, said)) {
-            // One word of each for one thing.
-            self.shown.remove(twin);
-            self.greeted(said);
-            return None;
-        }
-        if !self.greeted(said) {
-            return None;
-        }
-        if self.shown.len() == REMEMBERED {
-            self.shown.pop_front();
-        }
-        self.shown.push_back(said.clone());
-        Some(self.render(said))
+        self.has_telemetry |= matches!(said, Said::Message(..));
+        let is_shown = match said {
+            Said::Log(line) => !self.has_telemetry || !is_in_telemetry(line),
+            Said::Message(_, message) => self.greeted(message),
+            Said::Text(_) | Said::Unreadable => true,
+        };
+        is_shown.then(|| self.render(said))
     }
 
     /// Whether a greeting says something new; anything else does.
-    fn greeted(&mut self, said: &Said) -> bool {
-        let Said::Message(Message::Hello(hello)) = said else { return true };
+    fn greeted(&mut self, message: &Message) -> bool {
+        let Message::Hello(hello) = message else { return true };
         let same = |before: wire::telemetry::Hello| {
             before.t_us <= hello.t_us && before == wire::telemetry::Hello { t_us: before.t_us, ..*hello }
         };
@@ -74,8 +61,8 @@ impl Lines {
                 let (label, colour) = of_level(*level);
                 (*t_us, label, colour, text.clone())
             }
-            Said::Message(message) => {
-                (Some(message.t_us()), words::label(message), colour(message), words::words(message))
+            Said::Message(_, message) => {
+                (Some(message.t_us()), message.label(), of_tone(message.tone()), message.to_string())
             }
             Said::Text(text) => (None, "boot", DIM, text.clone()),
             Said::Unreadable => (None, "log", YELLOW, "[defmt text not decodable]".into()),
@@ -95,15 +82,9 @@ impl Lines {
     }
 }
 
-/// One of the log and one of telemetry, for the same thing at the same time.
-fn twins(one: &Said, other: &Said) -> bool {
-    match (one, other) {
-        (Said::Log(log), Said::Message(message)) | (Said::Message(message), Said::Log(log)) => {
-            log.t_us.is_some_and(|t_us| t_us.abs_diff(message.t_us()) <= SAME_US)
-                && words::says_the_same(&log.text, message)
-        }
-        _ => false,
-    }
+/// Whether a line of the log says what a telemetry message says too: by the place where it is written.
+fn is_in_telemetry(line: &LogLine) -> bool {
+    line.place.as_ref().is_some_and(|place| Path::new(&place.file).ends_with(wire::telemetry::log::SOURCE))
 }
 
 fn of_level(level: Option<Level>) -> (&'static str, &'static str) {
@@ -117,24 +98,13 @@ fn of_level(level: Option<Level>) -> (&'static str, &'static str) {
     }
 }
 
-fn colour(message: &Message) -> &'static str {
-    match message {
-        Message::Fix(Fix { outcome: Outcome::Position { .. }, .. }) => GREEN,
-        Message::Fix(Fix { outcome: Outcome::Reason(_), .. }) => YELLOW,
-        Message::Range(_) | Message::Difference(_) | Message::Sighting(_) | Message::Counters(_) => DIM,
-        Message::Hello(_) | Message::Room(_) => CYAN,
-        Message::Reset(reset) => {
-            if reset.crash.is_some() {
-                RED
-            } else {
-                YELLOW
-            }
-        }
-        Message::State(state) => match state.is.severity() {
-            Severity::Error => RED,
-            Severity::Warning => YELLOW,
-            Severity::Info => CYAN,
-        },
+fn of_tone(tone: Tone) -> &'static str {
+    match tone {
+        Tone::Good => GREEN,
+        Tone::Normal => CYAN,
+        Tone::Quiet => DIM,
+        Tone::Warning => YELLOW,
+        Tone::Error => RED,
     }
 }
 
@@ -189,17 +159,18 @@ mod tests {
     use super::super::session::{Counts, Said};
     use super::super::testing::{BUILD, fix, hello};
     use super::{Lines, summary};
+    use crate::node::decode::Stamp;
 
     fn line(said: &Said) -> String {
         Lines::new(false, true).line(said).expect("a line")
     }
 
     fn shown(message: Message) -> String {
-        line(&Said::Message(message))
+        line(&of(message))
     }
 
-    fn log(t_us: u64, text: &str) -> Said {
-        Said::Log(LogLine { t_us: Some(t_us), level: Some(Level::Info), text: text.into(), place: None })
+    fn of(message: Message) -> Said {
+        Said::Message(Stamp { t_s: 0.0, epoch: 0 }, message)
     }
 
     #[test]
@@ -217,52 +188,53 @@ mod tests {
         let none = Message::Fix(Fix { t_us: 1, round: 1, age_us: 0, asked: 4, outcome, solver: Solver::Track });
         assert_eq!(shown(none), "     0.000001 fix   none: too-few-anchors, 4 asked\n");
         let diagnostics = Diagnostics {
-            rx_power: -7950,
-            first_path_power: -8125,
-            first_path_index: 0,
+            rx_power_cdbm: -7950,
+            first_path_power_cdbm: -8125,
+            first_path_index_64ths: 0,
             first_path_amplitudes: [0; 3],
             cir_power: 0,
             preamble_count: 0,
             noise_deviation: 0,
-            clock_offset: i16::MIN,
+            clock_offset_cppm: i16::MIN,
         };
-        let range = |place| {
-            Message::Range(Range {
-                t_us: 0,
-                round: 1,
-                peer: 0xA1,
-                distance: 51_234,
-                deviation: 300,
-                place,
+        let range = |position_tenth_mm| {
+            let (t_us, round, peer, distance_tenth_mm, deviation_tenth_mm) = (0, 1, 0xA1, 51_234, 300);
+            shown(Message::Range(Range {
+                t_us,
+                round,
+                peer,
+                distance_tenth_mm,
+                deviation_tenth_mm,
+                position_tenth_mm,
                 diagnostics,
-            })
+            }))
         };
         assert_eq!(
-            shown(range(Some([10_000, 20_000, -5000]))),
+            range(Some([10_000, 20_000, -5000])),
             "     0.000000 range 00a1 5.123 ±0.030 m, received -79.5 dBm, first path -81.2 dBm, at 1.00 2.00 -0.50\n"
         );
-        assert!(!shown(range(None)).contains(" at "));
-        let difference = |peer, difference| {
-            let (reference, deviation, place) = (0xA1, 300, None);
-            Message::Difference(Difference {
+        assert!(!range(None).contains(" at "));
+        let difference = |peer, difference_tenth_mm| {
+            let (reference, deviation_tenth_mm, position_tenth_mm) = (0xA1, 300, None);
+            shown(Message::Difference(Difference {
                 t_us: 0,
                 round: 1,
                 reference,
                 peer,
-                difference,
-                deviation,
-                place,
+                difference_tenth_mm,
+                deviation_tenth_mm,
+                position_tenth_mm,
                 diagnostics,
-            })
+            }))
         };
         assert_eq!(
-            shown(difference(0xB2, -12_345)),
+            difference(0xB2, -12_345),
             "     0.000000 tdoa  00b2 -1.234 ±0.030 m from 00a1, received -79.5 dBm, first path -81.2 dBm\n"
         );
-        assert!(shown(difference(0xA1, 0)).starts_with("     0.000000 tdoa  00a1 polls, ±0.030 m, received"));
+        assert!(difference(0xA1, 0).starts_with("     0.000000 tdoa  00a1 polls, ±0.030 m, received"));
         let beacon = BeaconId { network: 0xFDA5_0693, major: 1, minor: 7 };
         assert_eq!(
-            shown(Message::Sighting(Sighting { t_us: 0, beacon, rssi: -71, measured_power: -59 })),
+            shown(Message::Sighting(Sighting { t_us: 0, beacon, rssi_dbm: -71, measured_power_dbm: -59 })),
             "     0.000000 ble   fda50693 1.7 -71 dBm (-59 dBm at 1 m)\n"
         );
         let state = |is| shown(Message::State(State { t_us: 0, is }));
@@ -306,33 +278,32 @@ mod tests {
 
     #[test]
     fn a_terminal_gets_colours_and_nobody_else() {
-        let said = Said::Message(fix(1, 3.21));
+        let said = of(fix(1, 3.21));
         let coloured = Lines::new(true, false).line(&said).expect("a line");
         assert!(coloured.starts_with("\x1b[2m     0.000001\x1b[0m \x1b[32mfix  \x1b[0m x=3.21"), "{coloured:?}");
         assert!(!line(&said).contains('\x1b'));
     }
 
     #[test]
-    fn what_log_and_telemetry_say_both_is_shown_once() {
+    fn a_line_of_the_log_that_telemetry_has_is_shown_only_where_there_is_no_telemetry() {
         let mut lines = Lines::new(false, false);
         let mut shows = |said: &Said| lines.line(said).is_some();
-        let (first, second) = (Said::Message(fix(1000, 3.21)), Said::Message(fix(101_000, 3.21)));
-        assert!(shows(&log(1100, "fix x=3.21 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms, b-wls")));
-        assert!(!shows(&first));
-        // Each hides one, and only at its own time.
-        assert!(shows(&second));
-        assert!(!shows(&log(101_050, "fix x=3.21 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms, b-wls")));
-        assert!(shows(&log(151_050, "fix x=3.21 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms, b-wls")));
-        assert!(shows(&second));
-        let state = |t_us| Said::Message(Message::State(State { t_us, is: Condition::Paired(0xA1) }));
-        assert!(shows(&log(5, "paired with 00a2")) && shows(&state(5)));
-        assert!(shows(&log(100_007, "paired with 00a1")) && !shows(&state(100_008)));
+        let at = |file: &str| {
+            let place = Some(SourceLocation { file: file.into(), line: 1 });
+            Said::Log(LogLine { t_us: Some(5), level: Some(Level::Info), text: "fix x=3.21".into(), place })
+        };
+        // As the compiler is given it, and as it makes it absolute.
+        let twins = ["telemetry/src/log.rs", "/home/ada/baliza/telemetry/src/log.rs"].map(at);
+        assert!(twins.iter().all(&mut shows));
+        assert!(shows(&of(fix(1000, 3.21))));
+        assert!(!twins.iter().any(&mut shows));
+        assert!(shows(&at("firmware-tag/src/lib.rs")) && shows(&at("src/log.rs")));
     }
 
     #[test]
     fn a_greeting_is_shown_again_only_where_it_says_something_new() {
         let mut lines = Lines::new(false, false);
-        let mut shows = |t_us, build| lines.line(&Said::Message(hello(t_us, build))).is_some();
+        let mut shows = |t_us, build| lines.line(&of(hello(t_us, build))).is_some();
         assert!(shows(1, BUILD) && !shows(2_000_001, BUILD));
         assert!(shows(4_000_001, [9; 8]));
         // After a restart.

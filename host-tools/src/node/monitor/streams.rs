@@ -15,6 +15,8 @@ use crate::node::decode::{Chunks, Waited, open_stream};
 
 /// Read at once.
 const CHUNK: usize = 8192;
+/// Of two files, which come from one node at the same time: so little of each that they stay side by side.
+const STEP: usize = 256;
 
 /// A mixture that comes through a pipe.
 pub struct Piped {
@@ -65,6 +67,8 @@ struct Part {
     file: File,
     length: u64,
     read: u64,
+    /// Read at once, bytes.
+    step: usize,
     ended: bool,
 }
 
@@ -75,8 +79,8 @@ impl Files {
     /// One cannot be opened.
     pub fn open(mixture: &Path, log: Option<&Path>) -> Result<Self, UserError> {
         Ok(Self {
-            mixture: Part::open(mixture)?,
-            log: log.map(Part::open).transpose()?,
+            mixture: Part::open(mixture, if log.is_some() { STEP } else { CHUNK })?,
+            log: log.map(|log| Part::open(log, STEP)).transpose()?,
             demux: Demux::default(),
             ready: VecDeque::new(),
         })
@@ -84,13 +88,13 @@ impl Files {
 }
 
 impl Part {
-    fn open(path: &Path) -> Result<Self, UserError> {
+    fn open(path: &Path, step: usize) -> Result<Self, UserError> {
         let (file, length) = open_stream(path)?;
-        Ok(Self { path: path.to_owned(), file, length, read: 0, ended: false })
+        Ok(Self { path: path.to_owned(), file, length, read: 0, step, ended: false })
     }
 
     fn read(&mut self) -> Result<Vec<u8>> {
-        let mut chunk = vec![0; CHUNK];
+        let mut chunk = vec![0; self.step];
         let count = self.file.read(&mut chunk).with_context(|| format!("cannot read {}", self.path.display()))?;
         chunk.truncate(count);
         self.ended = count == 0;
@@ -98,7 +102,7 @@ impl Part {
         Ok(chunk)
     }
 
-    /// How much of it is read, of 1. Both files are read in step, so that neither channel waits long for the other.
+    /// How much of it is read, of 1. Both files are read in step: lines come in the order of their arrival.
     fn progress(&self) -> f64 {
         if self.ended { f64::INFINITY } else { self.read as f64 / self.length.max(1) as f64 }
     }

@@ -89,11 +89,11 @@ pub fn fix(t_us: u64, x_m: f64) -> wire::telemetry::Message {
         age_us: 12_400,
         asked: 10,
         outcome: wire::telemetry::Outcome::Position {
-            position: [(x_m * 1e4).round() as i32, 40_500, 15_000],
-            deviation: [300, 400, 0],
-            correlation: [0; 3],
+            position_tenth_mm: [(x_m * 1e4).round() as i32, 40_500, 15_000],
+            deviation_tenth_mm: [300, 400, 0],
+            correlation_127ths: [0; 3],
             used: 0b11_0111_1000,
-            quality: 200,
+            quality_255ths: 200,
         },
         solver: wire::telemetry::Solver::BWls,
     })

@@ -10,7 +10,7 @@ use super::checks::{Bias, biases};
 use super::dwell::Dwell;
 use super::fingerprint_file::FingerprintFile;
 use super::points::SurveyPoint;
-use crate::node::decode::{Stream, beacon_name};
+use crate::node::decode::Stream;
 use crate::node::monitor::{Channel, Event, Source};
 
 /// A source is asked for no longer than this, so that a key is soon heard.
@@ -223,16 +223,10 @@ impl<'a> Wizard<'a> {
 pub fn each_advert(stream: &mut Stream, bytes: &[u8], take: &mut Take<'_>) {
     for byte in bytes {
         if let Some((stamp, message)) = stream.feed(*byte) {
-            let sighting = match &message {
-                Message::Sighting(sighting) => Some((beacon_name(sighting.beacon), f64::from(sighting.rssi))),
-                Message::Hello(_)
-                | Message::Fix(_)
-                | Message::Range(_)
-                | Message::Difference(_)
-                | Message::State(_)
-                | Message::Counters(_)
-                | Message::Reset(_)
-                | Message::Room(_) => None,
+            let sighting = if let Message::Sighting(sighting) = message {
+                Some((sighting.beacon.to_string(), f64::from(sighting.rssi_dbm)))
+            } else {
+                None
             };
             take(stamp.t_s, sighting);
         }
@@ -263,8 +257,8 @@ mod tests {
             self.t_us += 100_000;
             let beacon =
                 BeaconId { network: 0xB0, major: 1, minor: if self.gap_us.contains(&self.t_us) { 9 } else { 2 } };
-            let rssi = -60 - (self.t_us / 100_000 % 2) as i8;
-            let message = Message::Sighting(Sighting { t_us: self.t_us, beacon, rssi, measured_power: -59 });
+            let rssi_dbm = -60 - (self.t_us / 100_000 % 2) as i8;
+            let message = Message::Sighting(Sighting { t_us: self.t_us, beacon, rssi_dbm, measured_power_dbm: -59 });
             let mut buffer = [0; MAX_FRAME];
             let frame = encode(&message, &mut buffer);
             Ok(Some(Event::Bytes(Channel::Telemetry, frame.to_vec())))

@@ -1,0 +1,479 @@
+//! A position, or why there is none.
+
+use core::fmt;
+
+use positioning_core::{Real, SolveError};
+use postcard::experimental::max_size::MaxSize;
+use serde::{Deserialize, Deserializer, Serialize};
+
+use crate::telemetry::quantised::{deviation, deviation_m, metres, nearest, position};
+use crate::telemetry::text::{Centimetres, text};
+use crate::telemetry::{Body, Tone};
+
+/// Of correlations.
+const FULL: f32 = 127.0;
+
+/// A position, or why there is none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Fix {
+    /// When it was published, since the node started, microseconds.
+    pub t_us: u64,
+    /// Counts the rounds, wrapping.
+    pub round: u16,
+    /// From the poll to the publication, microseconds.
+    pub age_us: u32,
+    /// Anchors asked; none: it is by beacons, and `round` goes on from the last round's.
+    pub asked: u8,
+    /// What came of the round.
+    pub outcome: Outcome,
+    /// What made the position.
+    #[serde(deserialize_with = "or_unknown")]
+    pub solver: Solver,
+}
+
+/// What makes a tag's positions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Solver {
+    /// Not known: the node is of an older build, which does not say it, or of a newer one.
+    #[default]
+    Unknown,
+    /// A track, which every range changes.
+    Track,
+    /// `robust`, each round by itself.
+    Robust,
+    /// `b-wls`, each round by itself.
+    BWls,
+    /// `b-wls-r`, each round by itself.
+    BWlsR,
+    /// `bounding-box`, each round by itself.
+    BoundingBox,
+}
+
+impl Solver {
+    /// Its name, as the record spells it; none where it is not known.
+    pub fn as_str(self) -> Option<&'static str> {
+        match self {
+            Self::Unknown => None,
+            Self::Track => Some("track"),
+            Self::Robust => Some("robust"),
+            Self::BWls => Some("b-wls"),
+            Self::BWlsR => Some("b-wls-r"),
+            Self::BoundingBox => Some("bounding-box"),
+        }
+    }
+}
+
+/// A field that was appended to the end of its message: a body that ends before it is an older build's, and a number that is not known
+/// a newer one's.
+fn or_unknown<'de, D: Deserializer<'de>>(from: D) -> Result<Solver, D::Error> {
+    Ok(Solver::deserialize(from).unwrap_or_default())
+}
+
+/// What came of a round.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Outcome {
+    /// A position.
+    Position {
+        /// 0.1 mm.
+        position_tenth_mm: [i32; 3],
+        /// Standard deviations, 0.1 mm; zero for a height that was given.
+        deviation_tenth_mm: [u32; 3],
+        /// Correlations xy, xz, yz in 1/127.
+        correlation_127ths: [i8; 3],
+        /// Bit i: the round's i-th range, or the i-th nearest beacon, was used.
+        used: u16,
+        /// How far the ranges agree with it, in 1/255.
+        quality_255ths: u8,
+    },
+    /// None, with the reason of `positioning_core::SolveError`.
+    Reason(Reason),
+}
+
+/// Why there is no position: `positioning_core::SolveError`, one by one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Reason {
+    /// Fewer ranges than unknowns need.
+    TooFewAnchors,
+    /// More ranges than a position takes.
+    TooManyAnchors,
+    /// A number of the input was out of all bounds.
+    NotFinite,
+    /// All anchors at one place.
+    CoincidentAnchors,
+    /// All anchors on one line.
+    CollinearAnchors,
+    /// The ranges cannot meet.
+    RangesDisjoint,
+    /// The geometry leaves the position undetermined.
+    Diverged,
+    /// An oracle method was asked for.
+    SightUnknown,
+}
+
+impl Reason {
+    /// As [`SolveError::as_str`] spells it.
+    pub fn as_str(self) -> &'static str {
+        SolveError::from(self).as_str()
+    }
+}
+
+impl Outcome {
+    /// A position, metres, with its covariance, m²; bit i of `used` is the round's i-th range, `quality` is from 0 to 1.
+    ///
+    /// A variance of zero is one of a coordinate that was given. A position that is none becomes [`Reason::NotFinite`].
+    pub fn position(position_m: [f32; 3], covariance_m2: [[f32; 3]; 3], used: u16, quality: f32) -> Self {
+        let Some(position_tenth_mm) = position(position_m) else { return Self::Reason(Reason::NotFinite) };
+        let [[xx, xy, xz], [_, yy, yz], [_, _, zz]] = covariance_m2;
+        // A variance below zero is zero that rounding moved.
+        let [x, y, z] = [xx, yy, zz].map(|variance| if variance < 0.0 { 0.0 } else { Real::sqrt(variance) });
+        // Where a deviation is zero or none, so is the quotient none, which `as` makes 0.
+        let correlation_127ths =
+            [xy / (x * y), xz / (x * z), yz / (y * z)].map(|rho| nearest(rho.clamp(-1.0, 1.0) * FULL) as i8);
+        let quality_255ths = nearest(quality * f32::from(u8::MAX)) as u8;
+        let deviation_tenth_mm = [x, y, z].map(deviation);
+        Self::Position { position_tenth_mm, deviation_tenth_mm, correlation_127ths, used, quality_255ths }
+    }
+}
+
+impl Fix {
+    /// Metres, in the anchors' frame.
+    pub fn position_m(&self) -> Option<[f64; 3]> {
+        match self.outcome {
+            Outcome::Position { position_tenth_mm, .. } => Some(position_tenth_mm.map(metres)),
+            Outcome::Reason(_) => None,
+        }
+    }
+
+    /// Standard deviation of each coordinate, metres; zero for a height that was given.
+    pub fn deviation_m(&self) -> Option<[f64; 3]> {
+        match self.outcome {
+            Outcome::Position { deviation_tenth_mm, .. } => Some(deviation_tenth_mm.map(deviation_m)),
+            Outcome::Reason(_) => None,
+        }
+    }
+
+    /// Covariance, m².
+    pub fn covariance_m2(&self) -> Option<[[f64; 3]; 3]> {
+        let Outcome::Position { correlation_127ths, .. } = self.outcome else { return None };
+        let [x, y, z] = self.deviation_m()?;
+        let [xy, xz, yz] = correlation_127ths.map(|rho| f64::from(rho) / f64::from(FULL));
+        let (xy, xz, yz) = (xy * x * y, xz * x * z, yz * y * z);
+        Some([[x * x, xy, xz], [xy, y * y, yz], [xz, yz, z * z]])
+    }
+
+    /// Which of the round's ranges were used: bit i is the i-th.
+    pub fn used(&self) -> Option<u16> {
+        match self.outcome {
+            Outcome::Position { used, .. } => Some(used),
+            Outcome::Reason(_) => None,
+        }
+    }
+
+    /// How far the ranges agree with the position, 0 to 1.
+    pub fn quality(&self) -> Option<f64> {
+        match self.outcome {
+            Outcome::Position { quality_255ths, .. } => Some(f64::from(quality_255ths) / f64::from(u8::MAX)),
+            Outcome::Reason(_) => None,
+        }
+    }
+
+    /// Why there is no position.
+    pub fn reason(&self) -> Option<Reason> {
+        match self.outcome {
+            Outcome::Position { .. } => None,
+            Outcome::Reason(reason) => Some(reason),
+        }
+    }
+
+    /// From the poll to the publication, seconds.
+    pub fn age_s(&self) -> f64 {
+        f64::from(self.age_us) / 1e6
+    }
+
+    /// What a line shows of it: the position, or why there is none.
+    fn found(&self) -> Result<Found, Reason> {
+        let Outcome::Position { position_tenth_mm, deviation_tenth_mm, used, .. } = self.outcome else {
+            return Err(self.reason().unwrap_or(Reason::NotFinite));
+        };
+        let squares = deviation_tenth_mm.map(|axis| u64::from(axis).saturating_mul(axis.into()));
+        let size = squares.into_iter().fold(0, u64::saturating_add).isqrt();
+        let deviation = Centimetres::of_tenth_mm(i32::try_from(size).unwrap_or(i32::MAX));
+        let position = position_tenth_mm.map(Centimetres::of_tenth_mm);
+        let (used, age_ms, by) = (used.count_ones(), self.age_us.saturating_add(500) / 1000, By(self.solver));
+        let [.., height_deviation] = deviation_tenth_mm;
+        Ok(if height_deviation == 0 {
+            Found::Plane { position, deviation, used, age_ms, by }
+        } else {
+            Found::Space { position, deviation, used, age_ms, by }
+        })
+    }
+}
+
+impl From<SolveError> for Reason {
+    fn from(reason: SolveError) -> Self {
+        match reason {
+            SolveError::TooFewAnchors => Self::TooFewAnchors,
+            SolveError::TooManyAnchors => Self::TooManyAnchors,
+            SolveError::NotFinite => Self::NotFinite,
+            SolveError::CoincidentAnchors => Self::CoincidentAnchors,
+            SolveError::CollinearAnchors => Self::CollinearAnchors,
+            SolveError::RangesDisjoint => Self::RangesDisjoint,
+            SolveError::Diverged => Self::Diverged,
+            SolveError::SightUnknown => Self::SightUnknown,
+        }
+    }
+}
+
+impl From<Reason> for SolveError {
+    fn from(reason: Reason) -> Self {
+        match reason {
+            Reason::TooFewAnchors => Self::TooFewAnchors,
+            Reason::TooManyAnchors => Self::TooManyAnchors,
+            Reason::NotFinite => Self::NotFinite,
+            Reason::CoincidentAnchors => Self::CoincidentAnchors,
+            Reason::CollinearAnchors => Self::CollinearAnchors,
+            Reason::RangesDisjoint => Self::RangesDisjoint,
+            Reason::Diverged => Self::Diverged,
+            Reason::SightUnknown => Self::SightUnknown,
+        }
+    }
+}
+
+/// A position with its standard deviation (of the distance to the true one: in the plane where the height was given, else in space), the
+/// anchors used, its age, ms, and what made it.
+enum Found {
+    Space { position: [Centimetres; 3], deviation: Centimetres, used: u32, age_ms: u32, by: By },
+    Plane { position: [Centimetres; 3], deviation: Centimetres, used: u32, age_ms: u32, by: By },
+}
+
+text!(Found, |this| this;
+    Self::Space { position: [x, y, z], deviation, used, age_ms, by } =>
+        ("x={} y={} z={} ±{} m, {} anchors, {} ms{}", x, y, z, deviation, used, age_ms, by),
+    Self::Plane { position: [x, y, z], deviation, used, age_ms, by } =>
+        ("x={} y={} z={} (given) ±{} m, {} anchors, {} ms{}", x, y, z, deviation, used, age_ms, by),
+);
+
+/// What made a position, where that is known.
+struct By(Solver);
+
+text!(By, |this| this.0.as_str();
+    Some(name) => (", {}", name),
+    None => (""),
+);
+
+/// A fix as a line of the log.
+pub struct FixLine {
+    /// The fix.
+    pub fix: Fix,
+    /// Anchors that answered in its round.
+    pub answered: u8,
+}
+
+text!(FixLine, |this| this.fix.found();
+    Ok(found) => ("fix {}", found),
+    Err(reason) =>
+        ("no fix: {} ({} of {} answered){}", reason.as_str(), this.answered, this.fix.asked, By(this.fix.solver)),
+);
+
+impl fmt::Display for Fix {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.found() {
+            Ok(found) => found.fmt(out),
+            Err(reason) => write!(out, "none: {}, {} asked", reason.as_str(), self.asked),
+        }
+    }
+}
+
+#[cfg(feature = "host")]
+impl Fix {
+    /// The table of positions.
+    pub const POSITIONS: crate::telemetry::Table = crate::telemetry::Table {
+        name: "positions",
+        rows: "positions",
+        counted: "rounds",
+        about: "Positions and rounds without one, as solve writes them",
+        columns: &["method", "x_m", "y_m", "z_m", "sigma_x_m", "sigma_y_m", "sigma_z_m", "used", "reason"],
+    };
+}
+
+impl Body for Fix {
+    const KIND: &'static str = "fix";
+    #[cfg(feature = "host")]
+    const TABLE: Option<crate::telemetry::Table> = Some(Self::POSITIONS);
+
+    fn t_us(&self) -> u64 {
+        self.t_us
+    }
+
+    fn round(&self) -> Option<u16> {
+        Some(self.round)
+    }
+
+    fn tone(&self) -> Tone {
+        match self.outcome {
+            Outcome::Position { .. } => Tone::Good,
+            Outcome::Reason(_) => Tone::Warning,
+        }
+    }
+
+    #[cfg(feature = "host")]
+    fn json(&self) -> serde_json::Value {
+        use crate::telemetry::host::rounded;
+        let [x, y, z] = self.position_m().map_or([None; 3], |position| position.map(Some));
+        let [sigma_x, sigma_y, sigma_z] = self.deviation_m().map_or([None; 3], |deviation| deviation.map(Some));
+        let used_ranges = |used: u16| (0..16).filter(|bit| used >> bit & 1 == 1).collect::<std::vec::Vec<u16>>();
+        serde_json::json!({
+            "round": self.round,
+            "age_s": self.age_s(),
+            "asked": self.asked,
+            "x_m": x,
+            "y_m": y,
+            "z_m": z,
+            "sigma_x_m": sigma_x,
+            "sigma_y_m": sigma_y,
+            // A height that was given has none.
+            "sigma_z_m": sigma_z.filter(|sigma| *sigma != 0.0),
+            "covariance_m2": self.covariance_m2().map(|rows| rows.map(|row| row.map(|value| rounded(value, 1e9)))),
+            "used": self.used().map(u16::count_ones),
+            "used_ranges": self.used().map(used_ranges),
+            "quality": self.quality().map(|quality| rounded(quality, 1e3)),
+            "reason": self.reason().map(Reason::as_str),
+            "solver": self.solver.as_str(),
+        })
+    }
+
+    #[cfg(feature = "host")]
+    fn fields(&self) -> std::vec::Vec<std::string::String> {
+        use std::string::{String, ToString};
+        let known = |values: Option<[f64; 3]>| {
+            values.map_or([const { String::new() }; 3], |of| of.map(crate::telemetry::metres))
+        };
+        let [sigma_x, sigma_y, sigma_z] = known(self.deviation_m());
+        // A height that was given has no deviation.
+        let is_given = self.deviation_m().is_some_and(|[.., z]| z == 0.0);
+        let mut fields = std::vec!["tag".to_string()];
+        fields.extend(known(self.position_m()));
+        fields.extend([sigma_x, sigma_y, if is_given { String::new() } else { sigma_z }]);
+        fields.push(self.used().map_or_else(String::new, |used| used.count_ones().to_string()));
+        fields.push(self.reason().map_or_else(String::new, |reason| reason.as_str().to_string()));
+        fields
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::string::{String, ToString};
+
+    use super::*;
+
+    /// A fix of a position alone.
+    fn fix(position_m: [f32; 3], covariance_m2: [[f32; 3]; 3]) -> Fix {
+        Fix {
+            t_us: 0,
+            round: 0,
+            age_us: 0,
+            asked: 4,
+            outcome: Outcome::position(position_m, covariance_m2, 0b1011, 0.5),
+            solver: Solver::Track,
+        }
+    }
+
+    fn diagonal(xx: f32, yy: f32, zz: f32) -> [[f32; 3]; 3] {
+        [[xx, 0.0, 0.0], [0.0, yy, 0.0], [0.0, 0.0, zz]]
+    }
+
+    #[test]
+    fn a_position_keeps_tenths_of_millimetres_and_its_covariance() {
+        // σ = 0.3, 0.2 and 0.5 m; ρxy = 0.0315 ⁄ 0.06 = 0.525, ρxz = −0.0705 ⁄ 0.15 = −0.47, ρyz = 0.
+        let told = fix([1.23456, -2.0, 0.00004], [[0.09, 0.0315, -0.0705], [0.0315, 0.04, 0.0], [-0.0705, 0.0, 0.25]]);
+        assert_eq!(told.position_m(), Some([1.2346, -2.0, 0.0]));
+        assert_eq!(told.deviation_m(), Some([0.3, 0.2, 0.5]));
+        // 0.525 · 127 = 66.7, −0.47 · 127 = −59.7; 0.5 · 255 = 127.5, rounded away from zero.
+        let Outcome::Position { correlation_127ths, quality_255ths, .. } = told.outcome else { panic!("{told:?}") };
+        assert_eq!(
+            (correlation_127ths, quality_255ths, told.used(), told.reason()),
+            ([67, -60, 0], 128, Some(0b1011), None)
+        );
+        let covariance = told.covariance_m2().expect("a position");
+        // 67 ⁄ 127 · 0.06, −60 ⁄ 127 · 0.15.
+        let expected = [[0.09, 0.03165, -0.07087], [0.03165, 0.04, 0.0], [-0.07087, 0.0, 0.25]];
+        for (row, expected) in covariance.iter().zip(expected) {
+            assert!(row.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-5), "{covariance:?}");
+        }
+    }
+
+    #[test]
+    fn a_position_a_kilometre_away_keeps_its_tenths_too() {
+        let place = [999.9876, -999.9876, 0.0];
+        let told = fix(place, diagonal(1.0, 1.0, 1.0)).position_m().expect("a position");
+        assert!(told.iter().zip(place).all(|(told, place)| (told - f64::from(place)).abs() < 1e-4), "{told:?}");
+    }
+
+    #[test]
+    fn what_is_no_number_is_never_told_as_zero() {
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            let told = fix([0.0, bad, 0.0], diagonal(1.0, 1.0, 1.0));
+            assert_eq!((told.reason(), told.position_m()), (Some(Reason::NotFinite), None));
+        }
+        let greatest = f64::from(u32::MAX) / 1e4;
+        let told = fix([0.0; 3], diagonal(f32::NAN, f32::INFINITY, -1e-9));
+        assert_eq!(told.deviation_m(), Some([greatest, greatest, 0.0]));
+    }
+
+    #[test]
+    fn a_deviation_is_zero_only_where_it_was() {
+        // 10⁻¹² m² is a micrometre squared.
+        assert_eq!(fix([0.0; 3], diagonal(1e-12, 0.0, 1e-8)).deviation_m(), Some([0.0001, 0.0, 0.0001]));
+    }
+
+    fn line(deviation_tenth_mm: [u32; 3]) -> String {
+        let outcome = Outcome::Position {
+            position_tenth_mm: [32_149, -450, 15_000],
+            deviation_tenth_mm,
+            correlation_127ths: [0; 3],
+            used: 0b11_0111_1000,
+            quality_255ths: 255,
+        };
+        let fix = Fix { t_us: 0, round: 0, age_us: 12_400, asked: 8, outcome, solver: Solver::BWls };
+        FixLine { fix, answered: 6 }.to_string()
+    }
+
+    #[test]
+    fn a_fix_in_space_and_in_the_plane() {
+        // √(300² + 400² + 350²) = 610: 6.1 cm. √(300² + 400²) = 500: 5 cm.
+        assert_eq!(line([300, 400, 350]), "fix x=3.21 y=-0.05 z=1.50 ±0.06 m, 6 anchors, 12 ms, b-wls");
+        assert_eq!(line([300, 400, 0]), "fix x=3.21 y=-0.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms, b-wls");
+        // The root of three times the square of the longest is longer than a length can be.
+        assert!(line([u32::MAX; 3]).contains("±214748.36 m"));
+    }
+
+    #[test]
+    fn no_fix_tells_how_many_answered() {
+        let outcome = Outcome::Reason(Reason::TooFewAnchors);
+        let fix = Fix { t_us: 0, round: 0, age_us: 0, asked: 4, outcome, solver: Solver::Unknown };
+        assert_eq!(FixLine { fix, answered: 2 }.to_string(), "no fix: too-few-anchors (2 of 4 answered)");
+        assert_eq!(fix.to_string(), "none: too-few-anchors, 4 asked");
+    }
+
+    #[test]
+    fn reasons_are_those_of_the_core() {
+        let told = [
+            Reason::TooFewAnchors,
+            Reason::TooManyAnchors,
+            Reason::NotFinite,
+            Reason::CoincidentAnchors,
+            Reason::CollinearAnchors,
+            Reason::RangesDisjoint,
+            Reason::Diverged,
+            Reason::SightUnknown,
+        ];
+        let names = "too-few-anchors too-many-anchors not-finite coincident-anchors collinear-anchors ranges-disjoint \
+                     diverged sight-unknown";
+        assert!(told.iter().map(|reason| reason.as_str()).eq(names.split(' ')));
+        assert!(told.iter().all(|reason| Reason::from(SolveError::from(*reason)) == *reason));
+    }
+}

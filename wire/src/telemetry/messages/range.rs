@@ -1,0 +1,94 @@
+//! A range of a round.
+
+use core::fmt;
+
+use postcard::experimental::max_size::MaxSize;
+use serde::{Deserialize, Serialize};
+
+use super::reception::{Diagnostics, Reception};
+use crate::telemetry::quantised::{deviation_m, metres};
+use crate::telemetry::{Body, Tone};
+
+/// A range of a round.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Range {
+    /// When it was published, since the node started, microseconds.
+    pub t_us: u64,
+    /// The round, as in the fix that it belongs to.
+    pub round: u16,
+    /// Short address of the peer.
+    pub peer: u16,
+    /// 0.1 mm.
+    pub distance_tenth_mm: i32,
+    /// Standard deviation expected with line of sight, 0.1 mm.
+    pub deviation_tenth_mm: u32,
+    /// Where the anchor says it stands, 0.1 mm.
+    pub position_tenth_mm: Option<[i32; 3]>,
+    /// What the receiver measured.
+    pub diagnostics: Diagnostics,
+}
+
+impl Range {
+    /// Metres; slightly negative values happen at arm's length.
+    pub fn distance_m(&self) -> f64 {
+        metres(self.distance_tenth_mm)
+    }
+
+    /// Standard deviation expected with line of sight, metres.
+    pub fn deviation_m(&self) -> f64 {
+        deviation_m(self.deviation_tenth_mm)
+    }
+
+    /// Where the anchor says it stands, metres.
+    pub fn position_m(&self) -> Option<[f64; 3]> {
+        Some(self.position_tenth_mm?.map(metres))
+    }
+
+    fn reception(&self) -> Reception {
+        Reception { diagnostics: self.diagnostics, position_m: self.position_m() }
+    }
+}
+
+impl fmt::Display for Range {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (distance_m, deviation_m) = (self.distance_m(), self.deviation_m());
+        write!(out, "{:04x} {distance_m:.3} ±{deviation_m:.3} m{}", self.peer, self.reception())
+    }
+}
+
+impl Body for Range {
+    const KIND: &'static str = "range";
+    #[cfg(feature = "host")]
+    const TABLE: Option<crate::telemetry::Table> = Some(crate::telemetry::Table {
+        name: "ranges",
+        rows: "ranges",
+        counted: "ranges",
+        about: "Ranges, as solve reads them",
+        columns: super::reception::reception_columns!("anchor", "range_m"),
+    });
+
+    fn t_us(&self) -> u64 {
+        self.t_us
+    }
+
+    fn round(&self) -> Option<u16> {
+        Some(self.round)
+    }
+
+    fn tone(&self) -> Tone {
+        Tone::Quiet
+    }
+
+    #[cfg(feature = "host")]
+    fn json(&self) -> serde_json::Value {
+        let own = serde_json::json!({ "round": self.round, "peer": self.peer, "range_m": self.distance_m() });
+        self.reception().json(own, self.deviation_m())
+    }
+
+    #[cfg(feature = "host")]
+    fn fields(&self) -> std::vec::Vec<std::string::String> {
+        let own = [std::string::ToString::to_string(&self.peer), crate::telemetry::metres(self.distance_m())];
+        self.reception().fields(own, self.deviation_m())
+    }
+}
