@@ -61,7 +61,7 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64, O: Observer> Sink for Tele
             Ok(Position { position_m, covariance_m2, used, quality }) => {
                 Outcome::position(position_m, covariance_m2, used, quality)
             }
-            Err(reason) => Outcome::Reason(reason.into()),
+            Err(reason) => Outcome::Reason(reason),
         };
         let age_us = u32::try_from(t_us.saturating_sub(epoch.poll_us)).unwrap_or(u32::MAX);
         let (round, asked) = (measured.number(), measured.asked());

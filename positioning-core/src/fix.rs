@@ -50,9 +50,10 @@ impl<T: Real, const D: usize> Fix<T, D> {
     }
 }
 
-/// Why there is no position.
+/// Why there is no position. Telemetry writes the variants by their numbers: new ones go to the end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize, postcard::experimental::max_size::MaxSize))]
 pub enum SolveError {
     /// Fewer than dimensions + 1 ranges.
     TooFewAnchors,

@@ -117,7 +117,7 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
         ),
         (
             "no fix",
-            fix(Outcome::Reason(Reason::RangesDisjoint)),
+            fix(Outcome::Reason(SolveError::RangesDisjoint)),
             "11 01 01 CE C2 F1 05 AC 02 B4 42 06 01 05 03 8B 3E 00",
             "{'type':'fix','t_s':12.345678,'round':300,'age_s':0.0085,'asked':6,'x_m':null,'y_m':null,'z_m':null,\
              'sigma_x_m':null,'sigma_y_m':null,'sigma_z_m':null,'covariance_m2':null,'used':null,'used_ranges':null,\

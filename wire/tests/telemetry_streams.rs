@@ -132,15 +132,15 @@ fn each_kind_of_damage_has_its_count() {
 }
 
 fn outcome() -> impl Strategy<Value = Outcome> {
-    const REASONS: [Reason; 8] = [
-        Reason::TooFewAnchors,
-        Reason::TooManyAnchors,
-        Reason::NotFinite,
-        Reason::CoincidentAnchors,
-        Reason::CollinearAnchors,
-        Reason::RangesDisjoint,
-        Reason::Diverged,
-        Reason::SightUnknown,
+    const REASONS: [SolveError; 8] = [
+        SolveError::TooFewAnchors,
+        SolveError::TooManyAnchors,
+        SolveError::NotFinite,
+        SolveError::CoincidentAnchors,
+        SolveError::CollinearAnchors,
+        SolveError::RangesDisjoint,
+        SolveError::Diverged,
+        SolveError::SightUnknown,
     ];
     let position = any::<([i32; 3], [u32; 3], [i8; 3], u16, u8)>();
     prop_oneof![

@@ -179,7 +179,7 @@ fn compare(messages: &[Message], reference: &[Message]) -> Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use wire::telemetry::{Fix, Outcome, Reason};
+    use wire::telemetry::{Fix, Outcome, SolveError};
 
     fn fix(x: i32) -> Message {
         let outcome = Outcome::Position {
@@ -230,7 +230,7 @@ mod tests {
         assert!(compare(&reference[1..], &reference).is_err());
         let mut ours = reference.clone();
         let Message::Fix(last) = &mut ours[LEAST_FIXES] else { unreachable!("a fix") };
-        last.outcome = Outcome::Reason(Reason::Diverged);
+        last.outcome = Outcome::Reason(SolveError::Diverged);
         assert!(compare(&ours, &reference).is_err());
         assert!(compare(&reference[..LEAST_FIXES - 1], &reference[..LEAST_FIXES - 1]).is_err());
     }

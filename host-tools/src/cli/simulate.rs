@@ -19,7 +19,7 @@ use positioning_core::engine::NodeMethod;
 use sim::BoardProfile;
 use sim::scenario::{BluetoothSummary, Cover, Epoch, Fidelity, LISTENING, Record, Scenario, Simulation, Summary, What};
 use wire::config::{Mode, Scheme, Solver};
-use wire::telemetry::{Message, Reason, RoomLine};
+use wire::telemetry::{Message, RoomLine, SolveError};
 
 use super::PictureFile;
 use crate::cli::progress::Progress;
@@ -432,7 +432,7 @@ fn epoch_text(epoch: &Epoch) -> String {
             let sigma = deviation_m.iter().map(|s| s * s).sum::<f64>().sqrt();
             format!("{x:>9.2} {y:>9.2} {z:>8.2} {sigma:>9.2} {:>8}", epoch.fix.used().unwrap_or(0).count_ones())
         }
-        (_, _, reason) => format!("no position: {}", reason.map_or("", Reason::as_str)),
+        (_, _, reason) => format!("no position: {}", reason.map_or("", SolveError::as_str)),
     };
     if let Some(error_m) = epoch.error_m() {
         let _ = write!(text, " {error_m:>8.3}");

@@ -2,7 +2,7 @@
 
 use sim::scenario::What;
 use system_tests::{Run, TAG};
-use wire::telemetry::{BeaconEvidence, Condition, Message, Reason};
+use wire::telemetry::{BeaconEvidence, Condition, Message, SolveError};
 
 use super::{ROUND, STANDS, by_beacons, errors, room};
 
@@ -41,7 +41,7 @@ fn when_all_vanish_there_is_a_reason_and_no_old_value() {
     let run = Run::of_text(&(room("seconds = 20", &[]) + STANDS + &all));
     let later = by_beacons(&run, 11.0, 20.0);
     assert!(later.len() > 5, "{}", later.len());
-    assert!(later.iter().all(|(_, epoch)| epoch.fix.reason() == Some(Reason::TooFewAnchors)), "{later:?}");
+    assert!(later.iter().all(|(_, epoch)| epoch.fix.reason() == Some(SolveError::TooFewAnchors)), "{later:?}");
 }
 
 /// What a guess at the room's middle errs by on the walk, metres: on its sides of 8 m, 2 m off the middle, √(2² + 4² ⁄ 3); on those of

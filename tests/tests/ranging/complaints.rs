@@ -1,7 +1,7 @@
 //! What the users of other systems complain about, each as a scenario: whole nodes, the driver on register-level chips.
 
 use system_tests::{Run, STAND, TAG, WALK, hall};
-use wire::telemetry::Reason;
+use wire::telemetry::SolveError;
 
 /// After this long everybody has joined, seconds.
 const JOINED_S: f64 = 1.0;
@@ -97,7 +97,7 @@ fn without_anchors_there_is_a_reason_and_no_old_value() {
     assert!(positions.iter().all(|position| position[0] > 7.0), "never zero");
     let later: Vec<_> = run.epochs(TAG).filter(|(t_s, _)| *t_s > 2.01).collect();
     assert!(later.len() > 10, "it goes on asking: {}", later.len());
-    assert!(later.iter().all(|(_, epoch)| epoch.fix.reason() == Some(Reason::TooFewAnchors)), "a reason each time");
+    assert!(later.iter().all(|(_, epoch)| epoch.fix.reason() == Some(SolveError::TooFewAnchors)), "a reason each time");
 }
 
 /// "5 s gaps every two minutes", and whatever wraps after 17.2 s.

@@ -3,9 +3,7 @@
 use std::string::String;
 use std::{format, vec::Vec};
 
-use serde_json::{Map, Value};
-
-use crate::telemetry::Body;
+use serde_json::{Value, json};
 
 /// A table of one kind of message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,14 +28,16 @@ impl Table {
 }
 
 /// A message as an object.
-pub(crate) fn object<B: Body>(body: &B) -> Value {
-    let mut object = Map::new();
-    object.insert("type".into(), B::KIND.into());
-    object.insert("t_s".into(), (body.t_us() as f64 / 1e6).into());
-    if let Value::Object(keys) = body.json() {
-        object.extend(keys);
+pub(crate) fn object(kind: &str, t_us: u64, keys: Value) -> Value {
+    joined(json!({ "type": kind, "t_s": t_us as f64 / 1e6 }), keys)
+}
+
+/// The keys of one object, then those of the other.
+pub(crate) fn joined(mut first: Value, then: Value) -> Value {
+    if let (Value::Object(first), Value::Object(then)) = (&mut first, then) {
+        first.extend(then);
     }
-    Value::Object(object)
+    first
 }
 
 /// A length as fine as the wire has it.

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::telemetry::log::{self, Line};
 use crate::telemetry::messages::{Counters, Difference, Fix, Hello, Range, Reset, Room, Sighting, State};
 
-/// What a message brings beside its fields. Its text ([`fmt::Display`]) is what a screen shows behind the label.
+/// What a message brings beside its fields, of which each has `t_us`: when it was made, since the node started, microseconds. Its text ([`fmt::Display`]) is what a screen shows behind the label.
 pub trait Body: fmt::Display {
     /// Its kind: `type` in JSON.
     const KIND: &'static str;
@@ -20,9 +20,6 @@ pub trait Body: fmt::Display {
     /// The table that has a row for each of them.
     #[cfg(feature = "host")]
     const TABLE: Option<crate::telemetry::Table> = None;
-
-    /// When it was made, since the node started, microseconds.
-    fn t_us(&self) -> u64;
 
     /// The round that it belongs to, by the node's wrapping number.
     fn round(&self) -> Option<u16> {
@@ -123,7 +120,7 @@ macro_rules! messages {
 
             /// When it was made, since the node started, microseconds.
             pub fn t_us(&self) -> u64 {
-                match self { $(Self::$name(body) => body.t_us(),)+ }
+                match self { $(Self::$name(body) => body.t_us,)+ }
             }
 
             /// The round that it belongs to, by the node's wrapping number.
@@ -153,7 +150,7 @@ macro_rules! messages {
 
             /// As an object of JSON.
             pub fn json(&self) -> serde_json::Value {
-                match self { $(Self::$name(body) => crate::telemetry::host::object(body),)+ }
+                match self { $(Self::$name(body) => crate::telemetry::host::object($name::KIND, body.t_us, body.json()),)+ }
             }
 
             /// The table that it is a row of, and the row's fields behind `epoch` and `t_s`.

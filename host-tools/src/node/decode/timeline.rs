@@ -90,10 +90,10 @@ impl Timeline {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use wire::telemetry::{Fix, Outcome, Reason, Reset, ResetCause, Solver};
+    use wire::telemetry::{Fix, Outcome, Reset, ResetCause, SolveError, Solver};
 
     fn fix(t_us: u64, round: u16) -> Message {
-        let outcome = Outcome::Reason(Reason::TooFewAnchors);
+        let outcome = Outcome::Reason(SolveError::TooFewAnchors);
         Message::Fix(Fix { t_us, round, age_us: 0, asked: 4, outcome, solver: Solver::Track })
     }
 

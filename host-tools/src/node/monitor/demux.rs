@@ -53,8 +53,7 @@ impl Demux {
         if piece.is_empty() {
             return;
         }
-        let telemetry = is_telemetry(&piece);
-        if !telemetry && piece.last() == Some(&ANNOUNCEMENT) && !self.announced {
+        if !self.announced && piece.last() == Some(&ANNOUNCEMENT) && !is_telemetry(&piece) {
             piece.pop();
             self.announced = true;
             if !piece.is_empty() {
@@ -63,7 +62,7 @@ impl Demux {
             }
             return;
         }
-        let channel = if self.announced && !telemetry { Channel::Log } else { Channel::Telemetry };
+        let channel = if self.announced && !is_telemetry(&piece) { Channel::Log } else { Channel::Telemetry };
         self.announced = false;
         piece.push(0);
         push(events, channel, &piece);

@@ -1,6 +1,7 @@
 //! The log: frames of defmt in, lines of text out, and what could not be read is counted.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
 
 use defmt_parser::Level;
 
@@ -20,6 +21,8 @@ pub struct LogLine {
     pub text: String,
     /// Where in the sources it is said, as far as the ELF file knows.
     pub place: Option<SourceLocation>,
+    /// Telemetry has it as well.
+    pub is_in_telemetry: bool,
 }
 
 /// Cuts the stream of defmt into frames, without a table.
@@ -80,11 +83,15 @@ pub fn read(image: &Image, frame: &[u8]) -> Option<LogLine> {
         (frame.display_timestamp().map(|time| time.to_string()), frame.display_message().to_string())
     }));
     let (time, text) = shown.ok()?;
+    let place = image.places.get(&frame.index()).cloned();
     Some(LogLine {
         t_us: time.as_deref().and_then(microseconds),
         level: frame.level(),
         text,
-        place: image.places.get(&frame.index()).cloned(),
+        is_in_telemetry: place
+            .as_ref()
+            .is_some_and(|place| Path::new(&place.file).ends_with(wire::telemetry::log::SOURCE)),
+        place,
     })
 }
 

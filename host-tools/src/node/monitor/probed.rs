@@ -92,7 +92,9 @@ impl<A: Attach> Probed<A> {
                     if anew {
                         self.ready.push_back(Event::Restarted);
                     }
-                    self.ready.extend(bytes.into_iter().map(|(channel, bytes)| Event::Bytes(channel, bytes)));
+                    // Telemetry first: it says whether the log's lines are shown.
+                    let events = bytes.into_iter().rev().map(|(channel, bytes)| Event::Bytes(channel, bytes));
+                    self.ready.extend(events);
                     State::Reading { memory, rings }
                 }
                 Ok(Polled::Gone) => {
@@ -266,7 +268,7 @@ mod tests {
         desk.0.borrow_mut().say(0, b"log");
         desk.0.borrow_mut().say(1, b"told");
         let told = Event::Bytes(Channel::Telemetry, b"told".to_vec());
-        assert_eq!(events(&mut source), [Event::Connected("chip".into()), log("log"), told]);
+        assert_eq!(events(&mut source), [Event::Connected("chip".into()), told, log("log")]);
         assert_eq!(desk.0.borrow().resets, 0);
     }
 

@@ -306,9 +306,14 @@ impl Session {
             self.counts.log_unreadable += 1;
             return (!std::mem::replace(is_shown, true)).then_some(Said::Unreadable);
         }
-        let line = self.image.as_ref().and_then(|image| log::read(image, frame));
-        *(if line.is_some() { &mut self.counts.log_lines } else { &mut self.counts.log_malformed }) += 1;
-        line.map(Said::Log)
+        let Some(mut line) = self.image.as_ref().and_then(|image| log::read(image, frame)) else {
+            self.counts.log_malformed += 1;
+            return None;
+        };
+        self.counts.log_lines += 1;
+        // Where there is telemetry.
+        line.is_in_telemetry &= self.stream.counts().frames > 0;
+        Some(Said::Log(line))
     }
 
     /// The node says which build it runs.

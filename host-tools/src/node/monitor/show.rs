@@ -1,7 +1,6 @@
 //! What a node says as lines for a person.
 
 use std::fmt::Write;
-use std::path::Path;
 use std::time::Duration;
 
 use defmt_parser::Level;
@@ -23,21 +22,18 @@ pub struct Lines {
     colour: bool,
     places: bool,
     hello: Option<wire::telemetry::Hello>,
-    has_telemetry: bool,
 }
 
 impl Lines {
     /// `colour`: for a terminal; `places`: where in the sources each line of the log is said.
     pub fn new(colour: bool, places: bool) -> Self {
-        Self { colour, places, hello: None, has_telemetry: false }
+        Self { colour, places, hello: None }
     }
 
-    /// A line with its end; `None` for a line of the log that telemetry has as well, where there is telemetry, and for a greeting that is
-    /// only repeated.
+    /// A line with its end; `None` for a line of the log that telemetry has as well, and for a greeting that is only repeated.
     pub fn line(&mut self, said: &Said) -> Option<String> {
-        self.has_telemetry |= matches!(said, Said::Message(..));
         let is_shown = match said {
-            Said::Log(line) => !self.has_telemetry || !is_in_telemetry(line),
+            Said::Log(line) => !line.is_in_telemetry,
             Said::Message(_, message) => self.greeted(message),
             Said::Text(_) | Said::Unreadable => true,
         };
@@ -80,11 +76,6 @@ impl Lines {
             format!("{time:>13} {label:<5} {text}\n")
         }
     }
-}
-
-/// Whether a line of the log says what a telemetry message says too: by the place where it is written.
-fn is_in_telemetry(line: &LogLine) -> bool {
-    line.place.as_ref().is_some_and(|place| Path::new(&place.file).ends_with(wire::telemetry::log::SOURCE))
 }
 
 fn of_level(level: Option<Level>) -> (&'static str, &'static str) {
@@ -151,7 +142,7 @@ mod tests {
     use defmt_parser::Level;
     use wire::telemetry::{
         BeaconId, Condition, Counters, Crash, CrashReason, Diagnostics, Difference, Fix, Message, Outcome, Range,
-        Reason, RecordError, Reset, ResetCause, Sighting, Solver, State,
+        RecordError, Reset, ResetCause, Sighting, SolveError, Solver, State,
     };
 
     use super::super::image::SourceLocation;
@@ -184,7 +175,7 @@ mod tests {
             shown(fix(12_345_678, 3.21)),
             "    12.345678 fix   x=3.21 y=4.05 z=1.50 (given) ±0.05 m, 6 anchors, 12 ms, b-wls\n"
         );
-        let outcome = Outcome::Reason(Reason::TooFewAnchors);
+        let outcome = Outcome::Reason(SolveError::TooFewAnchors);
         let none = Message::Fix(Fix { t_us: 1, round: 1, age_us: 0, asked: 4, outcome, solver: Solver::Track });
         assert_eq!(shown(none), "     0.000001 fix   none: too-few-anchors, 4 asked\n");
         let diagnostics = Diagnostics {
@@ -263,14 +254,20 @@ mod tests {
     #[test]
     fn lines_of_the_log_have_their_level_and_place() {
         let place = SourceLocation { file: "firmware-tag/src/lib.rs".into(), line: 12 };
-        let said =
-            Said::Log(LogLine { t_us: Some(2), level: Some(Level::Warn), text: "a\nb".into(), place: Some(place) });
+        let said = Said::Log(LogLine {
+            t_us: Some(2),
+            level: Some(Level::Warn),
+            text: "a\nb".into(),
+            place: Some(place),
+            is_in_telemetry: false,
+        });
         assert_eq!(line(&said), "     0.000002 WARN  a\n                    b  (firmware-tag/src/lib.rs:12)\n");
         assert_eq!(
             Lines::new(false, false).line(&said).as_deref(),
             Some("     0.000002 WARN  a\n                    b\n")
         );
-        let bare = Said::Log(LogLine { t_us: None, level: None, text: "bare".into(), place: None });
+        let bare =
+            Said::Log(LogLine { t_us: None, level: None, text: "bare".into(), place: None, is_in_telemetry: false });
         assert_eq!(line(&bare), "                    bare\n");
         assert_eq!(line(&Said::Text("ESP-ROM:x".into())), "              boot  ESP-ROM:x\n");
         assert_eq!(line(&Said::Unreadable), "              log   [defmt text not decodable]\n");
@@ -285,19 +282,11 @@ mod tests {
     }
 
     #[test]
-    fn a_line_of_the_log_that_telemetry_has_is_shown_only_where_there_is_no_telemetry() {
-        let mut lines = Lines::new(false, false);
-        let mut shows = |said: &Said| lines.line(said).is_some();
-        let at = |file: &str| {
-            let place = Some(SourceLocation { file: file.into(), line: 1 });
-            Said::Log(LogLine { t_us: Some(5), level: Some(Level::Info), text: "fix x=3.21".into(), place })
+    fn a_line_of_the_log_that_telemetry_has_is_not_shown() {
+        let log = |is_in_telemetry| {
+            Said::Log(LogLine { t_us: Some(5), level: None, text: "fix x=3.21".into(), place: None, is_in_telemetry })
         };
-        // As the compiler is given it, and as it makes it absolute.
-        let twins = ["telemetry/src/log.rs", "/home/ada/baliza/telemetry/src/log.rs"].map(at);
-        assert!(twins.iter().all(&mut shows));
-        assert!(shows(&of(fix(1000, 3.21))));
-        assert!(!twins.iter().any(&mut shows));
-        assert!(shows(&at("firmware-tag/src/lib.rs")) && shows(&at("src/log.rs")));
+        assert_eq!([true, false].map(|twin| Lines::new(false, false).line(&log(twin)).is_some()), [false, true]);
     }
 
     #[test]

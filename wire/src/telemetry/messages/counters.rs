@@ -51,10 +51,6 @@ impl Body for Counters {
     const KIND: &'static str = "counters";
     const LABEL: &'static str = "count";
 
-    fn t_us(&self) -> u64 {
-        self.t_us
-    }
-
     fn severity(&self) -> Severity {
         Severity::Debug
     }

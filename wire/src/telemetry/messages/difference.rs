@@ -77,10 +77,6 @@ impl Body for Difference {
         columns: super::reception::reception_columns!("reference", "anchor", "difference_m"),
     });
 
-    fn t_us(&self) -> u64 {
-        self.t_us
-    }
-
     fn round(&self) -> Option<u16> {
         Some(self.round)
     }

@@ -88,45 +88,16 @@ pub enum Outcome {
         /// How far the ranges agree with it, in 1/255.
         quality_255ths: u8,
     },
-    /// None, with the reason of `positioning_core::SolveError`.
-    Reason(Reason),
-}
-
-/// Why there is no position: `positioning_core::SolveError`, one by one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Reason {
-    /// Fewer ranges than unknowns need.
-    TooFewAnchors,
-    /// More ranges than a position takes.
-    TooManyAnchors,
-    /// A number of the input was out of all bounds.
-    NotFinite,
-    /// All anchors at one place.
-    CoincidentAnchors,
-    /// All anchors on one line.
-    CollinearAnchors,
-    /// The ranges cannot meet.
-    RangesDisjoint,
-    /// The geometry leaves the position undetermined.
-    Diverged,
-    /// An oracle method was asked for.
-    SightUnknown,
-}
-
-impl Reason {
-    /// As [`SolveError::as_str`] spells it.
-    pub fn as_str(self) -> &'static str {
-        SolveError::from(self).as_str()
-    }
+    /// None, with the reason.
+    Reason(SolveError),
 }
 
 impl Outcome {
     /// A position, metres, with its covariance, m²; bit i of `used` is the round's i-th range, `quality` is from 0 to 1.
     ///
-    /// A variance of zero is one of a coordinate that was given. A position that is none becomes [`Reason::NotFinite`].
+    /// A variance of zero is one of a coordinate that was given. A position that is none becomes [`SolveError::NotFinite`].
     pub fn position(position_m: [f32; 3], covariance_m2: [[f32; 3]; 3], used: u16, quality: f32) -> Self {
-        let Some(position_tenth_mm) = position(position_m) else { return Self::Reason(Reason::NotFinite) };
+        let Some(position_tenth_mm) = position(position_m) else { return Self::Reason(SolveError::NotFinite) };
         let [[xx, xy, xz], [_, yy, yz], [_, _, zz]] = covariance_m2;
         // A variance below zero is zero that rounding moved.
         let [x, y, z] = [xx, yy, zz].map(|variance| if variance < 0.0 { 0.0 } else { Real::sqrt(variance) });
@@ -182,7 +153,7 @@ impl Fix {
     }
 
     /// Why there is no position.
-    pub fn reason(&self) -> Option<Reason> {
+    pub fn reason(&self) -> Option<SolveError> {
         match self.outcome {
             Outcome::Position { .. } => None,
             Outcome::Reason(reason) => Some(reason),
@@ -195,9 +166,9 @@ impl Fix {
     }
 
     /// What a line shows of it: the position, or why there is none.
-    fn found(&self) -> Result<Found, Reason> {
+    fn found(&self) -> Result<Found, SolveError> {
         let Outcome::Position { position_tenth_mm, deviation_tenth_mm, used, .. } = self.outcome else {
-            return Err(self.reason().unwrap_or(Reason::NotFinite));
+            return Err(self.reason().unwrap_or(SolveError::NotFinite));
         };
         let squares = deviation_tenth_mm.map(|axis| u64::from(axis).saturating_mul(axis.into()));
         let size = squares.into_iter().fold(0, u64::saturating_add).isqrt();
@@ -210,36 +181,6 @@ impl Fix {
         } else {
             Found::Space { position, deviation, used, age_ms, by }
         })
-    }
-}
-
-impl From<SolveError> for Reason {
-    fn from(reason: SolveError) -> Self {
-        match reason {
-            SolveError::TooFewAnchors => Self::TooFewAnchors,
-            SolveError::TooManyAnchors => Self::TooManyAnchors,
-            SolveError::NotFinite => Self::NotFinite,
-            SolveError::CoincidentAnchors => Self::CoincidentAnchors,
-            SolveError::CollinearAnchors => Self::CollinearAnchors,
-            SolveError::RangesDisjoint => Self::RangesDisjoint,
-            SolveError::Diverged => Self::Diverged,
-            SolveError::SightUnknown => Self::SightUnknown,
-        }
-    }
-}
-
-impl From<Reason> for SolveError {
-    fn from(reason: Reason) -> Self {
-        match reason {
-            Reason::TooFewAnchors => Self::TooFewAnchors,
-            Reason::TooManyAnchors => Self::TooManyAnchors,
-            Reason::NotFinite => Self::NotFinite,
-            Reason::CoincidentAnchors => Self::CoincidentAnchors,
-            Reason::CollinearAnchors => Self::CollinearAnchors,
-            Reason::RangesDisjoint => Self::RangesDisjoint,
-            Reason::Diverged => Self::Diverged,
-            Reason::SightUnknown => Self::SightUnknown,
-        }
     }
 }
 
@@ -305,10 +246,6 @@ impl Body for Fix {
     #[cfg(feature = "host")]
     const TABLE: Option<crate::telemetry::Table> = Some(Self::POSITIONS);
 
-    fn t_us(&self) -> u64 {
-        self.t_us
-    }
-
     fn round(&self) -> Option<u16> {
         Some(self.round)
     }
@@ -341,7 +278,7 @@ impl Body for Fix {
             "used": self.used().map(u16::count_ones),
             "used_ranges": self.used().map(used_ranges),
             "quality": self.quality().map(|quality| rounded(quality, 1e3)),
-            "reason": self.reason().map(Reason::as_str),
+            "reason": self.reason().map(SolveError::as_str),
             "solver": self.solver.as_str(),
         })
     }
@@ -417,7 +354,7 @@ mod tests {
     fn what_is_no_number_is_never_told_as_zero() {
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             let told = fix([0.0, bad, 0.0], diagonal(1.0, 1.0, 1.0));
-            assert_eq!((told.reason(), told.position_m()), (Some(Reason::NotFinite), None));
+            assert_eq!((told.reason(), told.position_m()), (Some(SolveError::NotFinite), None));
         }
         let greatest = f64::from(u32::MAX) / 1e4;
         let told = fix([0.0; 3], diagonal(f32::NAN, f32::INFINITY, -1e-9));
@@ -453,27 +390,9 @@ mod tests {
 
     #[test]
     fn no_fix_tells_how_many_answered() {
-        let outcome = Outcome::Reason(Reason::TooFewAnchors);
+        let outcome = Outcome::Reason(SolveError::TooFewAnchors);
         let fix = Fix { t_us: 0, round: 0, age_us: 0, asked: 4, outcome, solver: Solver::Unknown };
         assert_eq!(FixLine { fix, answered: 2 }.to_string(), "no fix: too-few-anchors (2 of 4 answered)");
         assert_eq!(fix.to_string(), "none: too-few-anchors, 4 asked");
-    }
-
-    #[test]
-    fn reasons_are_those_of_the_core() {
-        let told = [
-            Reason::TooFewAnchors,
-            Reason::TooManyAnchors,
-            Reason::NotFinite,
-            Reason::CoincidentAnchors,
-            Reason::CollinearAnchors,
-            Reason::RangesDisjoint,
-            Reason::Diverged,
-            Reason::SightUnknown,
-        ];
-        let names = "too-few-anchors too-many-anchors not-finite coincident-anchors collinear-anchors ranges-disjoint \
-                     diverged sight-unknown";
-        assert!(told.iter().map(|reason| reason.as_str()).eq(names.split(' ')));
-        assert!(told.iter().all(|reason| Reason::from(SolveError::from(*reason)) == *reason));
     }
 }

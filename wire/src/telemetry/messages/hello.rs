@@ -40,10 +40,6 @@ text!(Hello, |this| (this.role, this.build);
 impl Body for Hello {
     const KIND: &'static str = "hello";
 
-    fn t_us(&self) -> u64 {
-        self.t_us
-    }
-
     #[cfg(feature = "host")]
     fn json(&self) -> serde_json::Value {
         serde_json::json!({

@@ -68,10 +68,6 @@ impl Body for Range {
         columns: super::reception::reception_columns!("anchor", "range_m"),
     });
 
-    fn t_us(&self) -> u64 {
-        self.t_us
-    }
-
     fn round(&self) -> Option<u16> {
         Some(self.round)
     }

@@ -130,7 +130,6 @@ impl Reception {
     pub(super) fn json(&self, own: serde_json::Value, sigma_m: f64) -> serde_json::Value {
         let [peer_x, peer_y, peer_z] = self.position_m.map_or([None; 3], |position| position.map(Some));
         let Diagnostics { first_path_amplitudes: [amp1, amp2, amp3], .. } = self.diagnostics;
-        let mut object = own;
         let received = serde_json::json!({
             "sigma_m": sigma_m,
             "peer_x_m": peer_x,
@@ -147,10 +146,7 @@ impl Reception {
             "std_noise": self.diagnostics.noise_deviation,
             "clock_offset_ppm": self.diagnostics.clock_offset_ppm(),
         });
-        if let (Some(object), serde_json::Value::Object(received)) = (object.as_object_mut(), received) {
-            object.extend(received);
-        }
-        object
+        crate::telemetry::host::joined(own, received)
     }
 
     /// A row's fields, behind its own.

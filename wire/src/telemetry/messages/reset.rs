@@ -129,10 +129,6 @@ text!(ResetLine, |this| this;
 impl Body for Reset {
     const KIND: &'static str = "reset";
 
-    fn t_us(&self) -> u64 {
-        self.t_us
-    }
-
     fn severity(&self) -> Severity {
         if self.crash.is_some() { Severity::Error } else { Severity::Info }
     }

@@ -109,10 +109,6 @@ impl Body for Room {
         columns: &["is", "room", "probability", "other_room", "other_probability"],
     });
 
-    fn t_us(&self) -> u64 {
-        self.t_us
-    }
-
     fn log(&self) {
         log::write(self.severity(), &RoomLine(self.is));
     }

@@ -59,10 +59,6 @@ impl Body for Sighting {
         columns: &["beacon", "rssi_dbm", "measured_power_dbm"],
     });
 
-    fn t_us(&self) -> u64 {
-        self.t_us
-    }
-
     fn tone(&self) -> Tone {
         Tone::Quiet
     }

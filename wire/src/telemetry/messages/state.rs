@@ -176,10 +176,6 @@ impl fmt::Display for State {
 impl Body for State {
     const KIND: &'static str = "state";
 
-    fn t_us(&self) -> u64 {
-        self.t_us
-    }
-
     fn severity(&self) -> Severity {
         self.is.severity()
     }

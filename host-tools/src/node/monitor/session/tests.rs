@@ -8,7 +8,7 @@ use rand_pcg::Pcg64;
 use wire::telemetry::Message;
 
 use super::{Said, Session};
-use crate::node::monitor::image::Image;
+use crate::node::monitor::image::{Image, SourceLocation};
 use crate::node::monitor::source::{Channel, Event};
 use crate::node::monitor::testing::{BUILD, OTHER_BUILD, elf, fix, frame, hello, told};
 
@@ -219,4 +219,25 @@ fn random_bytes_on_both_channels_are_counted_and_do_no_harm() {
     assert!((300..500).contains(&(counts.log_malformed + counts.log_lines)), "{counts:?}");
     assert!(counts.telemetry.lost_bytes > 90_000 && counts.lost_frames() > 600, "{counts:?}");
     assert_eq!(counts.fixes, 0);
+}
+
+#[test]
+fn a_line_of_the_log_that_telemetry_has_is_marked_where_there_is_telemetry() {
+    let is_marked = |file: &str, telemetry: bool| {
+        let mut image = image(None);
+        image.places.insert(1, SourceLocation { file: file.into(), line: 1 });
+        let mut session = session(Some(image), true);
+        if telemetry {
+            tell(&mut session, ms(0), &hello(1, BUILD));
+        }
+        log(&mut session, ms(0), 2, 1);
+        let said = std::iter::from_fn(|| session.next(ms(0)));
+        said.filter_map(|said| if let Said::Log(line) = said { Some(line.is_in_telemetry) } else { None })
+            .collect::<Vec<_>>()
+    };
+    // As the compiler is given it, and as it makes it absolute.
+    for file in ["telemetry/src/log.rs", "/home/ada/baliza/telemetry/src/log.rs"] {
+        assert_eq!((is_marked(file, true), is_marked(file, false)), (vec![true], vec![false]));
+    }
+    assert_eq!(is_marked("firmware-tag/src/lib.rs", true), [false]);
 }
