@@ -1,15 +1,8 @@
-//! The list of the messages, and what each of them brings.
-//!
-//! Variants and fields are append-only: a variant's number is its place in the list, and never changes. What cannot be kept so takes
-//! another [`SCHEMA`](crate::telemetry::SCHEMA) number.
+//! What each message brings, and what an enumeration of them hands on to it.
 
 use core::fmt;
 
-use postcard::experimental::max_size::MaxSize;
-use serde::{Deserialize, Serialize};
-
 use crate::telemetry::log::{self, Line};
-use crate::telemetry::messages::{Counters, Difference, Fix, Hello, Range, Reset, Room, Sighting, State};
 
 /// What a message brings beside its fields, of which each has `t_us`: when it was made, since the node started, microseconds. Its text ([`fmt::Display`]) is what a screen shows behind the label.
 pub trait Body: fmt::Display {
@@ -160,24 +153,4 @@ macro_rules! messages {
         }
     };
 }
-
-messages! {
-    /// Who is speaking: sent at the start and every few seconds, so that a listener who comes late knows.
-    Hello,
-    /// A position, or why there is none.
-    Fix,
-    /// A range of a round.
-    Range,
-    /// An advertisement heard.
-    Sighting,
-    /// A change of the node's state.
-    State,
-    /// What was counted since the start.
-    Counters,
-    /// Why the node started.
-    Reset,
-    /// A difference of arrivals of a round that was overheard.
-    Difference,
-    /// In which room a tag is.
-    Room,
-}
+pub(crate) use messages;

@@ -5,7 +5,7 @@
 //! host a [`Decoder`] makes messages of them again.
 //!
 //! Each message is one file in `messages/`: its fields, the conversions to SI units, its line for a person (the same on a node's log and
-//! on the host's screen) and, with the feature `host`, its JSON object and the row of its table. The list in `message.rs` names them all.
+//! on the host's screen) and, with the feature `host`, its JSON object and the row of its table. The list in `messages/mod.rs` names them all.
 
 mod decoder;
 mod framing;
@@ -22,7 +22,7 @@ pub use decoder::{Counts, Decoder};
 pub use framing::{DecodeError, LONGEST_FRAME, MAX_FRAME, decode, encode};
 #[cfg(feature = "host")]
 pub use host::{Table, metres};
-pub use message::{Body, Message, Severity, Tone};
+pub use message::{Body, Severity, Tone};
 pub use messages::*;
 pub use quantised::UNKNOWN_POWER;
 pub use queue::Queue;

@@ -1,5 +1,8 @@
 //! The messages, as they go over the wire: quantised, so that they are short, with accessors in SI units. A field's name has the unit of
 //! its number.
+//!
+//! Variants and fields are append-only: a variant's number is its place in the list, and never changes. What cannot be kept so takes
+//! another [`SCHEMA`](crate::telemetry::SCHEMA) number.
 
 mod counters;
 mod difference;
@@ -11,6 +14,13 @@ mod reset;
 mod room;
 mod sighting;
 mod state;
+
+use core::fmt;
+
+use postcard::experimental::max_size::MaxSize;
+use serde::{Deserialize, Serialize};
+
+use crate::telemetry::message::{Body, Tone, messages};
 
 pub use crate::config::Board;
 pub use counters::Counters;
@@ -24,3 +34,24 @@ pub use reset::{Crash, CrashReason, Reset, ResetCause};
 pub use room::{Room, RoomEstimate, RoomLine, RoomProbability};
 pub use sighting::{BeaconId, Sighting};
 pub use state::{BeaconEvidence, Condition, Levels, MotionSensor, RecordError, RssiModelError, State};
+
+messages! {
+    /// Who is speaking: sent at the start and every few seconds, so that a listener who comes late knows.
+    Hello,
+    /// A position, or why there is none.
+    Fix,
+    /// A range of a round.
+    Range,
+    /// An advertisement heard.
+    Sighting,
+    /// A change of the node's state.
+    State,
+    /// What was counted since the start.
+    Counters,
+    /// Why the node started.
+    Reset,
+    /// A difference of arrivals of a round that was overheard.
+    Difference,
+    /// In which room a tag is.
+    Room,
+}
