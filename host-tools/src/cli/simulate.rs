@@ -15,7 +15,6 @@ use host_tools::simulate::{
 use host_tools::survey::presence::read_outlines;
 use host_tools::train::Chosen;
 use positioning_core::Method;
-use positioning_core::engine::NodeMethod;
 use sim::BoardProfile;
 use sim::scenario::{BluetoothSummary, Cover, Epoch, Fidelity, LISTENING, Record, Scenario, Simulation, Summary, What};
 use wire::config::{Mode, Scheme, Solver};
@@ -255,7 +254,8 @@ impl Arguments {
         }
         scenario.tag.rate_hz = self.rate.or(scenario.tag.rate_hz);
         scenario.tag.method = match self.solver {
-            Some(solver) => firmware_tag::method(solver).map(NodeMethod::method),
+            // A track is no method.
+            Some(solver) => solver.name().parse().ok(),
             None => self.method.or(scenario.tag.method),
         };
         scenario.tag.scheme = self.scheme.map_or(scenario.tag.scheme, ranging::native::Scheme::from);
