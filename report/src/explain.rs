@@ -68,6 +68,7 @@ fn must_be(expected: &str) -> &str {
         "f32" | "f64" => "a number",
         "a boolean" => "true or false",
         "a string" => "text in quotation marks",
+        "an array of length 2" => "two numbers, [x, y]",
         "an array of length 3" => "three numbers, [x, y, z]",
         "a sequence" => "a list",
         structure if structure.starts_with("struct ") => "a table, { … }",

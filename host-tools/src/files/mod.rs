@@ -1,12 +1,14 @@
 //! Files: rows of CSV, recordings, positions, captures of beacons; what is written, and what a person is told when a file is wrong.
 
 pub mod beacons;
+mod diagnostics;
 pub mod output;
 pub mod positions;
 mod recording;
 mod table;
 mod user_error;
 
+pub use diagnostics::{DiagnosticColumns, Diagnostics};
 pub use recording::{Anchor, Coordinates, Epoch, Files, Measured, Recording, by_time, read_anchors, read_truth};
 pub use table::{Column, Row, Table};
 pub use user_error::UserError;

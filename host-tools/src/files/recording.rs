@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use crate::files::table::quoted;
-use crate::train::{Diagnostics, RowDiagnostics};
+use crate::files::{DiagnosticColumns, Diagnostics};
 use crate::{Table, UserError};
 
 /// A place, metres; its height may be unknown.
@@ -39,8 +39,8 @@ pub struct Measured {
     pub range_m: f64,
     /// Ground truth of the line of sight, where known.
     pub line_of_sight: Option<bool>,
-    /// What its receiver tells of the line of sight.
-    pub diagnostics: RowDiagnostics,
+    /// What its receiver measured beside it.
+    pub diagnostics: Diagnostics,
 }
 
 /// The ranges that make one fix.
@@ -102,7 +102,7 @@ impl Recording {
         let mut table = Table::open(file)?;
         let (epoch, anchor, range) = (table.column("epoch")?, table.column("anchor")?, table.column("range_m")?);
         let (time, sight) = (table.optional("t_s"), table.optional("los"));
-        let diagnostics = Diagnostics::of_ranges(&table);
+        let columns = DiagnosticColumns::of_ranges(&table);
         while let Some(row) = table.next_row()? {
             let (name, t_s) = (row.some_text(epoch)?, row.number(time)?);
             let at = *by_name.entry(name.to_owned()).or_insert_with(|| {
@@ -115,7 +115,7 @@ impl Recording {
             };
             let line_of_sight = row.truth_value(sight)?;
             if let Some(range_m) = row.number(range)? {
-                let measured = Measured { anchor, range_m, line_of_sight, diagnostics: diagnostics.read(&row)? };
+                let measured = Measured { anchor, range_m, line_of_sight, diagnostics: columns.read(&row)? };
                 self.epochs[at].ranges.push(measured);
             }
         }

@@ -31,30 +31,18 @@ pub fn minimise(
     mut validate: impl FnMut(&[f64]) -> f64,
 ) -> Vec<f64> {
     let size = start.len();
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let along = |w: &[f64], p: &[f64], step: f64| w.iter().zip(p).map(|(w, p)| w + step * p).collect::<Vec<_>>();
-
-    let mut w = start;
-    let mut gradient = vec![0.0; size];
-    let mut value = objective(&w, &mut gradient);
-    let mut residual: Vec<f64> = gradient.iter().map(|g| -g).collect();
-    let mut direction = residual.clone();
+    let mut here = Point::new(start, &mut objective);
+    let mut direction: Vec<f64> = here.gradient.iter().map(|g| -g).collect();
     let (mut lambda, mut lambda_bar) = (limits.lambda, 0.0);
-    let mut success = true;
-    let mut curvature = 0.0;
-    let (mut best, mut least, mut checks) = (w.clone(), validate(&w), 0);
-    let mut restart = 0;
+    let (mut success, mut curvature, mut steps) = (true, 0.0, 0);
+    let mut best = Best { at: here.at.clone(), error: validate(&here.at), checks: 0 };
     for _ in 0..limits.epochs {
         let length = dot(&direction, &direction);
         if length.sqrt() < limits.gradient || !length.is_finite() {
             break;
         }
         if success {
-            // The second derivative along the direction, felt for.
-            let sigma = limits.sigma / length.sqrt();
-            let mut there = vec![0.0; size];
-            objective(&along(&w, &direction, sigma), &mut there);
-            curvature = there.iter().zip(&gradient).zip(&direction).map(|((t, g), p)| (t - g) * p).sum::<f64>() / sigma;
+            curvature = here.curvature(&direction, limits.sigma / length.sqrt(), &mut objective);
         }
         curvature += (lambda - lambda_bar) * length;
         if curvature <= 0.0 {
@@ -63,35 +51,24 @@ pub fn minimise(
             curvature = -curvature + lambda * length;
             lambda = lambda_bar;
         }
-        let mu = dot(&direction, &residual);
-        let step = mu / curvature;
-        let next = along(&w, &direction, step);
-        let mut next_gradient = vec![0.0; size];
-        let next_value = objective(&next, &mut next_gradient);
+        let mu = -dot(&direction, &here.gradient);
+        let next = Point::new(along(&here.at, &direction, mu / curvature), &mut objective);
         // How well a parabola foretold the decrease.
-        let comparison = 2.0 * curvature * (value - next_value) / (mu * mu);
+        let comparison = 2.0 * curvature * (here.value - next.value) / (mu * mu);
         success = comparison >= 0.0;
         if success {
-            let next_residual: Vec<f64> = next_gradient.iter().map(|g| -g).collect();
-            (lambda_bar, restart) = (0.0, restart + 1);
-            direction = if restart % size == 0 {
-                next_residual.clone()
-            } else {
-                let beta = (dot(&next_residual, &next_residual) - dot(&next_residual, &residual)) / mu;
-                along(&next_residual, &direction, beta)
-            };
-            (w, value, gradient, residual) = (next, next_value, next_gradient, next_residual);
+            (lambda_bar, steps) = (0.0, steps + 1);
+            // Begun anew after as many steps as there are dimensions.
+            let conjugate = dot(&next.gradient, &next.gradient) - dot(&next.gradient, &here.gradient);
+            let beta = if steps % size == 0 { 0.0 } else { conjugate / mu };
+            direction = next.gradient.iter().zip(&direction).map(|(g, p)| beta * p - g).collect();
+            here = next;
             if comparison >= 0.75 {
                 lambda /= 4.0;
             }
-            let error = validate(&w);
-            if error < least {
-                (best, least, checks) = (w.clone(), error, 0);
-            } else {
-                checks += 1;
-                if checks >= limits.validation_checks {
-                    break;
-                }
+            best.offer(&here.at, validate(&here.at));
+            if best.checks >= limits.validation_checks {
+                break;
             }
         } else {
             lambda_bar = lambda;
@@ -103,7 +80,54 @@ pub fn minimise(
             break;
         }
     }
-    best
+    best.at
+}
+
+/// A point with its value and gradient.
+struct Point {
+    at: Vec<f64>,
+    value: f64,
+    gradient: Vec<f64>,
+}
+
+impl Point {
+    fn new(at: Vec<f64>, objective: &mut impl FnMut(&[f64], &mut [f64]) -> f64) -> Self {
+        let mut gradient = vec![0.0; at.len()];
+        let value = objective(&at, &mut gradient);
+        Self { at, value, gradient }
+    }
+
+    /// The second derivative along a direction, from the gradient `step` of it away.
+    fn curvature(&self, direction: &[f64], step: f64, objective: &mut impl FnMut(&[f64], &mut [f64]) -> f64) -> f64 {
+        let there = Self::new(along(&self.at, direction, step), objective);
+        let changes = there.gradient.iter().zip(&self.gradient).zip(direction);
+        changes.map(|((there, here), p)| (there - here) * p).sum::<f64>() / step
+    }
+}
+
+/// The point with the least validation error, and how many epochs since had a greater one.
+struct Best {
+    at: Vec<f64>,
+    error: f64,
+    checks: usize,
+}
+
+impl Best {
+    fn offer(&mut self, at: &[f64], error: f64) {
+        if error < self.error {
+            *self = Self { at: at.to_vec(), error, checks: 0 };
+        } else {
+            self.checks += 1;
+        }
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn along(from: &[f64], direction: &[f64], step: f64) -> Vec<f64> {
+    from.iter().zip(direction).map(|(x, p)| x + step * p).collect()
 }
 
 #[cfg(test)]

@@ -7,7 +7,6 @@
 mod backpropagation;
 mod chosen;
 mod conjugate_gradient;
-mod diagnostics;
 mod folds;
 mod gaussian_process;
 pub mod mitigation;
@@ -19,7 +18,6 @@ mod score;
 
 pub use backpropagation::{Example, Goal, Network};
 pub use chosen::Chosen;
-pub use diagnostics::{Diagnostics, RowDiagnostics};
 pub use recipe::{Method, RECIPES, Recipe};
 pub use samples::{DEFAULT_PLACEMENT, Sample, Samples};
 pub use score::Score;

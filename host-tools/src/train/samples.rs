@@ -8,7 +8,7 @@ use std::path::Path;
 
 use positioning_core::nlos::{BEFORE, Features, Means, Shape, WINDOW};
 
-use super::diagnostics::{Diagnostics, RowDiagnostics};
+use crate::files::{DiagnosticColumns, Diagnostics};
 use crate::{Table, UserError};
 
 /// One reception.
@@ -44,7 +44,7 @@ impl Samples {
         let place = if placement == DEFAULT_PLACEMENT { table.optional(placement) } else { table.column(placement)? };
         let first_path = table.column("fp_idx")?;
         let columns = WINDOW_COLUMNS.iter().map(|name| table.column(name)).collect::<Result<Vec<_>, _>>()?;
-        let diagnostics = Diagnostics::of_responses(&table);
+        let diagnostics = DiagnosticColumns::of_responses(&table);
         let truth = table.optional("gt_m");
         let mut links: HashMap<usize, Means> = HashMap::new();
         let before = self.all.len();
@@ -90,7 +90,7 @@ impl Samples {
         let place = if placement == DEFAULT_PLACEMENT { anchor } else { table.column(placement)? };
         let (sight, epoch) = (table.optional("los"), table.optional("epoch"));
         table.column("range_m")?;
-        let diagnostics = Diagnostics::of_ranges(&table);
+        let diagnostics = DiagnosticColumns::of_ranges(&table);
         let mut links: HashMap<String, Means> = HashMap::new();
         let before = self.all.len();
         while let Some(row) = table.next_row()? {
@@ -120,9 +120,9 @@ impl Samples {
 }
 
 /// What a reception tells, with the moving means of its link.
-fn complete(told: RowDiagnostics, means: &mut Means) -> Features {
-    let mut features = told.features;
-    means.complete(&mut features, told.range_m, told.power_dbm);
+fn complete(diagnostics: Diagnostics, means: &mut Means) -> Features {
+    let mut features = diagnostics.features;
+    means.complete(&mut features, diagnostics.range_m, diagnostics.power_dbm);
     features
 }
 

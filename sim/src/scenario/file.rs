@@ -9,6 +9,7 @@ use std::collections::HashSet;
 use std::fmt;
 use std::ops::Range;
 
+use baliza_report::{Explained, explain, line_of};
 use positioning_core::Method;
 use ranging::native::Scheme;
 use serde::Deserialize;
@@ -58,21 +59,12 @@ impl Scenario {
     /// # Errors
     /// The first line that is wrong.
     pub fn parse(text: &str) -> Result<Self, ScenarioError> {
-        let at = |span: Range<usize>, message: String| {
-            let before = text.get(..span.start).unwrap_or(text);
-            let message = match message.as_str() {
-                "invalid type: map, expected a sequence" => {
-                    "of these tables there may be several: two brackets, [[network]], say".to_owned()
-                }
-                _ => message.lines().collect::<Vec<_>>().join(", "),
-            };
-            ScenarioError { line: 1 + before.matches('\n').count(), message }
-        };
         let file: File = toml::from_str(text).map_err(|error| {
-            let span = error.span().unwrap_or(0..0);
-            at(span, error.message().to_owned())
+            let Explained { line, message } = explain(text, error.span(), error.message());
+            ScenarioError { line, message }
         })?;
-        file.scenario().map_err(|SpanError { span, message }| at(span, message))
+        let wrong = |SpanError { span, message }: SpanError| ScenarioError { line: line_of(text, span.start), message };
+        file.scenario().map_err(wrong)
     }
 }
 
@@ -435,16 +427,20 @@ mod tests {
     fn errors_name_their_line() {
         let cases = [
             ("", 1, "a scenario needs at least one [[anchor]] or [[beacon]]"),
-            ("seed = 1\nsecond = 3\n", 2, "unknown field `second`"),
+            ("seed = 1\nsecond = 3\n", 2, "unknown key second; seconds is near it"),
             ("seconds = -1\n", 1, "-1 is not a positive number"),
             ("\nloss = 1.5\n", 2, "1.5 is not a probability"),
             ("method = \"guess\"\n", 1, "unknown method"),
             ("board = \"dwm1000\"\n", 1, "dwm1001, evk1000, esp32c3, esp32c6, instant"),
             ("cpu_slowdown = 0\n", 1, "0 is not a positive number"),
-            ("[[anchor]]\nat = [0, 0]\n", 2, "invalid length 2"),
+            ("[[anchor]]\nat = [0, 0]\n", 2, "at is [0, 0]: it must be three numbers, [x, y, z]"),
             ("[[anchor]]\nat = [0, 0, nan]\n", 2, "NaN is not a coordinate"),
             ("[[anchor]]\nat = [0, 9000, 0]\n", 2, "9000 is not a coordinate"),
-            ("[[wall]]\nfrom = [0, 0]\nto = [1, 1]\nmaterial = \"paper\"\n", 4, "unknown variant `paper`"),
+            (
+                "[[wall]]\nfrom = [0, 0]\nto = [1, 1]\nmaterial = \"paper\"\n",
+                4,
+                "material is \"paper\": it must be one of \"drywall\", ",
+            ),
             ("seed = \n", 1, ""),
             ("seed = 1\n[anchor]\nat = [0, 0, 2]\n", 2, "two brackets"),
         ];

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use firmware_tag::{AnchorPosition, LocatorConfig};
+use host_tools::files::Diagnostics as RowDiagnostics;
 use host_tools::locate::track::{Tracker, Weighting, settings};
-use host_tools::train::RowDiagnostics;
 use host_tools::{Anchor, Coordinates, Epoch, Files, Height, Measured, Recording, Setup, Space, by_time};
 use positioning_core::nlos::{Feature, Features};
 use ranging::exchange::{Range, Round};

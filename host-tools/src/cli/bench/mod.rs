@@ -39,18 +39,18 @@ struct Drawing {
 
 impl Drawing {
     /// The picture's file, looked at before any work is done for it.
-    fn check(&self) -> Result<Checked<'_>> {
-        Ok(Checked { json: self.json, picture: PictureFile::plot(self.plot.as_deref())? })
+    fn check(&self) -> Result<Output<'_>> {
+        Ok(Output { json: self.json, picture: PictureFile::plot(self.plot.as_deref())? })
     }
 }
 
-/// Figures can be shown.
-struct Checked<'a> {
+/// Where figures go: files that can be written.
+struct Output<'a> {
     json: bool,
     picture: Option<PictureFile<'a>>,
 }
 
-impl Checked<'_> {
+impl Output<'_> {
     /// Prints the figures, as a document or as a table.
     fn print(&self, document: &impl serde::Serialize, table: impl FnOnce() -> String) -> Result<()> {
         if self.json { super::print_json(document) } else { super::print(table().as_bytes()) }

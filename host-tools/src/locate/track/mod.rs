@@ -9,9 +9,8 @@ use positioning_core::locator::{self, Locator, Reception};
 use positioning_core::nlos::Model;
 use positioning_core::{Area, Blocked, Noise};
 
-use crate::files::{Anchor, Coordinates, Epoch, Measured};
+use crate::files::{Anchor, Coordinates, Diagnostics, Epoch, Measured};
 use crate::locate::solve::{Half, Height, NoPosition, Position, Setup, Solved, Space, middle_m};
-use crate::train::RowDiagnostics;
 
 /// Standard deviation of a DW1000 range's noise in line of sight, metres; what else it errs by, the engine knows.
 const DEVIATION_M: f32 = 0.03;
@@ -102,7 +101,7 @@ impl<'a> Tracker<'a> {
         };
         for (index, measured) in epoch.ranges.iter().enumerate() {
             if let Some(range) = self.range(measured) {
-                let RowDiagnostics { features, power_dbm, .. } = measured.diagnostics;
+                let Diagnostics { features, power_dbm, .. } = measured.diagnostics;
                 self.locator.range(now_us, index, range, &Reception { features, power_dbm });
             }
         }

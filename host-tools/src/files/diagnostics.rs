@@ -1,11 +1,11 @@
-//! What the columns of a file tell of each reception: [`Features`] out of the receiver's diagnostics, or by their own names.
+//! The receiver's diagnostics of each reception in a file: [`Features`] computed from them, or in columns of their own names.
 
 use positioning_core::nlos::{Feature, Features, first_path_to_noise_db, power_difference_db};
 
 use crate::{Column, Row, Table, UserError};
 
 /// The columns, as far as a file has them.
-pub struct Diagnostics {
+pub struct DiagnosticColumns {
     /// The range, metres.
     pub range: Column,
     power: Column,
@@ -17,9 +17,9 @@ pub struct Diagnostics {
     named: [Column; Feature::ALL.len()],
 }
 
-/// What one row tells; NaN is not known.
+/// The diagnostics of one row; NaN where a figure is not known.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RowDiagnostics {
+pub struct Diagnostics {
     /// Of the reception itself.
     pub features: Features,
     /// Metres.
@@ -28,7 +28,7 @@ pub struct RowDiagnostics {
     pub power_dbm: f32,
 }
 
-impl Diagnostics {
+impl DiagnosticColumns {
     /// Those of a `ranges.csv`.
     pub fn of_ranges(table: &Table) -> Self {
         Self::of(table, ["rx_power_dbm", "fp_power_dbm", "std_noise"])
@@ -51,11 +51,11 @@ impl Diagnostics {
         }
     }
 
-    /// What a row tells.
+    /// The diagnostics of a row.
     ///
     /// # Errors
     /// A field is no number.
-    pub fn read(&self, row: &Row<'_>) -> Result<RowDiagnostics, UserError> {
+    pub fn read(&self, row: &Row<'_>) -> Result<Diagnostics, UserError> {
         let known =
             |column| -> Result<f32, UserError> { Ok(row.number(column)?.map_or(f32::NAN, |number| number as f32)) };
         let mut amplitudes = [f32::NAN; 3];
@@ -72,6 +72,6 @@ impl Diagnostics {
                 features.set(feature, value as f32);
             }
         }
-        Ok(RowDiagnostics { features, range_m: known(self.range)?, power_dbm })
+        Ok(Diagnostics { features, range_m: known(self.range)?, power_dbm })
     }
 }
