@@ -1,4 +1,4 @@
-//! What a result is reported with: [`Statistics`] of errors, a Markdown [`Table`], and what is wrong with a TOML file ([`explain`]).
+//! What a result is reported with: [`Statistics`] of errors, a [`MarkdownTable`], and what is wrong with a TOML file ([`explain`]).
 #![forbid(unsafe_code)]
 
 mod explain;
@@ -6,5 +6,5 @@ mod markdown;
 mod statistics;
 
 pub use explain::{Explained, explain, line_of, nearest};
-pub use markdown::Table;
+pub use markdown::MarkdownTable;
 pub use statistics::{Statistics, mean, percentile, rms};

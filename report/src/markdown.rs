@@ -4,9 +4,9 @@ use std::fmt::{Arguments, Display, Write as _};
 
 /// A table that is written row by row.
 #[derive(Clone, Debug)]
-pub struct Table(String);
+pub struct MarkdownTable(String);
 
-impl Table {
+impl MarkdownTable {
     /// A table with these column titles; a title with a colon at its end is that of numbers, which are aligned to the right.
     pub fn new<T: Display>(titles: impl IntoIterator<Item = T>) -> Self {
         let (mut head, mut rule) = (String::from("|"), String::from("|"));
@@ -33,11 +33,11 @@ impl Table {
 
 #[cfg(test)]
 mod tests {
-    use super::Table;
+    use super::MarkdownTable;
 
     #[test]
     fn numbers_are_aligned_to_the_right() {
-        let mut table = Table::new(["method", "RMSE, m:"]);
+        let mut table = MarkdownTable::new(["method", "RMSE, m:"]);
         table.row(format_args!("`{}` | {:.2}", "lls", 0.5));
         assert_eq!(table.into_text(), "| method | RMSE, m |\n|---|---:|\n| `lls` | 0.50 |\n");
     }

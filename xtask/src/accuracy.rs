@@ -1,7 +1,7 @@
 //! How accurate the methods are: runs `baliza` on the thesis' simulation, on recordings, on recorded impulse responses and on a recorded
 //! floor's rooms, and makes tables of it.
 
-use baliza_report::Table;
+use baliza_report::MarkdownTable;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
@@ -66,7 +66,7 @@ fn solve(folder: &Path) -> Result<Vec<Score>> {
 fn side_by_side(recordings: &[(String, Vec<Score>)]) -> String {
     let epochs = |scores: &[Score]| scores.first().map_or(0, |score| score.epochs);
     let titles = recordings.iter().map(|(name, scores)| format!("{name}, {} epochs:", epochs(scores)));
-    let mut table = Table::new(std::iter::once("RMSE (P90), m".to_owned()).chain(titles));
+    let mut table = MarkdownTable::new(std::iter::once("RMSE (P90), m".to_owned()).chain(titles));
     let methods = recordings.first().into_iter().flat_map(|(_, scores)| scores).map(|score| &score.method);
     for method in methods {
         let of = |scores: &[Score]| scores.iter().find(|score| score.method == *method).map_or_else(String::new, cell);

@@ -1,6 +1,7 @@
 //! What a tag takes from its battery, and for how long that lasts: runs `baliza simulate` and makes a table of it.
 
 use anyhow::Result;
+use baliza_report::MarkdownTable;
 use serde::Deserialize;
 
 use crate::baliza::json;
@@ -41,15 +42,22 @@ const LIPO_MAH: f64 = 500.0;
 
 /// Currents and lives.
 pub fn lives() -> Result<Option<Made>> {
-    let mut table = String::from(
-        "| a tag | `baliza simulate …` | mA | of it receiving, sending, idle, starting, asleep; processor, board, µA | µC a position \
-         | error P50, m | CR2477, 1000 mAh | LiPo, 500 mAh | PANS, mA |\n|---|---|---:|---|---:|---:|---:|---:|---:|\n",
-    );
+    let mut table = MarkdownTable::new([
+        "a tag",
+        "`baliza simulate …`",
+        "mA:",
+        "of it receiving, sending, idle, starting, asleep; processor, board, µA",
+        "µC a position:",
+        "error P50, m:",
+        "CR2477, 1000 mAh:",
+        "LiPo, 500 mAh:",
+        "PANS, mA:",
+    ]);
     for [what, arguments, others] in ROWS {
         let summary: Summary = json(["simulate", "--json"].into_iter().chain(arguments.split(' ')))?;
-        table += &row(what, arguments, others, &summary);
+        table.row(format_args!("{}", row(what, arguments, others, &summary)));
     }
-    Ok(Made::one("battery", table))
+    Ok(Made::one("battery", table.into_text()))
 }
 
 fn row(what: &str, arguments: &str, others: &str, summary: &Summary) -> String {
@@ -60,7 +68,7 @@ fn row(what: &str, arguments: &str, others: &str, summary: &Summary) -> String {
     let [processor, board] = [processor, board + motion_sensor].map(micro);
     let current = summary.tag_mean_current_ma;
     format!(
-        "| {what} | `{arguments}` | {current:.3} | {radio}; {processor}, {board} | {} | {} | {} | {} | {others} |\n",
+        "{what} | `{arguments}` | {current:.3} | {radio}; {processor}, {board} | {} | {} | {} | {} | {others}",
         summary.charge_per_fix_uc.map_or_else(|| "–".to_owned(), |charge| format!("{charge:.0}")),
         summary.p50_m.map_or_else(|| "–".to_owned(), |metres| format!("{metres:.3}")),
         life(CR2477_MAH / current),
@@ -97,7 +105,8 @@ mod tests {
             p50_m: None,
         };
         // 1000 mAh / 0.2 mA = 5000 h = 208 days = 0.57 years; half of it 104 days = 0.29 years.
-        let expected = "| one | `--rate 1` | 0.200 | 160.0, 14.0, 10.0, 9.8, 0.1; 4.0, 2.0 | 200 | – | 0.6 years | 0.3 years | 0.22 |\n";
+        let expected =
+            "one | `--rate 1` | 0.200 | 160.0, 14.0, 10.0, 9.8, 0.1; 4.0, 2.0 | 200 | – | 0.6 years | 0.3 years | 0.22";
         assert_eq!(row("one", "--rate 1", "0.22", &summary), expected);
         assert_eq!(life(240.0), "10 days");
     }

@@ -1,7 +1,7 @@
 //! How good positions by the levels of Bluetooth beacons are: runs `baliza bench linde`, and `baliza calibrate path-loss` and `baliza ble solve` on
 //! the room of A. Linde Cerezo's thesis, and makes tables of it.
 
-use baliza_report::Table;
+use baliza_report::MarkdownTable;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
@@ -48,7 +48,7 @@ pub fn by_path_loss() -> Result<Option<Made>> {
 }
 
 fn table(scores: &[Score]) -> String {
-    let mut table = Table::new(["method", "MAE, m:", "RMSE, m:", "P90, m:", "NEES:"]);
+    let mut table = MarkdownTable::new(["method", "MAE, m:", "RMSE, m:", "P90, m:", "NEES:"]);
     for Score { method, mae_m, rmse_m, p90_m, nees } in scores {
         let nees = nees.map_or_else(|| "–".to_owned(), |nees| format!("{nees:.2}"));
         table.row(format_args!("`{method}` | {mae_m:.2} | {rmse_m:.2} | {p90_m:.2} | {nees}"));

@@ -1,7 +1,7 @@
 //! How good comparisons with fingerprints are: runs `baliza ble fingerprint` and `baliza ble map` on recorded surveys, and makes tables
 //! of it.
 
-use baliza_report::Table;
+use baliza_report::MarkdownTable;
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 
@@ -56,7 +56,7 @@ pub fn comparisons() -> Result<Option<Made>> {
         return Ok(None);
     }
     let titles = COLUMNS.map(|(title, ..)| format!("{title}:"));
-    let mut table = Table::new(["MAE (RMSE), m", "the thesis:"].into_iter().map(String::from).chain(titles));
+    let mut table = MarkdownTable::new(["MAE (RMSE), m", "the thesis:"].into_iter().map(String::from).chain(titles));
     let mut scores: Vec<BTreeMap<String, String>> = Vec::new();
     for (_, folder, arguments) in COLUMNS {
         let rows: Vec<Score> = run("fingerprint --kernel all --json", folder, arguments)?;
@@ -81,7 +81,7 @@ pub fn barriers() -> Result<Option<Made>> {
     if !are_there([walk]) {
         return Ok(None);
     }
-    let mut table = Table::new(["MAE (RMSE), m", "walls unknown:", "walls are barriers:"]);
+    let mut table = MarkdownTable::new(["MAE (RMSE), m", "walls unknown:", "walls are barriers:"]);
     for kernel in ["gp-walk", "gp --particle-filter", "knn --weighted --particle-filter"] {
         let command = format!("fingerprint --json --hold-out 5 --block 100 --kernel {kernel}");
         let score = |walls| -> Result<String> {
@@ -99,7 +99,7 @@ pub fn maps() -> Result<Option<Made>> {
     if !are_there(MAPS.iter().map(|(folder, ..)| *folder)) {
         return Ok(None);
     }
-    let mut table = Table::new(["recording", "known beside", "MAE of the others (RMSE), m"]);
+    let mut table = MarkdownTable::new(["recording", "known beside", "MAE of the others (RMSE), m"]);
     let out = scratch("few.map")?;
     for (folder, known, points) in MAPS {
         let beside = match known.matches("--").count() {

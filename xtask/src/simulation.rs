@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use anyhow::Result;
+use baliza_report::MarkdownTable;
 use serde::Deserialize;
 
 use crate::baliza::{binary, json};
@@ -66,17 +67,17 @@ const SEEDS: [&str; 3] = ["1", "2", "3"];
 
 /// Tags among anchors and beacons.
 pub fn scenarios() -> Result<Option<Made>> {
-    let mut table = String::from("| scenario | positions a second | by anchors | by beacons |\n|---|---:|---:|---:|\n");
+    let mut table = MarkdownTable::new(["scenario", "positions a second:", "by anchors:", "by beacons:"]);
     for [file, what] in SCENARIOS {
         let path = format!("examples/{file}");
         let run = |seed| json(["simulate", "--json", "--scenario", path.as_str(), "--seed", seed]);
         let runs = SEEDS.into_iter().map(run).collect::<Result<Vec<Scenario>>>()?;
-        table += &scenario(file, what, &runs);
+        table.row(format_args!("{}", scenario(file, what, &runs)));
     }
-    Ok(Made::one("scenarios", table))
+    Ok(Made::one("scenarios", table.into_text()))
 }
 
-/// The seeds' errors side by side; nothing where no seed has a position.
+/// The cells of a row: the seeds' errors side by side; nothing where no seed has a position.
 fn scenario(file: &str, what: &str, runs: &[Scenario]) -> String {
     let errors = |of: fn(&Scenario) -> Option<f64>| {
         let metres = |metres: f64| if metres < 0.1 { format!("{metres:.3}") } else { format!("{metres:.2}") };
@@ -86,29 +87,29 @@ fn scenario(file: &str, what: &str, runs: &[Scenario]) -> String {
     let anchors = errors(|run| run.bluetooth.as_ref().map_or(run.rmse_m, |bluetooth| bluetooth.by_anchors.rmse_m));
     let beacons = errors(|run| run.bluetooth.as_ref().and_then(|bluetooth| bluetooth.by_beacons.rmse_m));
     let rate = runs.iter().map(|run| run.fixes_per_s).sum::<f64>() / runs.len() as f64;
-    format!("| `{file}`: {what} | {rate:.1} | {anchors} | {beacons} |\n")
+    format!("`{file}`: {what} | {rate:.1} | {anchors} | {beacons}")
 }
 
 /// Rooms with tags and anchors.
 pub fn rooms() -> Result<Option<Made>> {
-    let mut table = String::from(
-        "| what | `baliza simulate …` | positions a second | error P50, P90, m | on the air | times real time | others \
-         |\n|---|---|---:|---:|---:|---:|---|\n",
-    );
+    let figures = ["positions a second:", "error P50, P90, m:", "on the air:", "times real time:"];
+    let titles = ["what", "`baliza simulate …`"].into_iter().chain(figures).chain(["others"]);
+    let mut table = MarkdownTable::new(titles);
     // Built before any time is taken.
     binary()?;
     for [what, arguments, others] in ROWS {
         let begun = Instant::now();
         let summary: Summary = json(["simulate", "--json"].into_iter().chain(arguments.split(' ')))?;
-        table += &row(what, arguments, others, &summary, begun.elapsed().as_secs_f64());
+        let took_s = begun.elapsed().as_secs_f64();
+        table.row(format_args!("{}", row(what, arguments, others, &summary, took_s)));
     }
-    Ok(Made::one("simulation", table))
+    Ok(Made::one("simulation", table.into_text()))
 }
 
 fn row(what: &str, arguments: &str, others: &str, summary: &Summary, took_s: f64) -> String {
     let metres = |figure: Option<f64>| figure.map_or_else(|| "–".to_owned(), |metres| format!("{metres:.3}"));
     format!(
-        "| {what} | `{arguments}` | {:.0} | {}, {} | {:.0} % | {:.1} | {others} |\n",
+        "{what} | `{arguments}` | {:.0} | {}, {} | {:.0} % | {:.1} | {others}",
         summary.fixes_per_s,
         metres(summary.p50_m),
         metres(summary.p90_m),
@@ -125,7 +126,7 @@ mod tests {
     fn a_row_has_the_figures_of_its_simulation() {
         let summary =
             Summary { seconds: 10.0, fixes_per_s: 123.4, p50_m: Some(0.0312), p90_m: None, airtime_share: 0.456 };
-        let expected = "| one | `--tags 1` | 123 | 0.031, – | 46 % | 20.0 | none |\n";
+        let expected = "one | `--tags 1` | 123 | 0.031, – | 46 % | 20.0 | none";
         assert_eq!(row("one", "--tags 1", "none", &summary, 0.5), expected);
     }
 
@@ -140,8 +141,8 @@ mod tests {
             }),
         };
         let row = scenario("a.toml", "a room", &[run(None, Some(2.017)), run(None, None)]);
-        assert_eq!(row, "| `a.toml`: a room | 2.0 |  | 2.02, – |\n");
+        assert_eq!(row, "`a.toml`: a room | 2.0 |  | 2.02, –");
         let alone = Scenario { bluetooth: None, rmse_m: Some(0.0303), ..run(None, None) };
-        assert_eq!(scenario("a.toml", "a room", &[alone]), "| `a.toml`: a room | 2.0 | 0.030 |  |\n");
+        assert_eq!(scenario("a.toml", "a room", &[alone]), "`a.toml`: a room | 2.0 | 0.030 | ");
     }
 }

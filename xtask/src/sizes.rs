@@ -3,7 +3,7 @@
 //! Code counts for the source that it was written in: of what the compiler has put into each other, the innermost that is not a library
 //! of use to all. What has no source is the makers' Bluetooth controllers.
 
-use baliza_report::Table;
+use baliza_report::MarkdownTable;
 use std::path::Path;
 
 use addr2line::Loader;
@@ -154,7 +154,7 @@ fn of_file(path: &str) -> &'static str {
 fn table(names: &[String], weighed: &[Vec<u64>]) -> String {
     let kib = |bytes: u64| if bytes == 0 { String::new() } else { format!("{:.1}", bytes as f64 / 1024.0) };
     let titles = names.iter().map(|name| format!("{name}:"));
-    let mut table = Table::new(std::iter::once("KiB of flash".to_owned()).chain(titles));
+    let mut table = MarkdownTable::new(std::iter::once("KiB of flash".to_owned()).chain(titles));
     let mut line = |row: &str, of: &dyn Fn(&Vec<u64>) -> u64| {
         let cells: Vec<_> = weighed.iter().map(|weights| kib(of(weights))).collect();
         table.row(format_args!("{row} | {}", cells.join(" | ")));

@@ -1,6 +1,6 @@
 //! How good tracks are: runs `baliza track`, `bench garcia`, `bench barral` and `bench fusion`, and makes tables of it.
 
-use baliza_report::Table;
+use baliza_report::MarkdownTable;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -60,7 +60,7 @@ pub fn recorded() -> Result<Option<Made>> {
         return Ok(None);
     }
     let titles = folders.iter().map(|folder| format!("{}:", name(folder)));
-    let mut table = Table::new(std::iter::once("RMSE (P90), m; inside 1σ; NEES".to_owned()).chain(titles));
+    let mut table = MarkdownTable::new(std::iter::once("RMSE (P90), m; inside 1σ; NEES".to_owned()).chain(titles));
     for (title, arguments, space) in ROWS {
         let cells = folders.iter().map(|folder| Ok(cell(&score(folder, arguments, space)?)));
         table.row(format_args!("{title} | {}", cells.collect::<Result<Vec<_>>>()?.join(" | ")));

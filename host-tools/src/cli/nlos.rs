@@ -1,6 +1,6 @@
 //! `baliza nlos`: what tells blocked ranges from direct ones, trained and scored.
 
-use baliza_report::Table;
+use baliza_report::MarkdownTable;
 use std::collections::HashMap;
 use std::path::PathBuf;
 
@@ -277,7 +277,7 @@ fn mitigate(arguments: &Mitigation) -> Result<()> {
         return super::print_json(&rows);
     }
     let titles = ["regressor", "ranges", "from", "MAE as measured, m:", "as corrected, m:", "receptions:"];
-    let mut table = Table::new(titles);
+    let mut table = MarkdownTable::new(titles);
     for outcome in &outcomes {
         let (regressor, ranges, whence) = (outcome.regressor.as_str(), ranges_of(outcome), outcome.whence.as_str());
         let (before, after, count) = (outcome.before_m, outcome.after_m, outcome.count);
@@ -309,7 +309,7 @@ fn recipes(names: &[String]) -> Result<Vec<&'static Recipe>, UserError> {
 fn table(rows: &[Row]) -> String {
     let sizes = rows.iter().any(|row| row.bytes.is_some());
     let titles = ["classifier", "features", "AUC:", "accuracy:", "Brier:", "receptions:"];
-    let mut table = Table::new(titles.into_iter().chain(sizes.then_some("bytes:")));
+    let mut table = MarkdownTable::new(titles.into_iter().chain(sizes.then_some("bytes:")));
     for row in rows {
         let figure = |figure: Option<f64>| figure.map_or_else(|| "-".to_owned(), |figure| format!("{figure:.3}"));
         let [auc, accuracy, brier] = [row.auc, row.accuracy, row.brier].map(figure);

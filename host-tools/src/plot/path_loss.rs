@@ -2,6 +2,7 @@
 
 use anyhow::Result;
 use plotters::prelude::*;
+use positioning_core::ble::path_loss::PathLoss;
 
 use super::axes::Axes;
 use super::drawing;
@@ -39,19 +40,14 @@ pub fn path_loss(calibrated: &[Calibrated]) -> Result<String> {
             let axes =
                 Axes { title: &title, names: ["distance, metres", "RSSI, dBm"], left: 60, ticks: [6, 6], unit: "" };
             let mut chart = axes.draw(panel, 0.0..farthest, faintest - 4.0..loudest + 4.0)?;
-            let curve: Vec<(f64, f64)> = (1..=POINTS)
-                .map(|step| farthest * f64::from(step) / f64::from(POINTS))
-                .map(|distance| (distance, path_loss.rssi(distance)))
-                .filter(|(_, rssi)| (faintest - 4.0..=loudest + 4.0).contains(rssi))
-                .collect();
-            chart.draw_series([pen("robust").line::<(f64, f64)>(curve)])?;
-            if let Some(online) = beacon.online {
-                let curve: Vec<(f64, f64)> = (1..=POINTS)
-                    .map(|step| farthest * f64::from(step) / f64::from(POINTS))
-                    .map(|distance| (distance, online.path_loss.rssi(distance)))
-                    .filter(|(_, rssi)| (faintest - 4.0..=loudest + 4.0).contains(rssi))
-                    .collect();
-                chart.draw_series([pen("bb-nls-r").line::<(f64, f64)>(curve)])?;
+            let curve = |model: &PathLoss<f64>| -> Vec<(f64, f64)> {
+                let distances = (1..=POINTS).map(|step| farthest * f64::from(step) / f64::from(POINTS));
+                let points = distances.map(|distance| (distance, model.rssi(distance)));
+                points.filter(|(_, rssi)| (faintest - 4.0..=loudest + 4.0).contains(rssi)).collect()
+            };
+            chart.draw_series([pen("robust").line::<(f64, f64)>(curve(&path_loss))])?;
+            if let Some(online) = &beacon.online {
+                chart.draw_series([pen("bb-nls-r").line::<(f64, f64)>(curve(&online.path_loss))])?;
             }
             let dots = beacon.points.iter().map(|point| (point.distance_m, point.rssi_dbm));
             chart.draw_series(dots.map(|at| Circle::new(at, stroke(3.0), INK.mix(0.6).filled())))?;

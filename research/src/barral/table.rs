@@ -1,6 +1,6 @@
 //! Our figures beside the tables', in Markdown.
 
-use baliza_report::Table;
+use baliza_report::MarkdownTable;
 
 use super::{Algorithm, Configuration, Row};
 
@@ -32,7 +32,7 @@ impl Configuration {
 
 /// A row an algorithm and configuration.
 pub fn to_markdown(rows: &[Row]) -> String {
-    let mut table = Table::new([
+    let mut table = MarkdownTable::new([
         "algorithm",
         "blocked ranges",
         "MAE, m:",

@@ -2,13 +2,14 @@
 
 use std::fmt::Write as _;
 
-use baliza_report::Table;
+use baliza_report::MarkdownTable;
 
 use super::Outcome;
 
 /// A row a way.
 pub fn to_markdown(outcome: &Outcome) -> String {
-    let mut table = Table::new(["way", "RMSE x, m:", "as printed:", "RMSE y, m:", "as printed:", "less than without:"]);
+    let mut table =
+        MarkdownTable::new(["way", "RMSE x, m:", "as printed:", "RMSE y, m:", "as printed:", "less than without:"]);
     for score in &outcome.scores {
         let printed = |figure: Option<f64>| figure.map_or_else(String::new, |metres| format!("{metres:.2}"));
         table.row(format_args!(

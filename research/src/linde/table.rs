@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use baliza_report::Table;
+use baliza_report::MarkdownTable;
 
 use super::{Algorithm, PRINTED_MOST_M, Parameter, ROWS, Scored, blocked, unmeasured};
 
@@ -35,7 +35,7 @@ pub fn name(parameter: Parameter, algorithm: Algorithm) -> String {
 
 /// A row a parameter, noise and algorithm.
 pub fn to_markdown(rows: &[Scored]) -> String {
-    let mut table = Table::new([
+    let mut table = MarkdownTable::new([
         "parameter",
         "noise",
         "algorithm",

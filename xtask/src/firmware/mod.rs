@@ -4,7 +4,7 @@
 pub mod inspect;
 mod matrix;
 
-use baliza_report::Table;
+use baliza_report::MarkdownTable;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -151,7 +151,7 @@ fn lint(image: &Image) -> Result<()> {
 
 fn table(rows: &[Row<'_>]) -> String {
     let titles = ["image", "target", "flash:", "budget:", "RAM:", "budget:", "heap:", "stack left:"];
-    let mut table = Table::new(titles);
+    let mut table = MarkdownTable::new(titles);
     for row in rows {
         let Row { image, takes, .. } = row;
         table.row(format_args!(

@@ -1,7 +1,7 @@
 //! What a node's code costs, instruction by instruction: the image `costs` on every kind of processor, the table `sim/src/costs.csv` that
 //! simulations charge by, and the same in the document.
 
-use baliza_report::Table;
+use baliza_report::MarkdownTable;
 use std::fmt::Write as _;
 use std::fs;
 
@@ -61,7 +61,7 @@ pub fn made() -> Result<Option<Made>> {
         write!(table, ",{}", column(chip))?;
     }
     let titles = Chip::SIMULATED.into_iter().map(|chip| format!("{}:", chip.title()));
-    let mut document = Table::new(std::iter::once("instructions".to_owned()).chain(titles));
+    let mut document = MarkdownTable::new(std::iter::once("instructions".to_owned()).chain(titles));
     for (name, title) in ROWS {
         write!(table, "\n{name}")?;
         let mut cells = Vec::new();

@@ -1,7 +1,7 @@
 //! The engine's steps on the chip: compared with the desktop's, and their table.
 
 use anyhow::{Result, ensure};
-use baliza_report::Table;
+use baliza_report::MarkdownTable;
 use onchip_bench::walk::{ANCHORS, Step, WARM_UP, walk};
 
 use super::Measured;
@@ -57,7 +57,7 @@ pub fn worst(steps: &[EngineStep], what: &str, dims: usize, anchors: u16) -> (u6
 pub fn table(measured: &Measured) -> String {
     let links = ANCHORS.map(|anchors| format!("instructions, {anchors} links:"));
     let stacks = ANCHORS.map(|anchors| format!("stack, {anchors}:"));
-    let mut table = Table::new(std::iter::once("step".to_owned()).chain(links).chain(stacks));
+    let mut table = MarkdownTable::new(std::iter::once("step".to_owned()).chain(links).chain(stacks));
     for (what, title) in [
         ("range", "a range"),
         ("round-end", "the end of a round"),

@@ -1,7 +1,7 @@
 //! The tables of `docs/performance.md`, in Markdown.
 
 use anyhow::{Context, Result, ensure};
-use baliza_report::Table;
+use baliza_report::MarkdownTable;
 use onchip_bench::cases::ANCHORS;
 use onchip_bench::{cases, step};
 use positioning_core::Method;
@@ -24,7 +24,7 @@ pub fn costs(measured: &Measured) -> String {
         let instructions = ANCHORS.map(|anchors| format!("instructions, {anchors} anchors:"));
         let stack = ANCHORS.map(|anchors| format!("stack, {anchors}:"));
         let (first, last) = ([format!("method, {dims}D")], ["code, bytes:".to_owned()]);
-        let mut table = Table::new(first.into_iter().chain(instructions).chain(stack).chain(last));
+        let mut table = MarkdownTable::new(first.into_iter().chain(instructions).chain(stack).chain(last));
         for method in Method::ALL {
             let worst = ANCHORS.map(|anchors| measured.solvers.worst(method, dims, anchors));
             let instructions = worst.map(|(instructions, _)| grouped(u64::from(instructions))).join(" | ");
@@ -43,7 +43,7 @@ pub fn costs(measured: &Measured) -> String {
 /// The budgets beside what was measured, and whether all are kept.
 pub fn budgets(measured: &[Measured]) -> Result<(String, bool)> {
     let chip = measured.iter().find(|measured| measured.chip == Chip::CortexM4F).context("no Cortex-M4F")?;
-    let mut table = Table::new(["what, Cortex-M4F", "measured:", "budget:", ""]);
+    let mut table = MarkdownTable::new(["what, Cortex-M4F", "measured:", "budget:", ""]);
     let mut within = true;
     let mut row = |what: String, figure: u64, budget: u64| {
         let verdict = if figure <= budget { "within" } else { "OVER" };
@@ -77,7 +77,7 @@ pub fn budgets(measured: &[Measured]) -> Result<(String, bool)> {
 /// Square roots and the step of weighted least squares, library by library.
 pub fn algebra(measured: &Measured) -> Result<String> {
     let printed = &measured.algebra;
-    let mut roots = Table::new(["square root", "instructions, worst:", "error, worst:"]);
+    let mut roots = MarkdownTable::new(["square root", "instructions, worst:", "error, worst:"]);
     for library in ["core", "libm", "micromath"] {
         let of_it: Vec<_> = printed.roots.iter().filter(|root| root.library == library).collect();
         let instructions = of_it.iter().map(|root| root.instructions).max().context("no square root")?;
@@ -86,7 +86,7 @@ pub fn algebra(measured: &Measured) -> Result<String> {
     }
     let epoch = cases::Epoch::<2>::new(step::ANCHORS, 0);
     let exact = step::by_hand(epoch.samples(), &step::weights(), step::START, f32::sqrt);
-    let mut steps = Table::new(["weighted step", "square root", "instructions:", "stack, bytes:", "off by:"]);
+    let mut steps = MarkdownTable::new(["weighted step", "square root", "instructions:", "stack, bytes:", "off by:"]);
     for step in &printed.steps {
         let [x, y] = [step.position[0] - exact[0], step.position[1] - exact[1]];
         steps.row(format_args!(
@@ -108,7 +108,7 @@ pub fn frames(measured: &Measured) -> Result<String> {
     let near = printed.ranges.iter().filter(|metres| (*metres - 10.0).abs() < 0.02).count();
     ensure!(near == 4, "the exchange's ranges are {:?}", printed.ranges);
     let titles = ["step", "frame, bytes:", "instructions:", "stack:", "SPI transactions:", "SPI bytes:"];
-    let mut table = Table::new(titles);
+    let mut table = MarkdownTable::new(titles);
     // Transactions and bytes beside the frame's: `ranging::dw1000`, held by its test `costs_are_those_of_the_table`.
     for (name, title, (transactions, beside)) in [
         ("poll", "tag makes the poll; sent at its instant", (5, 13)),
@@ -171,7 +171,7 @@ pub fn beacons(measured: &[Measured]) -> Result<String> {
 fn calls(measured: &[Measured], of: impl Fn(&Measured) -> &[Call], title: impl Fn(&str) -> String) -> Result<String> {
     let titles =
         measured.iter().flat_map(|of| [format!("{}: instructions:", of.chip.title()), "stack, bytes:".to_owned()]);
-    let mut table = Table::new(std::iter::once("what".to_owned()).chain(titles));
+    let mut table = MarkdownTable::new(std::iter::once("what".to_owned()).chain(titles));
     for (at, row) in measured.first().map_or(&[][..], &of).iter().enumerate() {
         let cells = measured.iter().map(|chip| {
             let cell = of(chip).get(at).context("a chip left something out")?;

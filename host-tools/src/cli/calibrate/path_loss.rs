@@ -1,6 +1,6 @@
 //! `baliza calibrate path-loss`: RSSI at one metre and path loss exponent of every beacon.
 
-use baliza_report::Table;
+use baliza_report::MarkdownTable;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
@@ -161,7 +161,7 @@ fn points(arguments: &Arguments) -> Result<(Vec<Placed>, &Path), UserError> {
 /// The rows in Markdown; below each what was learnt on line, where that is asked for.
 fn table(rows: &[Row], on_line: bool) -> String {
     let titles = ["beacon", "points:", "level at 1 m, dBm:", "path loss exponent:", "deviation, dB:"];
-    let mut table = Table::new(titles);
+    let mut table = MarkdownTable::new(titles);
     for row in rows {
         let figure = |value: Option<f64>, sigma: Option<f64>| match (value, sigma) {
             (Some(value), Some(sigma)) => format!("{value:.2} ± {sigma:.2}"),

@@ -1,6 +1,6 @@
 //! The figures in Markdown.
 
-use baliza_report::Table;
+use baliza_report::MarkdownTable;
 
 use super::{Algorithm, Heard, Scored, Swept};
 
@@ -39,7 +39,7 @@ fn consistency(inside_1_sigma: Option<f64>, nees: Option<f64>) -> String {
 
 /// A row an algorithm and what it hears.
 pub fn to_markdown(scores: &[Scored]) -> String {
-    let mut table = Table::new([
+    let mut table = MarkdownTable::new([
         "algorithm",
         "heard",
         "RMSE, m:",
@@ -75,7 +75,7 @@ pub fn to_markdown(scores: &[Scored]) -> String {
 
 /// A row a set of conditions.
 pub fn sweep_to_markdown(rows: &[Swept]) -> String {
-    let mut table = Table::new([
+    let mut table = MarkdownTable::new([
         "anchors:",
         "blocked, mean excess",
         "σ of a range, m:",
