@@ -4,15 +4,18 @@
 //! the reader hold more than [`LONGEST_LINE`], and every error knows its line.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Cursor, Read};
 use std::path::{Path, PathBuf};
 
-use csv::{ReaderBuilder, StringRecord, Trim};
+use csv::{Reader, ReaderBuilder, StringRecord, Trim};
 
 use crate::UserError;
 
 /// The longest line that is read, bytes.
 pub const LONGEST_LINE: usize = 64 * 1024;
+/// A record that is read behind each line, and that no line can be: an open quote swallows its beginning, and a carriage return within
+/// the line puts another record before it.
+const BEHIND: &str = "\n\".\n.\"\n";
 
 /// A CSV file whose header has been read.
 #[derive(Debug)]
@@ -22,6 +25,8 @@ pub struct Table {
     header: Vec<String>,
     line: u64,
     text: Vec<u8>,
+    /// Splits one line after the other.
+    records: Reader<Cursor<Vec<u8>>>,
     fields: StringRecord,
 }
 
@@ -60,6 +65,11 @@ impl Table {
             header: Vec::new(),
             line: 0,
             text: Vec::new(),
+            records: ReaderBuilder::new()
+                .has_headers(false)
+                .flexible(true)
+                .trim(Trim::All)
+                .from_reader(Cursor::default()),
             fields: StringRecord::new(),
         };
         if !table.advance()? {
@@ -142,14 +152,27 @@ impl Table {
             if text.trim().is_empty() {
                 continue;
             }
-            return match split(text) {
-                Ok(fields) => {
-                    self.fields = fields;
-                    Ok(true)
-                }
-                Err(what) => Err(self.wrong(what)),
+            let cursor = self.records.get_mut();
+            cursor.set_position(0);
+            cursor.get_mut().clear();
+            cursor.get_mut().extend_from_slice(text.as_bytes());
+            cursor.get_mut().extend_from_slice(BEHIND.as_bytes());
+            return if self.split() {
+                Ok(true)
+            } else if self.text.trim_ascii_end().contains(&b'\r') {
+                Err(self.wrong("a carriage return within the line"))
+            } else {
+                Err(self.wrong("a quote is not closed on its line"))
             };
         }
+    }
+
+    /// Splits the line that the cursor has; false where it is not one record.
+    fn split(&mut self) -> bool {
+        let mut behind = StringRecord::new();
+        let mut next = |record| self.records.read_record(record).is_ok_and(|found| found);
+        let found = next(&mut self.fields) && next(&mut behind);
+        found && behind == [".\n."][..] && !self.fields.iter().any(|field| field.contains('\n'))
     }
 
     fn wrong(&self, what: impl Into<String>) -> UserError {
@@ -227,20 +250,5 @@ pub(crate) fn quoted(text: &str) -> String {
     match text.char_indices().nth(LONGEST) {
         Some((end, _)) => format!("{:?}…", &text[..end]),
         None => format!("{text:?}"),
-    }
-}
-
-/// The fields of a line that has no line end, without blanks around them and without a byte order mark; or what is wrong with it.
-fn split(line: &str) -> Result<StringRecord, &'static str> {
-    // A record behind the line: an open quote swallows it, and a line end within the line comes before it.
-    const BEHIND: &str = "\n.\n";
-    let text = [line, BEHIND].concat();
-    let mut builder = ReaderBuilder::new();
-    builder.has_headers(false).flexible(true).trim(Trim::All).buffer_capacity(text.len());
-    let mut records = builder.from_reader(text.as_bytes()).into_records().map_while(Result::ok);
-    match (records.next(), records.next()) {
-        (Some(fields), Some(behind)) if behind == ["."][..] && records.next().is_none() => Ok(fields),
-        (Some(_), Some(_)) => Err("a carriage return within the line"),
-        (None, _) | (_, None) => Err("a quote is not closed on its line"),
     }
 }
