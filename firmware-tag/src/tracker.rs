@@ -70,7 +70,7 @@ impl<'a> Tracker<'a> {
         match &measured {
             Measured::Ranges(round) => self.take_ranges(round, sounding, poll_us),
             Measured::Differences(round) => self.take_differences(round, poll_us),
-            // They have gone their way: [`window`](Self::window).
+            // They went into the track when their window ended.
             Measured::Levels(_) => {}
         }
         let outcome = self.locator.end_round(poll_us, measured.count()).position();
