@@ -3,7 +3,7 @@
 use embedded_storage::nor_flash::ReadNorFlash;
 use positioning_core::nlos::NodeModel;
 use static_cell::StaticCell;
-use wire::config::MODEL_BYTES;
+use wire::config::{Board, MODEL_BYTES};
 
 /// Room for one, for a `static`.
 pub struct NlosModelStore {
@@ -19,10 +19,10 @@ impl NlosModelStore {
 
     /// Takes the classifier from flash, once a program; `None` where there is none, or none to be trusted: the log says why, and
     /// the powers tell blocked links then.
-    pub fn fill(&'static self, flash: &mut impl ReadNorFlash, pages: [u32; 2]) -> Option<&'static NodeModel> {
+    pub fn fill(&'static self, flash: &mut impl ReadNorFlash, board: Board) -> Option<&'static NodeModel> {
         let bytes = self.bytes.init_with(|| [0; MODEL_BYTES]);
         // A node without record has no classifier either.
-        let found = wire::config::load_model(flash, pages, bytes).ok().flatten()?;
+        let found = wire::config::load_model(flash, board.pages().offsets, bytes).ok().flatten()?;
         match NodeModel::decode(found) {
             Ok((model, _)) => {
                 let model: &_ = self.model.init(model);

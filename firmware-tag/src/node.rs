@@ -4,7 +4,6 @@
 use core::convert::Infallible;
 
 use embedded_hal_async::delay::DelayNs;
-use embedded_storage::nor_flash::ReadNorFlash;
 use firmware_common::TagProtocol;
 use firmware_common::node::{Configured, Guard, Node, Reporter, TELEMETRY_BYTES, Tasks};
 use heapless::Vec;
@@ -16,8 +15,9 @@ use wire::config::Role;
 use wire::telemetry::Condition;
 
 use crate::motion::MotionSensor;
-use crate::nlos_model::NlosModelStore;
 use crate::{AnchorPosition, LocatorConfig, RateControl, Sink, TelemetrySink, anchor_positions, motion};
+
+pub use crate::nlos_model::NlosModelStore;
 
 type TaskChannels = crate::TaskChannels<Guard>;
 
@@ -27,7 +27,6 @@ pub struct Memory {
     tag: StaticCell<Tag>,
     channels: StaticCell<TaskChannels>,
     anchors: StaticCell<Vec<AnchorPosition, { wire::config::MAX_ANCHORS }>>,
-    nlos_model: NlosModelStore,
     #[cfg(feature = "ble")]
     record: StaticCell<wire::config::Record>,
     #[cfg(feature = "ble")]
@@ -49,7 +48,8 @@ pub struct Tag {
     channels: &'static TaskChannels,
     reporter: &'static Reporter,
     anchors: &'static [AnchorPosition],
-    nlos_model: Option<&'static NodeModel>,
+    /// The classifier of line of sight that lies in flash beside the record, see [`NlosModelStore`].
+    pub nlos_model: Option<&'static NodeModel>,
     #[cfg(feature = "ble")]
     record: &'static wire::config::Record,
     #[cfg(feature = "ble")]
@@ -64,7 +64,6 @@ impl Memory {
             tag: StaticCell::new(),
             channels: StaticCell::new(),
             anchors: StaticCell::new(),
-            nlos_model: NlosModelStore::new(),
             #[cfg(feature = "ble")]
             record: StaticCell::new(),
             #[cfg(feature = "ble")]
@@ -105,11 +104,6 @@ impl Memory {
                 None
             }
         }
-    }
-
-    /// Has the tag use the classifier that lies in `flash` beside the record, if there is one; once a program.
-    pub fn use_nlos_model(&'static self, tag: &mut Tag, flash: &mut impl ReadNorFlash, node: &Node) {
-        tag.nlos_model = self.nlos_model.fill(flash, node.board.pages().offsets);
     }
 
     /// Has the tag use what was surveyed of beacons, as it was found in flash; once a program.

@@ -17,6 +17,8 @@ use firmware_common::node::Node;
 use ranging::dw1000::Dw1000;
 use static_cell::StaticCell;
 
+#[cfg(feature = "ble")]
+pub use board::models;
 pub use board::{Board, Uwb, UwbPort, random};
 pub use log::TelemetryChannel;
 pub use spi::{Bus, Interrupt, Reset};

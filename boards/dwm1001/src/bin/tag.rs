@@ -7,13 +7,14 @@ use baliza_board_dwm1001::{Board, Delay, Radio, motion, supervise};
 use embassy_executor::Spawner;
 use firmware_common::node::{Node, Reporter};
 use firmware_tag::motion::lis2dh12::{Lis2dh12, Sa0Pad};
-use firmware_tag::node::{Exchange, Memory, Tag};
+use firmware_tag::node::{Exchange, Memory, NlosModelStore, Tag};
 use static_cell::StaticCell;
 use wire::telemetry::Role;
 
 static REPORTER: StaticCell<Reporter> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
 static MEMORY: Memory = Memory::new();
+static NLOS_MODEL: NlosModelStore = NlosModelStore::new();
 
 #[embassy_executor::task]
 async fn ranging(tag: &'static Tag, exchange: Exchange<Radio>, delay: Delay) {
@@ -62,7 +63,7 @@ async fn main(spawner: Spawner) {
     let (mut node, configured) = Node::start(&REPORTER, Role::Tag, board.start);
     let radio = |config| RADIO.init_with(|| board.uwb.radio(config));
     if let Some((exchange, tag)) = configured.and_then(|configured| MEMORY.tag(&mut node, configured, radio)) {
-        MEMORY.use_nlos_model(tag, &mut board.flash, &node);
+        tag.nlos_model = NLOS_MODEL.fill(&mut board.flash, node.board);
         #[cfg(feature = "ble")]
         MEMORY.use_beacon_models(tag, wire::config::decode_models(baliza_board_dwm1001::models()), &node);
         if board.may_rest && tag.config.sleep {

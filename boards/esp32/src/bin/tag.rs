@@ -7,13 +7,14 @@ use baliza_board_esp32::{Board, Radio, supervise, thread};
 use embassy_executor::Spawner;
 use embassy_time::Delay;
 use firmware_common::node::{Node, Reporter};
-use firmware_tag::node::{Exchange, Memory, Tag};
+use firmware_tag::node::{Exchange, Memory, NlosModelStore, Tag};
 use static_cell::StaticCell;
 use wire::telemetry::Role;
 
 static REPORTER: StaticCell<Reporter> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
 static MEMORY: Memory = Memory::new();
+static NLOS_MODEL: NlosModelStore = NlosModelStore::new();
 
 #[embassy_executor::task]
 async fn ranging(tag: &'static Tag, exchange: Exchange<Radio>) {
@@ -56,9 +57,10 @@ fn start(spawner: Spawner) {
             Ok(uwb) => {
                 let radio = |config| RADIO.init_with(|| uwb.radio(config));
                 if let Some((exchange, tag)) = MEMORY.tag(&mut node, configured, radio) {
-                    MEMORY.use_nlos_model(tag, &mut board.flash, &node);
+                    tag.nlos_model = NLOS_MODEL.fill(&mut board.flash, node.board);
                     #[cfg(feature = "ble")]
                     MEMORY.use_beacon_models(tag, baliza_board_esp32::models(&mut board.flash), &node);
+                    let tag: &'static Tag = tag;
                     thread::start(move |above| above.spawn(ranging(tag, exchange).unwrap()));
                     spawner.spawn(engine(tag).unwrap());
                     #[cfg(feature = "ble")]

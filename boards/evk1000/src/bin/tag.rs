@@ -8,13 +8,14 @@ use embassy_executor::Spawner;
 use embassy_time::Delay;
 use firmware_anchor::node::Anchor;
 use firmware_common::node::{Node, Reporter};
-use firmware_tag::node::{Exchange, Tag};
+use firmware_tag::node::{Exchange, NlosModelStore, Tag};
 use static_cell::StaticCell;
 use wire::telemetry::Role;
 
 static REPORTER: StaticCell<Reporter> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
 static TAG: firmware_tag::node::Memory = firmware_tag::node::Memory::new();
+static NLOS_MODEL: NlosModelStore = NlosModelStore::new();
 static ANCHOR: firmware_anchor::node::Memory = firmware_anchor::node::Memory::new();
 static PANEL: StaticCell<SharedPanel> = StaticCell::new();
 
@@ -54,7 +55,7 @@ async fn main(spawner: Spawner) {
         }
         Some(configured) => {
             if let Some((exchange, tag)) = TAG.tag(&mut node, configured, radio) {
-                TAG.use_nlos_model(tag, &mut flash, &node);
+                tag.nlos_model = NLOS_MODEL.fill(&mut flash, node.board);
                 above.spawn(tag_ranging(tag, exchange, panel).unwrap());
                 spawner.spawn(engine(tag, panel).unwrap());
             }
