@@ -6,14 +6,18 @@ use std::{env, fs};
 /// Cortex-M. `--nmagic`: sections are not spread over pages of an operating system. `--icf`: functions of equal code become one.
 const CORTEX_M: [&str; 4] = ["--nmagic", "--icf=all", "-Tlink.x", "-Tdefmt.x"];
 
+/// The RAM in `memory.x` at the top of the repository.
+const TOP_RAM: Region = Region { origin: 0x2000_0000, length: 64 << 10 };
+
 /// The images of a Cortex-M board: `memory.x` in its crate's directory says where flash and RAM are; without that file it is a DWM1001,
 /// whose map is at the top of the repository.
 ///
 /// The linker takes a `memory.x` of the directory that it runs in before any other, and cargo runs it at the top of the repository. So the
-/// numbers of another board's file go into the map at the top as symbols. flip-link takes the board's own file.
+/// numbers of another board's file go into the map at the top as symbols; but flip-link wants the RAM there in plain numbers. Of a larger
+/// RAM the variables get the first 64 KiB, the stack what lies behind them, or with flip-link the rest of the 64.
 ///
 /// # Panics
-/// The file is there and cannot be read, or lacks a line of `FLASH` or `RAM` with plain numbers.
+/// The file lacks a line of `FLASH` or `RAM` with plain numbers, or the RAM is not at the place of the DWM1001's or smaller.
 pub fn cortex_m() {
     if !is_image() {
         return;
@@ -22,14 +26,14 @@ pub fn cortex_m() {
     watch(&map);
     if let Ok(text) = fs::read_to_string(&map) {
         let (flash, ram) = (region(&text, "FLASH"), region(&text, "RAM"));
+        let is_like_top = ram.origin == TOP_RAM.origin && ram.length >= TOP_RAM.length;
+        assert!(is_like_top, "memory.x: RAM must begin at 0x20000000 and have 64K or more, as in memory.x at the top");
         argument(&format!("--defsym=_flash_origin={:#x}", flash.origin));
         argument(&format!("--defsym=_flash_length={:#x}", flash.length));
         argument(&format!("--defsym=_stack_start={:#x}", ram.origin + ram.length));
-        search(&directory());
-    } else {
-        watch(&top().join("memory.x"));
-        search(&top());
     }
+    watch(&top().join("memory.x"));
+    search(&top());
     CORTEX_M.iter().for_each(|it| argument(it));
 }
 
