@@ -1,5 +1,5 @@
 //! Small symmetric matrices, by hand: a D × D normal matrix (D ≤ 4) is accumulated row by row and solved once a
-//! position, in fewer instructions than a general library needs (`docs/architecture.md` has the counts).
+//! position, in fewer instructions than a general library needs (`docs/design/host.md` has the counts).
 
 use crate::Real;
 

@@ -25,7 +25,7 @@ struct Score {
 
 /// The simulation of the thesis' annex, and its figure.
 pub fn linde() -> Result<Option<Made>> {
-    Ok(Made::one("linde", baliza(["bench", "linde", "--seed", "1", "--plot", "docs/linde.svg"])?))
+    Ok(Made::one("linde", baliza(["bench", "linde", "--seed", "1", "--plot", "research/linde.svg"])?))
 }
 
 /// The recorded room: its path losses, and its targets by them.

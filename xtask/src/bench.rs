@@ -7,7 +7,8 @@ use anyhow::{Result, bail};
 use crate::{accuracy, battery, beacons, document, fingerprints, onchip, root, schemes, simulation, tracks};
 
 const PERFORMANCE: &str = "docs/performance.md";
-const SIMULATION: &str = "docs/simulation.md";
+const SCENARIOS: &str = "docs/scenarios.md";
+const RESEARCH: &str = "research/README.md";
 
 /// Something that is remade as a whole.
 struct Part {
@@ -55,7 +56,7 @@ const PARTS: [Part; 20] = [
     Part {
         name: "scenarios",
         what: "tags among anchors and beacons",
-        document: SIMULATION,
+        document: SCENARIOS,
         make: simulation::scenarios,
     },
     Part { name: "thesis", what: "ranges of the thesis' simulation", document: PERFORMANCE, make: accuracy::thesis },
@@ -69,14 +70,14 @@ const PARTS: [Part; 20] = [
     Part {
         name: "garcia",
         what: "differences of arrival with blocked paths",
-        document: PERFORMANCE,
+        document: RESEARCH,
         make: tracks::garcia,
     },
-    Part { name: "barral", what: "ranges with blocked ones", document: PERFORMANCE, make: tracks::barral },
-    Part { name: "fusion", what: "anchors and beacons together", document: PERFORMANCE, make: tracks::fusion },
-    Part { name: "sweep", what: "the same under other conditions", document: PERFORMANCE, make: tracks::sweep },
+    Part { name: "barral", what: "ranges with blocked ones", document: RESEARCH, make: tracks::barral },
+    Part { name: "fusion", what: "anchors and beacons together", document: RESEARCH, make: tracks::fusion },
+    Part { name: "sweep", what: "the same under other conditions", document: RESEARCH, make: tracks::sweep },
     Part { name: "nlos", what: "line of sight by recorded responses", document: PERFORMANCE, make: accuracy::sight },
-    Part { name: "linde", what: "levels and times of flight, simulated", document: PERFORMANCE, make: beacons::linde },
+    Part { name: "linde", what: "levels and times of flight, simulated", document: RESEARCH, make: beacons::linde },
     Part { name: "beacons", what: "path loss in a recorded room", document: PERFORMANCE, make: beacons::by_path_loss },
     Part { name: "fingerprints", what: "recorded surveys", document: PERFORMANCE, make: fingerprints::comparisons },
     Part {
@@ -94,7 +95,8 @@ pub fn names() -> Vec<&'static str> {
     PARTS.iter().map(|part| part.name).collect()
 }
 
-/// Remakes these parts, or all where none is named, one after the other; one that fails does not keep the others from being made.
+/// Remakes these parts, or all where none is named, one after the other; one that fails does not keep the others from being made. Every
+/// table is printed whole; documents have an extract of it, or nothing ([`extract`](crate::extract)).
 pub fn run(names: &[String]) -> Result<()> {
     let chosen: Vec<&Part> =
         PARTS.iter().filter(|part| names.is_empty() || names.iter().any(|name| name == part.name)).collect();

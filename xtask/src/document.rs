@@ -5,10 +5,13 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 
-/// Replaces what stands between `<!-- made: NAME -->` and `<!-- end: NAME -->` in the file.
+use crate::extract;
+
+/// Replaces what stands between `<!-- made: NAME -->` and `<!-- end: NAME -->` in the file by what documents have of the part, if anything.
 pub fn remake(file: &Path, name: &str, part: &str) -> Result<()> {
+    let Some(part) = extract::of(name, part) else { return Ok(()) };
     let text = fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
-    let remade = replace(&text, name, part).with_context(|| format!("{}: no part {name}", file.display()))?;
+    let remade = replace(&text, name, &part).with_context(|| format!("{}: no part {name}", file.display()))?;
     fs::write(file, remade).with_context(|| format!("cannot write {}", file.display()))
 }
 

@@ -8,6 +8,7 @@ mod bench;
 mod chip;
 mod ci;
 mod document;
+mod extract;
 mod fingerprints;
 mod firmware;
 mod network;
@@ -54,8 +55,8 @@ enum Chore {
     /// Run nodes' images in QEMU.
     #[command(subcommand)]
     Qemu(Qemu),
-    /// Remake the tables and figures of docs/performance.md and docs/simulation.md that simulations, recordings and QEMU make: all, or those
-    /// that are named. `cargo xtask firmware --document` makes that of the images.
+    /// Remake the tables and figures of docs/performance.md, docs/scenarios.md and research/README.md that simulations, recordings and QEMU
+    /// make: all, or those that are named. `cargo xtask firmware --document` makes that of the images.
     ///
     /// Recordings are looked for in the folder that BALIZA_DATA names, else in ../shared/data; tables of those that are not there stay as
     /// they are. All together take some twenty minutes.

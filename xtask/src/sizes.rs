@@ -11,7 +11,7 @@ use anyhow::{Context, Result, anyhow};
 use object::read::{Object, ObjectSection};
 use object::{File, SectionFlags, elf};
 
-use crate::{document, firmware, root};
+use crate::firmware;
 
 /// Images that users choose between.
 const IMAGES: [&str; 2] = ["tag-dwm1001", "tag-dwm1001-ble"];
@@ -67,25 +67,18 @@ const SHARED: [&str; 10] = [
     "critical-section-",
 ];
 
-/// Which images, and whether the document is to have them.
+/// Which images.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// Images by name, as `cargo xtask firmware` prints them
     #[arg(default_values_t = IMAGES.map(String::from))]
     images: Vec<String>,
-    /// Remake the table of docs/performance.md.
-    #[arg(long, conflicts_with = "images")]
-    document: bool,
 }
 
 /// Builds, weighs, prints.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let weighed = arguments.images.iter().map(|name| weigh(&firmware::elf(name)?)).collect::<Result<Vec<_>>>()?;
-    let table = table(&arguments.images, &weighed);
-    println!("\n{table}");
-    if arguments.document {
-        document::remake(&root().join("docs/performance.md"), "sizes", &table)?;
-    }
+    println!("\n{}", table(&arguments.images, &weighed));
     Ok(())
 }
 

@@ -35,12 +35,12 @@ const ROWS: [(&str, &[&str], &[&str]); 6] = [
 
 /// Differences of arrival, and their figure.
 pub fn garcia() -> Result<Option<Made>> {
-    Ok(Made::one("garcia", baliza(["bench", "garcia", "--seed", "1", "--plot", "docs/garcia.svg"])?))
+    Ok(Made::one("garcia", baliza(["bench", "garcia", "--seed", "1", "--plot", "research/garcia.svg"])?))
 }
 
 /// Ranges, blocked ones among them, and their figure.
 pub fn barral() -> Result<Option<Made>> {
-    Ok(Made::one("barral", baliza(["bench", "barral", "--seed", "1", "--plot", "docs/barral.svg"])?))
+    Ok(Made::one("barral", baliza(["bench", "barral", "--seed", "1", "--plot", "research/barral.svg"])?))
 }
 
 /// Anchors and beacons.

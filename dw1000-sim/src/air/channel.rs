@@ -169,7 +169,7 @@ impl Tail {
     }
 
     /// Delays of 4 samples and more, 20 more in the mean, weaker with the delay: the power falls to a third every 13 ns or so, as it
-    /// does in a recorded flat (`docs/simulation.md`).
+    /// does in a recorded flat (`README.md`).
     fn draw(number: u64) -> Self {
         let mut echoes: [Echo; ECHOES] = std::array::from_fn(|k| {
             let random = mix(mix(number) ^ (k as u64 + 1));

@@ -2,7 +2,7 @@
 //!
 //! Source: the DW1000 user manual; where it is silent, the constants below say what is assumed. Not modelled: automatic
 //! acknowledgement, GPIO, external synchronisation, sniff mode, the DIS_* switches of SYS_CFG but for the receive buffers.
-//! Where the model is more lenient than silicon: `docs/simulation.md`.
+//! Where the model is more lenient than silicon: `README.md`.
 
 mod bits;
 mod bus;

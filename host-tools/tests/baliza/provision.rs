@@ -166,13 +166,13 @@ fn the_example_provisions_without_a_word() {
 }
 
 #[test]
-fn the_documentation_s_examples_provision() {
-    let page = fs::read_to_string(root().join("docs/provisioning.md")).expect("docs/provisioning.md");
-    let examples: Vec<_> = page.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next()).collect();
+fn the_example_sites_provision() {
+    let sites = fs::read_dir(root().join("examples/sites")).expect("examples/sites");
+    let examples: Vec<_> = sites.map(|file| fs::read_to_string(file.expect("a file").path()).expect("text")).collect();
     assert_eq!(examples.len(), 4);
     for example in examples {
-        let folder = Folder::with(&[("site.toml", example)]);
-        let board = if example.contains("board") { "" } else { " --board esp32c6" };
+        let folder = Folder::with(&[("site.toml", example.as_str())]);
+        let board = if example.contains("board =") { "" } else { " --board esp32c6" };
         folder.run(&format!("provision --config site.toml --all --out records{board}")).ok();
     }
 }

@@ -24,7 +24,7 @@
 //! The patent estimates the channel's parameters at every instant, and marginalises over their error. Here every hypothesis does both: the biases of all
 //! nodes are states beside position and velocity (a mixture Kalman filter: R. Chen and J. S. Liu, Journal of the Royal Statistical Society B
 //! 62(3), 2000). The mixtures of equation 1 enter it by their two moments. Errors that last therefore count once, and a beacon beside good
-//! anchors is calibrated as the tag walks. `docs/architecture.md` has the reasons.
+//! anchors is calibrated as the tag walks. `research/README.md` has the reasons.
 mod bank;
 pub mod bench;
 mod hypothesis;

@@ -1,4 +1,4 @@
-//! Scenarios as TOML: `docs/scenarios.md` has every key. Text in, a [`Scenario`] or the line that is wrong out.
+//! Scenarios as TOML: `examples/every-key.toml` has every key. Text in, a [`Scenario`] or the line that is wrong out.
 
 mod bluetooth;
 mod motion;
@@ -396,9 +396,8 @@ mod tests {
     }
 
     #[test]
-    fn the_documented_example_is_read() {
-        let document = include_str!("../../../docs/scenarios.md");
-        let text = document.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).unwrap();
+    fn the_example_with_every_key_is_read() {
+        let text = include_str!("../../../examples/every-key.toml");
         let scenario = Scenario::parse(text).unwrap();
         assert_eq!((scenario.seconds, scenario.seed, scenario.loss, scenario.level), (30.0, 1, 0.1, Fidelity::Spi));
         assert_eq!((scenario.anchors.len(), scenario.tags.len(), scenario.walls.len()), (3, 1, 1));

@@ -25,7 +25,7 @@ pub struct Arguments {
     /// Only look for mistakes, with clippy; needs a compiler by rustup with the targets.
     #[arg(long)]
     lint: bool,
-    /// Remake the table of docs/performance.md.
+    /// Remake the table of docs/performance.md: images of boards.
     #[arg(long, conflicts_with_all = ["filter", "lint"])]
     document: bool,
 }
