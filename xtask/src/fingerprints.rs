@@ -23,7 +23,7 @@ struct Score {
 
 /// What is compared: a title, the recording, and the arguments; `{` stands for the recording's folder.
 const COLUMNS: [(&str, &str, &str); 6] = [
-    ("linde_room, as in the thesis", "linde_room", "--targets {targets.csv --average trimmed --offset-db 0"),
+    ("linde_room, as in the thesis", "linde_room", "--targets {targets.csv --average trimmed --receiver-offset-db 0"),
     ("linde_room, targets", "linde_room", "--targets {targets.csv"),
     ("the same, particle filter", "linde_room", "--targets {targets.csv --particle-filter"),
     ("linde_room, left out", "linde_room", "--leave-one-out"),

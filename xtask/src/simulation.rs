@@ -32,7 +32,7 @@ const ROWS: [[&str; 3]; 12] = [
     ["1 tag, 4 anchors, 30 % of receptions lost", "--tags 1 --anchors 4 --loss 0.3", ""],
     ["1 tag, 8 anchors, 30 % of receptions lost", "--tags 1 --anchors 8 --loss 0.3", ""],
     ["1 tag, 8 anchors, a minute", "--tags 1 --anchors 8 --seconds 60", ""],
-    ["1,000 tags at 10 Hz, 200 anchors", "--tags 1000 --anchors 200 --rate 10 --level air --seconds 10", ""],
+    ["1,000 tags at 10 Hz, 200 anchors", "--tags 1000 --anchors 200 --rate 10 --fidelity air --seconds 10", ""],
 ];
 
 /// What `baliza simulate --json` prints of a scenario with beacons, as far as the table has it.

@@ -18,10 +18,10 @@ const IMAGES: [&str; 2] = ["tag-dwm1001", "tag-dwm1001-ble"];
 
 /// What an image is made of, and how the paths of its sources begin; the first that fits counts.
 const PURPOSES: [(&str, &[&str]); 10] = [
-    ("DW1000: driver", &["ranging/src/dw1000"]),
-    ("Exchanges: frames, slots, networks, times of flight", &["ranging/"]),
+    ("DW1000: driver", &["dw1000/"]),
+    ("Exchanges: frames, slots, networks, times of flight", &["ranging/", "wire/src/uwb"]),
     ("Line of sight", &["positioning-core/src/nlos", "firmware-tag/src/sounding"]),
-    ("Beacons: levels, positions by them, rooms, scans", &["positioning-core/src/ble", "advertising/"]),
+    ("Beacons: RSSI, positions by it, rooms, scans", &["positioning-core/src/ble", "wire/src/ble"]),
     (
         "Engine: tracks",
         &[
@@ -31,12 +31,12 @@ const PURPOSES: [(&str, &[&str]); 10] = [
             "positioning-core/src/track",
         ],
     ),
-    ("Node record and models in flash", &["node-record/", "positioning-core/src/stored", "crc-"]),
+    ("Config record and models in flash", &["wire/src/config", "positioning-core/src/stored", "crc-"]),
     ("Solvers", &["positioning-core/"]),
     (
         "Telemetry and log",
         &[
-            "telemetry/",
+            "wire/src/telemetry",
             "firmware-common/src/event_log",
             "firmware-common/src/lines",
             "firmware-common/src/reporter",
@@ -165,12 +165,9 @@ mod tests {
 
     #[test]
     fn a_source_has_the_first_purpose_that_fits() {
-        assert_eq!(of_file("ranging/src/dw1000/receive.rs"), "DW1000: driver");
+        assert_eq!(of_file("dw1000/src/driver/receive.rs"), "DW1000: driver");
         assert_eq!(of_file("ranging/src/native/tag.rs"), "Exchanges: frames, slots, networks, times of flight");
-        assert_eq!(
-            of_file("positioning-core/src/ble/posterior.rs"),
-            "Beacons: levels, positions by them, rooms, scans"
-        );
+        assert_eq!(of_file("positioning-core/src/ble/posterior.rs"), "Beacons: RSSI, positions by it, rooms, scans");
         assert_eq!(of_file("positioning-core/src/engine/round.rs"), "Engine: tracks");
         assert_eq!(of_file("positioning-core/src/robust.rs"), "Solvers");
         assert_eq!(of_file("embassy-nrf-0.11.0/src/spim.rs"), BOARD);

@@ -44,9 +44,9 @@ pub struct Arguments {
     /// Record as well, as `baliza record` does, into this folder
     #[arg(long, value_name = "FOLDER")]
     record: Option<PathBuf>,
-    /// Show where in the sources each line of the log is said
-    #[arg(long)]
-    places: bool,
+    /// Show the source location of each line of the log
+    #[arg(long, alias = "places")]
+    show_source: bool,
     /// End after so many positions
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     fixes: Option<u64>,
@@ -143,7 +143,7 @@ impl Screen {
         let writing = match arguments.format {
             Format::Text => {
                 let plain = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
-                Writing::Text(Lines::new(std::io::stdout().is_terminal() && !plain, arguments.places))
+                Writing::Text(Lines::new(std::io::stdout().is_terminal() && !plain, arguments.show_source))
             }
             Format::Jsonl => Writing::Json,
             Format::Csv => Writing::Csv(stream::Lines::csv(arguments.table)),

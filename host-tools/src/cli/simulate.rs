@@ -51,8 +51,8 @@ pub struct Arguments {
     #[arg(long, value_name = "P", value_parser = probability)]
     loss: Option<f64>,
     /// How deep radios are simulated [default: the scenario's, or spi]
-    #[arg(long, value_name = "LEVEL")]
-    level: Option<FidelityName>,
+    #[arg(long, alias = "level", value_name = "FIDELITY")]
+    fidelity: Option<FidelityName>,
     /// What the nodes run on that the scenario gives no board of their own: what code, bus and interrupts take, and what current
     /// (instant: nothing but the bus) [default: the scenario's, or dwm1001]
     #[arg(long, value_name = "BOARD", value_parser = board())]
@@ -74,8 +74,8 @@ pub struct Arguments {
     #[arg(long, value_name = "SOLVER", value_parser = solvers(), conflicts_with = "method")]
     solver: Option<Solver>,
     /// Let all ranges count alike, whatever their powers tell of the line of sight
-    #[arg(long)]
-    ignore_powers: bool,
+    #[arg(long, alias = "ignore-powers")]
+    no_power_weighting: bool,
     /// A trained classifier that tells links without line of sight, in the tags: a file of `nlos train`. Where it asks for impulse
     /// responses, tags read them, and --out has their features
     #[arg(long, value_name = "FILE")]
@@ -110,15 +110,15 @@ pub struct Arguments {
     /// From one point of the survey to the next, metres, 0.1 to 100
     #[arg(long, value_name = "M", default_value_t = 1.0, value_parser = step)]
     survey_step_m: f64,
-    /// How long a stay is, seconds
-    #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = seconds)]
-    survey_stay_s: f64,
+    /// How long the tag dwells at each point, seconds
+    #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = seconds, alias = "survey-stay-s")]
+    survey_dwell_s: f64,
     /// The rooms' outlines: CSV with room,x_m,y_m; points outside of all are left out
     #[arg(long, value_name = "FILE", requires = "survey")]
     survey_rooms: Option<PathBuf>,
     /// Print JSON and no positions: tags, anchors, seconds, fixes, fixes_per_s, rmse_m, p50_m, p90_m, frames_sent,
     /// frames_lost, collisions, airtime_share, tag_mean_current_ma, charge_per_fix_uc and tag_currents_ma (board and DW1000, from
-    /// the first position on; none with --level air); with beacons also bluetooth
+    /// the first position on; none with --fidelity air); with beacons also bluetooth
     #[arg(long)]
     json: bool,
 }
@@ -134,8 +134,8 @@ Examples:
   baliza simulate --scenario examples/leaving.toml --plot leaving.png
   baliza simulate --scenario examples/battery.toml --rate 0.1 --json
   baliza simulate --scenario examples/fingerprints.toml --survey fingerprints.csv
-  baliza simulate --mode tdoa --tags 100 --anchors 8 --level air
-  baliza simulate --level air --tags 1000 --anchors 200 --rate 10 --json";
+  baliza simulate --mode tdoa --tags 100 --anchors 8 --fidelity air
+  baliza simulate --fidelity air --tags 1000 --anchors 200 --rate 10 --json";
 
 /// The height of tags in the plane that nobody told, metres.
 const HEIGHT_M: f32 = 1.2;
@@ -145,7 +145,7 @@ const STEP_S: f64 = 0.1;
 const ROW_S: f64 = 0.5;
 const ROW_TAGS: usize = 8;
 
-/// `--level`.
+/// `--fidelity`.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum FidelityName {
     /// The driver on register-level chips behind SPI
@@ -241,10 +241,10 @@ impl Arguments {
         scenario.seconds = self.seconds.unwrap_or(scenario.seconds);
         scenario.seed = self.seed.unwrap_or(scenario.seed);
         scenario.loss = self.loss.unwrap_or(scenario.loss);
-        scenario.level = match self.level {
+        scenario.fidelity = match self.fidelity {
             Some(FidelityName::Spi) => Fidelity::Spi,
             Some(FidelityName::Air) => Fidelity::Air,
-            None => scenario.level,
+            None => scenario.fidelity,
         };
         if let Some(board) = self.board {
             scenario.board = board.slowed(scenario.board.slowdown);
@@ -263,7 +263,7 @@ impl Arguments {
         if self.solver.is_some_and(|solver| solver != Solver::Track) && only_listen {
             return Err(UserError::flag("--solver", "tags that only listen have no ranges to solve: only track"));
         }
-        scenario.tag.weigh_nlos &= !self.ignore_powers;
+        scenario.tag.weigh_nlos &= !self.no_power_weighting;
         if let Some(file) = &self.model {
             let chosen = Chosen::read(file, self.classifier.as_deref())?;
             // It lives as long as the program: there is one.
@@ -299,7 +299,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(file) = &arguments.survey {
         output::check("--survey", file)?;
         let rooms = arguments.survey_rooms.as_deref().map(read_outlines).transpose()?;
-        let survey = survey_csv(&scenario, arguments.survey_step_m, arguments.survey_stay_s, rooms.as_deref())?;
+        let survey = survey_csv(&scenario, arguments.survey_step_m, arguments.survey_dwell_s, rooms.as_deref())?;
         super::write(file, &survey)?;
         super::note(&format!("survey: {}\n", file.display()));
         return Ok(());

@@ -121,8 +121,8 @@ fn what_is_wrong_is_said_in_one_line() {
         "stays.csv: none of the beacons of beacons.csv was heard",
     );
     refused(
-        "ble solve --beacons beacons.csv --rssi stays.csv --offset-db -1",
-        "invalid value '-1' for '--offset-db <DB>': it must be from 0 to 100",
+        "ble solve --beacons beacons.csv --rssi stays.csv --receiver-offset-db -1",
+        "invalid value '-1' for '--receiver-offset-db <DB>': it must be from 0 to 100",
     );
 }
 
@@ -226,7 +226,7 @@ fn a_receiver_that_reads_six_too_soft_is_found_out_from_capture_to_capture() {
     let folder = Folder::with(&[("beacons.csv", &BEACONS.replace(",4\n", ",1\n")), ("rssi.csv", &stays)]);
     let errors = |offset: &str| -> Vec<f64> {
         let run = folder.run(&format!(
-            "ble solve --beacons beacons.csv --rssi rssi.csv --area 0,0,6,8 --json --offset-db {offset}"
+            "ble solve --beacons beacons.csv --rssi rssi.csv --area 0,0,6,8 --json --receiver-offset-db {offset}"
         ));
         let rows = run.ok().json();
         rows.as_array().expect("a list").iter().map(|row| row["mae_m"].as_f64().expect("a number")).collect()

@@ -19,7 +19,7 @@ fn room() -> Folder {
 fn two_neighbours_alike_far_are_averaged_and_silence_is_a_reason() {
     // p is 10 dB from a and from b, and √(10² + 20²) dB from c and d.
     let run = room().run(
-        "ble fingerprint --fingerprints survey.csv --targets targets.csv --k 2 --weighted --offset-db 0 --average trimmed",
+        "ble fingerprint --fingerprints survey.csv --targets targets.csv --k 2 --weighted --receiver-offset-db 0 --average trimmed",
     );
     let run = run.ok();
     assert_eq!(run.column("method"), ["w2nn", "w2nn"]);
@@ -55,8 +55,8 @@ fn flags_that_do_not_go_together_are_refused() {
         "--particle-filter: gp-walk is a filter itself",
     );
     refused("--targets targets.csv --k 16", "--k");
-    refused("--targets targets.csv --offset-db=-1", "it must be from 0 to 100");
-    refused("--targets targets.csv --offset-db NaN", "is not a number");
+    refused("--targets targets.csv --receiver-offset-db=-1", "it must be from 0 to 100");
+    refused("--targets targets.csv --receiver-offset-db NaN", "is not a number");
     refused("--hold-out 5", "survey.csv:1: 4 points are too few to hold some out");
 }
 
@@ -223,7 +223,8 @@ fn a_walker_does_not_pass_a_wall() {
         ("walls.csv", "x1_m,y1_m,x2_m,y2_m\n5.5,-9,5.5,1\n5.5,1,5.5,9\n"),
     ]);
     let last = |arguments: &str| {
-        let run = folder.run(&format!("ble fingerprint --fingerprints survey.csv --offset-db 0 {arguments}")).ok();
+        let run =
+            folder.run(&format!("ble fingerprint --fingerprints survey.csv --receiver-offset-db 0 {arguments}")).ok();
         *run.numbers("x_m").last().expect("a position")
     };
     let walks = "--rssi walk.csv --kernel gp-walk";

@@ -164,7 +164,7 @@ fn telemetry_of_a_simulation_is_read_as_that_of_boards() {
 #[test]
 fn a_tag_that_listens_leaves_its_differences_beside_the_truth() {
     let folder = folder();
-    folder.run("simulate --mode tdoa --tags 1 --anchors 6 --level air --seconds 3 --out out").ok();
+    folder.run("simulate --mode tdoa --tags 1 --anchors 6 --fidelity air --seconds 3 --out out").ok();
     let text = String::from_utf8(folder.read("out/differences.csv")).expect("text");
     let mut rows = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
     let header = rows.next().expect("a header");
@@ -241,7 +241,7 @@ fn tags_with_a_classifier_read_impulse_responses_and_the_recording_trains_others
     assert_eq!(sounded.len(), 4, "{sounded:?}");
     assert!(sounded.values().all(|count| (8..=14).contains(count)), "{sounded:?}");
     // Radios straight on the air have accumulators, too.
-    folder.run("simulate --scenario hall.toml --level air --model nlos.model --out air --json").ok();
+    folder.run("simulate --scenario hall.toml --fidelity air --model nlos.model --out air --json").ok();
     folder.run("nlos train --ranges spi/ranges.csv --classifiers logistic --out own.model").ok();
     folder.run("nlos eval --ranges air/ranges.csv --model own.model").ok();
     let track =

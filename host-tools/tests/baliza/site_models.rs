@@ -135,7 +135,7 @@ fn a_scenario_is_surveyed_and_its_tags_get_what_comes_of_it() {
     let outlines =
         "room,x_m,y_m\nwest,-1,-1\nwest,2,-1\nwest,2,5\nwest,-1,5\neast,2,-1\neast,3.5,-1\neast,3.5,5\neast,2,5\n";
     let folder = Folder::with(&[("s.toml", text), ("o.csv", outlines)]);
-    let survey = "simulate --scenario s.toml --survey f.csv --survey-step-m 2 --survey-stay-s 3 --survey-rooms o.csv";
+    let survey = "simulate --scenario s.toml --survey f.csv --survey-step-m 2 --survey-dwell-s 3 --survey-rooms o.csv";
     folder.run(survey).ok();
     let stays = String::from_utf8(folder.read("f.csv")).expect("text");
     assert!(stays.starts_with("point,room,x_m,y_m,beacon,rssi_dbm,t_s\n"));

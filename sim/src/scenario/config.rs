@@ -102,7 +102,7 @@ impl Scenario {
 
     /// Simulated chips are calibrated: they have the default's delay at every pulse frequency, and a radio straight on the air has none.
     fn record(&self, network: Network, role: Role) -> Record {
-        let antenna_delay = match self.level {
+        let antenna_delay = match self.fidelity {
             Fidelity::Spi => DEFAULT_ANTENNA_DELAY,
             Fidelity::Air => 0,
         };

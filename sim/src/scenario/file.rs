@@ -82,7 +82,8 @@ struct File {
     seed: u64,
     #[serde(deserialize_with = "probability")]
     loss: f64,
-    level: FidelityName,
+    #[serde(alias = "level")]
+    fidelity: FidelityName,
     #[serde(deserialize_with = "clock_offset")]
     clock_ppm: f64,
     #[serde(deserialize_with = "optional_finite")]
@@ -119,7 +120,7 @@ impl Default for File {
             seconds: 10.0,
             seed: 1,
             loss: 0.0,
-            level: FidelityName::Spi,
+            fidelity: FidelityName::Spi,
             clock_ppm: 20.0,
             height_m: tag.height_m,
             method: tag.method,
@@ -302,7 +303,7 @@ impl File {
             seconds: self.seconds,
             seed: self.seed,
             loss: self.loss,
-            level: match self.level {
+            fidelity: match self.fidelity {
                 FidelityName::Spi => Fidelity::Spi,
                 FidelityName::Air => Fidelity::Air,
             },
@@ -399,7 +400,7 @@ mod tests {
     fn the_example_with_every_key_is_read() {
         let text = include_str!("../../../examples/every-key.toml");
         let scenario = Scenario::parse(text).unwrap();
-        assert_eq!((scenario.seconds, scenario.seed, scenario.loss, scenario.level), (30.0, 1, 0.1, Fidelity::Spi));
+        assert_eq!((scenario.seconds, scenario.seed, scenario.loss, scenario.fidelity), (30.0, 1, 0.1, Fidelity::Spi));
         assert_eq!((scenario.anchors.len(), scenario.tags.len(), scenario.walls.len()), (3, 1, 1));
         assert_eq!(scenario.beacons.len(), 1);
         assert_eq!(scenario.bluetooth, BluetoothSettings::default());

@@ -50,7 +50,7 @@ impl Scenario {
             seconds: 10.0,
             seed: 1,
             loss: 0.0,
-            level: Fidelity::Spi,
+            fidelity: Fidelity::Spi,
             clock_ppm: 20.0,
             board: BoardProfile::DWM1001,
             tag: TagSettings { height_m: Some(TAG_HEIGHT_M), ..TagSettings::default() },

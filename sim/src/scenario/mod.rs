@@ -46,7 +46,7 @@ pub struct Scenario {
     /// Probability that a reception is lost, whatever its power.
     pub loss: f64,
     /// How deep the radios are simulated.
-    pub level: Fidelity,
+    pub fidelity: Fidelity,
     /// Every crystal is off by something between −this and +this, millionths.
     pub clock_ppm: f64,
     /// The board of nodes that have none of their own.

@@ -61,7 +61,7 @@ impl Simulation {
         for anchor in &scenario.anchors {
             let app = AnchorApp::new(&world, &scenario, anchor, outlet(anchor.address));
             let board = anchor.board.unwrap_or(scenario.board);
-            let hardware = Hardware::start(&world, scenario.level, board, Path::Fixed(anchor.at), app);
+            let hardware = Hardware::start(&world, scenario.fidelity, board, Path::Fixed(anchor.at), app);
             nodes.insert(anchor.address, hardware);
         }
         let mut sensors = HashMap::new();
@@ -76,7 +76,7 @@ impl Simulation {
             let sensor = sensor(&world, tag, &board);
             sensors.extend(sensor.clone().map(|sensor| (tag.address, sensor)));
             let app = TagApp::new(&world, &scenario, tag, outlet(tag.address), (ears, sensor));
-            nodes.insert(tag.address, Hardware::start(&world, scenario.level, board, path, app));
+            nodes.insert(tag.address, Hardware::start(&world, scenario.fidelity, board, path, app));
         }
         let addresses = nodes.iter().map(|(&address, node)| (node.port(), address)).collect();
         let (nodes, sensors, beacons, outlets) = (Rc::new(nodes), Rc::new(sensors), Rc::new(beacons), Rc::new(outlets));

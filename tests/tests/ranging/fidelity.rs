@@ -51,7 +51,7 @@ fn pinned(scenario: Scenario, answer_us: u16, listen_again_us: u16) -> Scenario 
 fn chips_and_air_make_the_same_rounds_on_every_board() {
     for board in [BoardProfile::DWM1001, BoardProfile::EVB1000, BoardProfile::INSTANT] {
         for (anchors, tags) in [(4, 1), (8, 1), (8, 3)] {
-            let of = |level, loss| rounds(Scenario { level, board, loss, ..Scenario::rooms(anchors, tags) });
+            let of = |level, loss| rounds(Scenario { fidelity: level, board, loss, ..Scenario::rooms(anchors, tags) });
             let (chips, air) = (of(Fidelity::Spi, 0.0), of(Fidelity::Air, 0.0));
             let is_free = board == BoardProfile::INSTANT;
             assert!(alike(is_free, &air, &chips), "{board:?}, {anchors} anchors, {tags} tags: {air:?} and {chips:?}");
@@ -73,7 +73,7 @@ fn with_the_same_slots_chips_and_air_make_the_same_rounds() {
     for (board, answer_us, listen_again_us) in [(BoardProfile::DWM1001, 450, 120), (BoardProfile::EVB1000, 700, 550)] {
         for (anchors, tags, loss) in [(4, 1, 0.0), (8, 1, 0.0), (8, 3, 0.0), (4, 1, 0.1), (8, 3, 0.1)] {
             let of = |level| {
-                let scenario = Scenario { level, board, loss, ..Scenario::rooms(anchors, tags) };
+                let scenario = Scenario { fidelity: level, board, loss, ..Scenario::rooms(anchors, tags) };
                 rounds(pinned(scenario, answer_us, listen_again_us))
             };
             let (chips, air) = (of(Fidelity::Spi), of(Fidelity::Air));
@@ -86,7 +86,7 @@ fn with_the_same_slots_chips_and_air_make_the_same_rounds() {
 #[test]
 fn who_only_listens_hears_the_last_answer_too() {
     for board in [BoardProfile::DWM1001, BoardProfile::EVB1000] {
-        let of = |level| rounds(Scenario { level, board, ..Scenario::listening(5, 2) });
+        let of = |level| rounds(Scenario { fidelity: level, board, ..Scenario::listening(5, 2) });
         let (chips, air) = (of(Fidelity::Spi), of(Fidelity::Air));
         assert!(alike(false, &air, &chips), "{board:?}: {air:?} and {chips:?}");
         for all in [&chips, &air] {

@@ -6,7 +6,7 @@ use wire::config::{Mode, Network};
 
 /// Positions a second and tag from the first second on, their errors' root mean square in metres, and collisions.
 fn listen(level: Fidelity, tags: usize, seconds: f64, loss: f64) -> (f64, f64, u64) {
-    let mut simulation = Simulation::new(Scenario { level, seconds, loss, ..Scenario::listening(8, tags) });
+    let mut simulation = Simulation::new(Scenario { fidelity: level, seconds, loss, ..Scenario::listening(8, tags) });
     simulation.run_until(1.0);
     let joined = simulation.summary();
     let records = simulation.run_until(seconds);
@@ -53,7 +53,7 @@ fn walls_between_anchors_are_not_in_the_differences() {
                 Err(error) => panic!("line {error}"),
             };
             let networks = vec![Network { mode, ..NETWORK }];
-            let run = Run::of(Scenario { level: Fidelity::Air, seed, networks, ..scenario });
+            let run = Run::of(Scenario { fidelity: level: Fidelity::Air, seed, networks, ..scenario });
             run.summary.rmse_m.map_or(f64::NAN, |rmse_m| rmse_m * rmse_m)
         });
         squares.sum::<f64>() / 3.0

@@ -4,7 +4,7 @@ use sim::scenario::{Fidelity, Scenario};
 use system_tests::Run;
 
 fn records(level: Fidelity, seed: u64) -> String {
-    let run = Run::of(Scenario { level, seed, seconds: 2.0, loss: 0.1, ..Scenario::rooms(6, 3) });
+    let run = Run::of(Scenario { fidelity: level, seed, seconds: 2.0, loss: 0.1, ..Scenario::rooms(6, 3) });
     format!("{:?}\n{:?}", run.records, run.summary)
 }
 
@@ -19,7 +19,7 @@ fn equal_seeds_give_equal_records_and_others_do_not() {
 #[test]
 fn a_radio_straight_on_the_air_finds_what_a_chip_finds() {
     let median = |level| {
-        let run = Run::of(Scenario { level, seconds: 5.0, ..Scenario::rooms(8, 1) });
+        let run = Run::of(Scenario { fidelity: level, seconds: 5.0, ..Scenario::rooms(8, 1) });
         assert!(run.summary.fixes_per_s > 150.0, "{level:?}: {:?}", run.summary);
         run.summary.p50_m.unwrap_or(f64::NAN)
     };

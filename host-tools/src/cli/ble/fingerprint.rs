@@ -63,8 +63,8 @@ pub struct Arguments {
     window_ms: u32,
     /// How far the receiver's RSSI values may be off from the surveyor's, all alike, before the first capture, dB (standard deviation); it is
     /// learnt from one capture to the next. 0: they are not off
-    #[arg(long, value_name = "DB", allow_negative_numbers = true, default_value_t = 4.0, value_parser = super::solve::decibels)]
-    offset_db: f64,
+    #[arg(long, value_name = "DB", allow_negative_numbers = true, default_value_t = 4.0, value_parser = super::solve::decibels, alias = "offset-db")]
+    receiver_offset_db: f64,
     /// How RSSI values of one point are averaged
     #[arg(long, value_name = "HOW", default_value = "power")]
     average: Averages,
@@ -124,7 +124,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let comparisons = arguments.comparisons()?;
     let plan = arguments.place.read()?;
     let particles_s = arguments.particle_filter.then(|| f64::from(arguments.window_ms) / 1000.0);
-    let (average, offset_db) = (arguments.average.into(), arguments.offset_db);
+    let (average, offset_db) = (arguments.average.into(), arguments.receiver_offset_db);
     let setup = Setup { average, offset_db, particles_s, walls: &plan.walls };
     let making = Making { plan: (!plan.beacons.is_empty()).then_some(&plan), ..Making::default() };
 

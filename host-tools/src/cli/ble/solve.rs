@@ -50,8 +50,8 @@ pub struct Arguments {
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = CornersM::parse)]
     area: Option<CornersM>,
     /// How far the receiver's RSSI values may be off from those of the calibration, all alike, dB (standard deviation)
-    #[arg(long, value_name = "DB", allow_negative_numbers = true, default_value_t = 2.0, value_parser = decibels)]
-    offset_db: f64,
+    #[arg(long, value_name = "DB", allow_negative_numbers = true, default_value_t = 2.0, value_parser = decibels, alias = "offset-db")]
+    receiver_offset_db: f64,
     /// Seed of the particles: equal seeds give equal positions
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -90,7 +90,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             window_s: f64::from(arguments.window_ms) / 1000.0,
             height_m: arguments.height_m,
             area_m: arguments.area.map(|CornersM(corners)| corners),
-            offset_db: arguments.offset_db,
+            offset_db: arguments.receiver_offset_db,
             wall_db: arguments.wall_db,
             seed: arguments.seed,
         },

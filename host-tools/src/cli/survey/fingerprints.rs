@@ -32,9 +32,9 @@ pub struct Arguments {
     /// Where the fingerprints go: CSV with point,room,x_m,y_m,beacon,rssi_dbm,t_s
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// How long a stay is, seconds
-    #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = stay)]
-    stay_s: f64,
+    /// How long to dwell at a point, seconds
+    #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = stay, alias = "stay-s")]
+    dwell_s: f64,
     #[command(flatten)]
     source: SourceArguments,
     /// Print JSON: a list of objects with point, taken, adverts, beacons, reasons
@@ -109,7 +109,7 @@ fn recorded(
     catch_ctrl_c()?;
     let mut stays: Vec<_> = missing(places, book)
         .into_iter()
-        .map(|place| (place, Dwell::new(place.from_s, arguments.stay_s), false))
+        .map(|place| (place, Dwell::new(place.from_s, arguments.dwell_s), false))
         .collect();
     let mut stream = Stream::default();
     let progress = input.progress();
@@ -185,7 +185,7 @@ fn live(arguments: &Arguments, places: Option<Vec<SurveyPoint>>, book: &mut Fing
     catch_ctrl_c()?;
     let mut source = arguments.source.live(None, false);
     let mut person = Terminal::new();
-    let mut guide = Wizard::new(source.as_mut(), &mut person, arguments.stay_s, &STOP);
+    let mut guide = Wizard::new(source.as_mut(), &mut person, arguments.dwell_s, &STOP);
     guide.until = arguments.source.seconds.map(|seconds| Instant::now() + seconds);
     let mut visits = Vec::new();
     if let Some(places) = places {
