@@ -53,7 +53,7 @@ fn walls_between_anchors_are_not_in_the_differences() {
                 Err(error) => panic!("line {error}"),
             };
             let networks = vec![Network { mode, ..NETWORK }];
-            let run = Run::of(Scenario { fidelity: level: Fidelity::Air, seed, networks, ..scenario });
+            let run = Run::of(Scenario { fidelity: Fidelity::Air, seed, networks, ..scenario });
             run.summary.rmse_m.map_or(f64::NAN, |rmse_m| rmse_m * rmse_m)
         });
         squares.sum::<f64>() / 3.0
