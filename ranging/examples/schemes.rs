@@ -1,4 +1,4 @@
-//! The trade between frames and accuracy: `cargo run --release -p ranging --example schemes` prints the table.
+//! The trade between frames and accuracy: `cargo run --release -p baliza-ranging --example schemes` prints the table.
 //!
 //! Monte Carlo: one tag, eight anchors at 10 m; the tag's clock 20 ppm fast and all anchors' 20 ppm slow,
 //! and the reverse; reception stamps with 0.1 ns (6.4 ticks, 3 cm) of noise and rounded to the tick, the carrier's reading

@@ -110,7 +110,7 @@ fn measure(chip: Chip) -> Result<Measured> {
 /// Builds and runs an image.
 fn run(toolchain: &Toolchain, chip: Chip, name: &str, features: &str) -> Result<Printed> {
     let mut cargo = toolchain.cargo("build");
-    succeed(cargo.args(["--quiet", "--package", "onchip-bench", "--bin", name, "--features", features]))?;
+    succeed(cargo.args(["--quiet", "--package", "baliza-onchip-bench", "--bin", name, "--features", features]))?;
     let printed = Printed::parse(&qemu::run(chip, &toolchain.binary(name))?)?;
     let counted = printed.calibration;
     ensure!(counted.abs_diff(1000) <= 2, "{}: 1000 instructions were counted as {counted}", chip.title());

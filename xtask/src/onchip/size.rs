@@ -43,6 +43,6 @@ impl Sizes {
 fn weigh(toolchain: &Toolchain, methods: &str, dims: usize) -> Result<u64> {
     let mut cargo = toolchain.cargo("build");
     cargo.env("ONCHIP_METHODS", methods).env("ONCHIP_DIMS", dims.to_string());
-    succeed(cargo.args(["--quiet", "--package", "onchip-bench", "--bin", "size", "--features", "image"]))?;
+    succeed(cargo.args(["--quiet", "--package", "baliza-onchip-bench", "--bin", "size", "--features", "image"]))?;
     inspect::flash(&toolchain.binary("size"))
 }
