@@ -32,12 +32,12 @@ pub enum Measured<'a> {
     /// Differences of arrivals among anchors that asked each other.
     Differences(exchange::Differences<'a>),
     /// RSSI values of beacons, heard in a window.
-    Levels(Levels<'a>),
+    RssiWindow(RssiWindow<'a>),
 }
 
 /// What was heard of beacons in a window.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Levels<'a> {
+pub struct RssiWindow<'a> {
     /// Goes on from the last round's number, wrapping.
     pub number: u16,
     /// The listed beacons that were received, the nearest first.
@@ -50,7 +50,7 @@ impl<'a> Measured<'a> {
         match self {
             Self::Ranges(round) => round.number,
             Self::Differences(round) => round.number,
-            Self::Levels(window) => window.number,
+            Self::RssiWindow(window) => window.number,
         }
     }
 
@@ -59,7 +59,7 @@ impl<'a> Measured<'a> {
         match self {
             Self::Ranges(round) => round.asked,
             Self::Differences(round) => round.asked,
-            Self::Levels(_) => 0,
+            Self::RssiWindow(_) => 0,
         }
     }
 
@@ -68,7 +68,7 @@ impl<'a> Measured<'a> {
         match self {
             Self::Ranges(round) => round.ranges.len(),
             Self::Differences(round) => round.differences.len(),
-            Self::Levels(window) => window.rssis.len(),
+            Self::RssiWindow(window) => window.rssis.len(),
         }
     }
 
@@ -76,14 +76,14 @@ impl<'a> Measured<'a> {
     pub const fn ranges(&self) -> &'a [Range] {
         match self {
             Self::Ranges(round) => round.ranges,
-            Self::Differences(_) | Self::Levels(_) => &[],
+            Self::Differences(_) | Self::RssiWindow(_) => &[],
         }
     }
 
     /// The differences with their reference, if it is those that were measured.
     pub const fn differences(&self) -> Option<&exchange::Differences<'a>> {
         match self {
-            Self::Ranges(_) | Self::Levels(_) => None,
+            Self::Ranges(_) | Self::RssiWindow(_) => None,
             Self::Differences(round) => Some(round),
         }
     }
@@ -131,7 +131,7 @@ impl Round {
 /// A beacon's advertisement, heard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Heard {
+pub struct ReceivedAdvertisement {
     /// When, since the node started, microseconds.
     pub t_us: u64,
     /// What it says.
@@ -152,7 +152,7 @@ pub struct TaskChannels<M: RawMutex> {
     rounds: Channel<M, Round, ROUNDS>,
     guidance: Mutex<M, Cell<Guidance>>,
     workload: Mutex<M, RefCell<Workload>>,
-    sightings: Channel<M, Heard, SIGHTINGS>,
+    sightings: Channel<M, ReceivedAdvertisement, SIGHTINGS>,
     quiet: Signal<M, Quiet>,
     movement: Signal<M, ()>,
     /// The rate that waits to be taken is not to wait for the next report.
@@ -202,11 +202,11 @@ impl<M: RawMutex> TaskChannels<M> {
     }
 
     /// The scanner has heard a beacon; how many older sightings that cost.
-    pub(crate) fn put_sighting(&self, heard: Heard) -> u32 {
+    pub(crate) fn put_sighting(&self, heard: ReceivedAdvertisement) -> u32 {
         put(&self.sightings, heard)
     }
 
-    pub(crate) async fn next_sighting(&self) -> Heard {
+    pub(crate) async fn next_sighting(&self) -> ReceivedAdvertisement {
         self.sightings.receive().await
     }
 

@@ -2,7 +2,7 @@
 
 use core::cell::RefCell;
 
-use crate::{Epoch, Observer};
+use crate::{Observer, RoundOutcome};
 
 /// FNV-1a (64 bits; Fowler, Noll, Vo) of the positions so far, of their covariances, and of the reasons why there was none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,7 +15,7 @@ impl Digest {
     }
 
     /// With this epoch.
-    pub fn take(&mut self, epoch: &Epoch<'_>) {
+    pub fn take(&mut self, epoch: &RoundOutcome<'_>) {
         match &epoch.outcome {
             Ok(position) => {
                 let covariance = position.covariance_m2.as_flattened().iter();
@@ -40,7 +40,7 @@ impl Digest {
 }
 
 impl Observer for &RefCell<Digest> {
-    async fn epoch(&self, epoch: &Epoch<'_>) {
+    async fn epoch(&self, epoch: &RoundOutcome<'_>) {
         self.borrow_mut().take(epoch);
     }
 }

@@ -1,7 +1,7 @@
 //! The tag, whole, in two tasks: [`ranging()`] owns the radio and the machine of the exchange, [`engine()`] makes positions. A board
 //! spawns them at two priorities; [`run_from_config`] joins them where there is one.
 //!
-//! Radio → machine → a round of ranges, or of differences → [`TaskChannels`] → [`Tracker`] → an [`Epoch`]: a position with its
+//! Radio → machine → a round of ranges, or of differences → [`TaskChannels`] → [`Tracker`] → an [`RoundOutcome`]: a position with its
 //! covariance, or the reason why there is none. Ranging never waits for the engine: where that is late, the oldest round goes, and is counted.
 //! Back flow the position, by which a tag chooses its anchors, and its [`RateControl`]. A motion sensor ([`motion`]) runs beside, so that a tag that
 //! is picked up ranges at once. A Bluetooth scan ([`scan`]) runs beside, and what it
@@ -46,7 +46,7 @@ use wire::telemetry::{Condition, Hello, MotionSensor, Sighting};
 use channels::Quiet;
 use sounding::Sounder;
 
-pub use channels::{Heard, Levels, Measured, TaskChannels};
+pub use channels::{Measured, ReceivedAdvertisement, RssiWindow, TaskChannels};
 pub use config::{LocatorConfig, anchor_positions, method};
 pub use digest::Digest;
 pub use positioning_core::locator::{AnchorPosition, Position, SiteModels};
@@ -55,7 +55,7 @@ pub use sightings::KnownBeacons;
 pub use site_models::site_models;
 pub use sounding::Sounding;
 pub use telemetry_sink::TelemetrySink;
-pub use tracker::{Epoch, RoomReport, Tracker};
+pub use tracker::{RoomReport, RoundOutcome, Tracker};
 
 /// Whether a tag heeds beacons: what it needs for them, 13 kB of code, is only in images with Bluetooth.
 pub(crate) const HEARS_BEACONS: bool = cfg!(any(feature = "ble", test));
@@ -73,7 +73,7 @@ pub trait Sink {
     fn now_us(&self) -> u64;
 
     /// A round is over, and what can be made of it is made.
-    async fn publish(&self, epoch: Epoch<'_>);
+    async fn publish(&self, epoch: RoundOutcome<'_>);
 
     /// What became of an action of the exchange.
     fn step(&self, event: &Event<'_>);
@@ -116,7 +116,7 @@ pub trait Sink {
 #[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
 pub trait Observer {
     /// A round is over.
-    async fn epoch(&self, epoch: &Epoch<'_>) {
+    async fn epoch(&self, epoch: &RoundOutcome<'_>) {
         let _ = epoch;
     }
 

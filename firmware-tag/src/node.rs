@@ -34,7 +34,7 @@ pub struct Memory {
 }
 
 /// What the task that owns the radio has for itself.
-pub struct Exchange<R: 'static> {
+pub struct RangingParts<R: 'static> {
     /// The radio's driver.
     pub radio: &'static mut R,
     /// The tag's side of the exchange.
@@ -77,12 +77,12 @@ impl Memory {
         node: &mut Node,
         configured: Configured,
         radio: impl FnOnce(dw1000::Config) -> &'static mut R,
-    ) -> Option<(Exchange<R>, &'static mut Tag)> {
+    ) -> Option<(RangingParts<R>, &'static mut Tag)> {
         let Configured { record, settings } = configured;
         match settings.role {
             Role::Tag(config) => {
                 node.tasks = Tasks::RangingAndEngine;
-                let exchange = Exchange {
+                let exchange = RangingParts {
                     radio: radio(settings.radio),
                     machine: self.machine.init_with(|| TagProtocol::new(&settings, &config)),
                 };
@@ -133,7 +133,12 @@ impl Tag {
     }
 
     /// The task that owns the radio.
-    pub async fn range<R: Restart>(&self, exchange: Exchange<R>, delay: impl DelayNs, sink: &impl Sink) -> Infallible {
+    pub async fn range<R: Restart>(
+        &self,
+        exchange: RangingParts<R>,
+        delay: impl DelayNs,
+        sink: &impl Sink,
+    ) -> Infallible {
         crate::ranging(exchange.radio, delay, exchange.machine, self.channels, sink).await
     }
 

@@ -13,7 +13,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use wire::ble::Advertised;
 
-use crate::channels::{Heard, TaskChannels};
+use crate::channels::{ReceivedAdvertisement, TaskChannels};
 use crate::{Quiet, Sink};
 
 /// Scanned for so long without an advertisement, a scanner that has heard some is taken to hang, microseconds …
@@ -138,7 +138,7 @@ pub fn receive<M: RawMutex>(channels: &TaskChannels<M>, sink: &impl Sink, data: 
     channels.heard.add();
     // Most advertisements are no beacons'.
     if let Ok(beacon) = Advertised::parse(data) {
-        let dropped = channels.put_sighting(Heard { t_us: sink.now_us(), beacon, rssi_dbm });
+        let dropped = channels.put_sighting(ReceivedAdvertisement { t_us: sink.now_us(), beacon, rssi_dbm });
         sink.heard(dropped);
     }
 }

@@ -23,7 +23,9 @@ pub fn site_models<'a>(
                 LoadError::Corrupt => Some(RssiModelError::Corrupt),
                 LoadError::Invalid(_) => Some(RssiModelError::Invalid),
             };
-            unused.into_iter().for_each(|error| complain(Condition::Unused(wire::telemetry::Levels::All, error)));
+            unused
+                .into_iter()
+                .for_each(|error| complain(Condition::Unused(wire::telemetry::SiteModelPart::All, error)));
             return SiteModels::default();
         }
     };
@@ -31,8 +33,8 @@ pub fn site_models<'a>(
     let map = models.map.map(|of| map(&of, list)).transpose();
     let rooms = models.rooms.map(|of| rooms(&of, list)).transpose();
     SiteModels {
-        map: map.map_err(|error| unused(wire::telemetry::Levels::Map, error)).ok().flatten(),
-        rooms: rooms.map_err(|error| unused(wire::telemetry::Levels::Rooms, error)).ok().flatten(),
+        map: map.map_err(|error| unused(wire::telemetry::SiteModelPart::Map, error)).ok().flatten(),
+        rooms: rooms.map_err(|error| unused(wire::telemetry::SiteModelPart::Rooms, error)).ok().flatten(),
     }
 }
 

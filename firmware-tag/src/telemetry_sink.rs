@@ -7,7 +7,7 @@ use ranging::exchange::{Event, Link};
 use wire::config::Solver;
 use wire::telemetry::{Condition, Fix, MotionSensor, Outcome, Sighting};
 
-use crate::{Epoch, Measured, Observer, Position, RoomReport, Sink, Task};
+use crate::{Measured, Observer, Position, RoomReport, RoundOutcome, Sink, Task};
 
 /// A tag's results, for its reporter.
 pub struct TelemetrySink<'r, M: RawMutex, const BYTES: usize, C = fn() -> u64, O = ()> {
@@ -41,7 +41,7 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64, O: Observer> Sink for Tele
         self.reporter.now_us()
     }
 
-    async fn publish(&self, epoch: Epoch<'_>) {
+    async fn publish(&self, epoch: RoundOutcome<'_>) {
         self.observer.epoch(&epoch).await;
         let t_us = self.now_us();
         let (measured, event_log) = (epoch.measured, &self.reporter.event_log);
@@ -54,7 +54,7 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64, O: Observer> Sink for Tele
                     difference_messages(t_us, round).for_each(|difference| event_log.send(difference));
                 }
                 // Sightings are told as they come.
-                Measured::Levels(_) => {}
+                Measured::RssiWindow(_) => {}
             }
         }
         let outcome = match epoch.outcome {

@@ -1,4 +1,4 @@
-//! What a tag makes of its rounds and of the beacons that it receives: both go through the [`Locator`], and out comes an [`Epoch`].
+//! What a tag makes of its rounds and of the beacons that it receives: both go through the [`Locator`], and out comes an [`RoundOutcome`].
 //!
 //! All that a round measured is of the time of its poll. What is known of a link's line of sight goes along: by a trained classifier,
 //! which may ask for the impulse response, or by the received powers.
@@ -14,12 +14,12 @@ use ranging::exchange::{Differences, Round};
 use wire::config::Solver;
 use wire::telemetry::{BeaconEvidence, Condition, Room, RoomProbability, Sighting};
 
-use crate::channels::{Heard, Levels};
+use crate::channels::{ReceivedAdvertisement, RssiWindow};
 use crate::{HEARS_BEACONS, KnownBeacons, LISTED, Measured, Sounding};
 
 /// What became of one round, or of a window of beacons.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Epoch<'a> {
+pub struct RoundOutcome<'a> {
     /// The round with its ranges or differences, or the RSSI values.
     pub measured: Measured<'a>,
     /// When its poll left or came, or its window ended, since the node started, microseconds: the time of the position.
@@ -66,16 +66,21 @@ impl<'a> Tracker<'a> {
     /// The position at the end of a round, whose poll left or came at `poll_us`. A round that measured nothing, or nothing that
     /// could belong to the track, has none: where the track would be by itself is no news. `sounding` is the impulse response of
     /// one of its frames.
-    pub fn follow<'r>(&mut self, measured: Measured<'r>, sounding: Option<&'r Sounding>, poll_us: u64) -> Epoch<'r> {
+    pub fn follow<'r>(
+        &mut self,
+        measured: Measured<'r>,
+        sounding: Option<&'r Sounding>,
+        poll_us: u64,
+    ) -> RoundOutcome<'r> {
         match &measured {
             Measured::Ranges(round) => self.take_ranges(round, sounding, poll_us),
             Measured::Differences(round) => self.take_differences(round, poll_us),
             // They went into the track when their window ended.
-            Measured::Levels(_) => {}
+            Measured::RssiWindow(_) => {}
         }
         let outcome = self.locator.end_round(poll_us, measured.count()).position();
         self.number = measured.number();
-        Epoch { measured, poll_us, outcome, sounding, solver: self.solver }
+        RoundOutcome { measured, poll_us, outcome, sounding, solver: self.solver }
     }
 
     fn take_ranges(&mut self, round: &Round<'_>, sounding: Option<&Sounding>, poll_us: u64) {
@@ -121,7 +126,7 @@ impl<'a> Tracker<'a> {
     }
 
     /// A beacon's advertisement was received; what there is to tell of it, if it is one of ours.
-    pub fn receive(&mut self, heard: &Heard) -> Option<Sighting> {
+    pub fn receive(&mut self, heard: &ReceivedAdvertisement) -> Option<Sighting> {
         let known = self.beacons.identify(&heard.beacon)?;
         let (rssi, measured_power) = (heard.rssi_dbm, heard.beacon.rssi_1m_dbm());
         if let Some(index) = known.place {
@@ -137,11 +142,11 @@ impl<'a> Tracker<'a> {
 
     /// At a window's end, what was received of beacons goes into the track. An epoch comes of it where anchors gave no position
     /// meanwhile: the position, or why there is none; also where nothing is received any more, until anchors answer.
-    pub fn window(&mut self, now_us: u64) -> Option<Epoch<'_>> {
+    pub fn window(&mut self, now_us: u64) -> Option<RoundOutcome<'_>> {
         let outcome = self.locator.end_window(now_us)?.position();
         self.number = self.number.wrapping_add(1);
-        let measured = Measured::Levels(Levels { number: self.number, rssis: self.locator.rssi() });
-        Some(Epoch { measured, poll_us: now_us, outcome, sounding: None, solver: self.solver })
+        let measured = Measured::RssiWindow(RssiWindow { number: self.number, rssis: self.locator.rssi() });
+        Some(RoundOutcome { measured, poll_us: now_us, outcome, sounding: None, solver: self.solver })
     }
 
     /// In which room the tag is, where the last window had something to tell of that.

@@ -34,14 +34,14 @@ const UM_IN_A_MILLION_TICKS: u64 = (METRES_PER_TICK * 1e12) as u64;
 
 /// Where a node is.
 #[derive(Clone, Copy, Debug)]
-pub enum Place {
+pub enum Path {
     /// Always here, millimetres.
     Fixed([i32; 3]),
     /// Here after so many microseconds, millimetres.
     Walk(fn(u64) -> [i32; 3]),
 }
 
-impl Place {
+impl Path {
     fn at(self, time: u64) -> [i32; 3] {
         match self {
             Self::Fixed(place) => place,
@@ -52,7 +52,7 @@ impl Place {
 
 /// A node at its antenna.
 pub struct Node {
-    place: Place,
+    place: Path,
     pub crystal: Crystal,
     /// The receiver is on since then.
     pub listening: Option<u64>,
@@ -123,7 +123,7 @@ impl Air {
     }
 
     /// A node more; its number, or none where there is no room.
-    pub fn add(&mut self, place: Place, crystal: Crystal) -> Option<usize> {
+    pub fn add(&mut self, place: Path, crystal: Crystal) -> Option<usize> {
         let node = Node { place, crystal, listening: None, stays_on: false, heard: Deque::new(), naps: 0 };
         self.nodes.push(node).ok().map(|()| self.nodes.len() - 1)
     }
@@ -219,9 +219,9 @@ mod tests {
     fn light_takes_its_time() {
         let mut air = Air::new(PhyConfig::FAST, 1, 0);
         let crystal = Crystal { start: 0, fast_ppb: 0 };
-        air.add(Place::Fixed([0, 0, 0]), crystal);
-        air.add(Place::Fixed([3_000, 4_000, 0]), crystal);
-        air.add(Place::Fixed([0, 0, 100_000]), crystal);
+        air.add(Path::Fixed([0, 0, 0]), crystal);
+        air.add(Path::Fixed([3_000, 4_000, 0]), crystal);
+        air.add(Path::Fixed([0, 0, 100_000]), crystal);
         // 5 m at 299 704 645 m/s, 63.8976 ticks a nanosecond: 1066.0. A hundred metres: 21 320.2.
         assert_eq!((air.way(0, 1, 0), air.way(2, 0, 0)), (1066, 21_320));
     }

@@ -20,7 +20,7 @@ mod random;
 pub mod room;
 mod world;
 
-pub use air::Place;
+pub use air::Path;
 pub use clock::Crystal;
 pub use radio::{ANTENNA_DELAY, AirDelay, AirRadio};
 pub use world::{World, uptime_us};

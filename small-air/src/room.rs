@@ -12,7 +12,7 @@ use ranging::node::{self, Listener};
 use wire::config::{Calibration, Identity, Mode, Network, Phy, Record, Role, Solver, Tag};
 
 use crate::radio::ANTENNA_DELAY;
-use crate::{AirDelay, AirRadio, Crystal, Place, World};
+use crate::{AirDelay, AirRadio, Crystal, Path, World};
 
 /// How many anchors there are.
 pub const ANCHORS: usize = 6;
@@ -92,12 +92,12 @@ pub fn world(network: &native::Network) -> World {
 
 /// The radio of the tag that walks; none where the world is full.
 pub fn tag(world: &World) -> Option<AirRadio<'_>> {
-    world.add(Place::Walk(walk), TAG_CRYSTAL)
+    world.add(Path::Walk(walk), TAG_CRYSTAL)
 }
 
 /// The radio of a tag that lies for the first ten seconds, and then walks.
 pub fn lazy_tag(world: &World) -> Option<AirRadio<'_>> {
-    world.add(Place::Walk(|t_us| walk(t_us.saturating_sub(10_000_000))), TAG_CRYSTAL)
+    world.add(Path::Walk(|t_us| walk(t_us.saturating_sub(10_000_000))), TAG_CRYSTAL)
 }
 
 /// Runs the anchors, whose places are told on the air.
@@ -113,12 +113,12 @@ pub async fn anchors(world: &World, network: native::Network) -> [Infallible; AN
         };
         // Counts far from each other.
         let crystal = Crystal { start: (i as u64 + 1) << 37, fast_ppb: FAST_PPB[i] };
-        anchor(world, Place::Fixed(PLACES_MM[i]), crystal, config)
+        anchor(world, Path::Fixed(PLACES_MM[i]), crystal, config)
     });
     join_array(anchors).await
 }
 
-async fn anchor(world: &World, place: Place, crystal: Crystal, config: AnchorConfig) -> Infallible {
+async fn anchor(world: &World, place: Path, crystal: Crystal, config: AnchorConfig) -> Infallible {
     let mut delay: AirDelay<'_> = world.delay();
     let Some(mut radio) = world.add(place, crystal) else {
         // A world without room for it has one anchor less.

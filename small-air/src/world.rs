@@ -8,7 +8,7 @@ use core::task::{Context, Poll, Waker};
 
 use ranging::PhyConfig;
 
-use crate::air::{Air, Place};
+use crate::air::{Air, Path};
 use crate::clock::{Crystal, micros, ticks};
 use crate::{AirDelay, AirRadio};
 
@@ -39,7 +39,7 @@ impl World {
     }
 
     /// A node more: its radio; none where there are too many.
-    pub fn add(&self, place: Place, crystal: Crystal) -> Option<AirRadio<'_>> {
+    pub fn add(&self, place: Path, crystal: Crystal) -> Option<AirRadio<'_>> {
         self.air.borrow_mut().add(place, crystal).map(|node| AirRadio::new(self, node))
     }
 

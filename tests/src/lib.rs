@@ -1,7 +1,7 @@
 //! What system tests share: a scenario run to its end, and questions to what it recorded.
 #![forbid(unsafe_code)]
 
-use sim::scenario::{Epoch, RangeRecord, Record, Scenario, Simulation, Summary, What};
+use sim::scenario::{RangeRecord, Record, Scenario, SimulatedEpoch, Simulation, Summary, What};
 use wire::telemetry::{Condition, Message, MotionSensor};
 
 /// A scenario that has been run.
@@ -33,7 +33,7 @@ impl Run {
     }
 
     /// The epochs of a tag with their times.
-    pub fn epochs(&self, tag: u16) -> impl Iterator<Item = (f64, &Epoch)> {
+    pub fn epochs(&self, tag: u16) -> impl Iterator<Item = (f64, &SimulatedEpoch)> {
         let of_tag = self.records.iter().filter(move |record| record.node == tag);
         of_tag.filter_map(|record| Some((record.t_s, record.epoch()?)))
     }

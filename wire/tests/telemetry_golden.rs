@@ -243,7 +243,7 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
         ),
         (
             "map unused",
-            Message::State(State { t_us: 300_000, is: Condition::Unused(Levels::Map, RssiModelError::Corrupt) }),
+            Message::State(State { t_us: 300_000, is: Condition::Unused(SiteModelPart::Map, RssiModelError::Corrupt) }),
             "0B 01 04 E0 A7 12 0B 01 01 8D 54 00",
             "{'type':'state','t_s':0.3,'state':'map-unused','peer':null,'slots':null,'times':null,\
              'record_fault':null,'record_version':null,'levels_fault':'corrupt','levels_version':null,'beacon':null,\
@@ -251,7 +251,10 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
         ),
         (
             "models of beacons unused",
-            Message::State(State { t_us: 300_000, is: Condition::Unused(Levels::All, RssiModelError::Version(2)) }),
+            Message::State(State {
+                t_us: 300_000,
+                is: Condition::Unused(SiteModelPart::All, RssiModelError::Version(2)),
+            }),
             "07 01 04 E0 A7 12 0B 01 04 02 32 B3 00",
             "{'type':'state','t_s':0.3,'state':'levels-unused','peer':null,'slots':null,'times':null,\
              'record_fault':null,'record_version':null,'levels_fault':'version','levels_version':2,'beacon':null,\

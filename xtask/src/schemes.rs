@@ -7,6 +7,7 @@ use crate::{cargo, printed};
 
 /// The table.
 pub fn compared() -> Result<Option<Made>> {
-    let table = printed(cargo().args(["run", "--quiet", "--release", "--package", "baliza-ranging", "--example", "schemes"]))?;
+    let table =
+        printed(cargo().args(["run", "--quiet", "--release", "--package", "baliza-ranging", "--example", "schemes"]))?;
     Ok(Made::one("schemes", table))
 }

@@ -5,7 +5,7 @@ use core::cell::RefCell;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_time::{Delay, Timer};
 use firmware_common::node::Guard;
-use firmware_tag::{Epoch, Observer};
+use firmware_tag::{Observer, RoundOutcome};
 use ranging::RadioInstant;
 use ranging::exchange::{Action, Event, Guidance, Link, Report};
 use ranging::node::Listener;
@@ -89,7 +89,7 @@ impl<L: Listener> Listener for Shown<L> {
 pub struct OnPanel(pub &'static SharedPanel);
 
 impl Observer for OnPanel {
-    async fn epoch(&self, epoch: &Epoch<'_>) {
+    async fn epoch(&self, epoch: &RoundOutcome<'_>) {
         self.0.measured(epoch.measured.ranges().iter().map(|range| range.distance_m));
     }
 

@@ -6,7 +6,7 @@ use wire::ble::{Advertised, IBeacon};
 use wire::config::{MODELS_BYTES, decode_models, encode_models};
 
 use super::*;
-use crate::channels::Heard;
+use crate::channels::ReceivedAdvertisement;
 use crate::{KnownBeacons, LocatorConfig, Tracker};
 
 /// The corners of a square of 6 m, at the tag's height: beacons 1-1 to 1-4 stand there.
@@ -87,7 +87,11 @@ fn window(tracker: &mut Tracker<'_>, from_us: u64, rssi_dbm: &[(u16, i8)]) -> Op
     for k in 0..10 {
         for (minor, rssi_dbm) in rssi_dbm {
             let ibeacon = IBeacon { uuid: [1; 16], major: 1, minor: *minor, measured_power_dbm: -60 };
-            let heard = Heard { t_us: from_us + 50_000 * k, beacon: Advertised::IBeacon(ibeacon), rssi_dbm: *rssi_dbm };
+            let heard = ReceivedAdvertisement {
+                t_us: from_us + 50_000 * k,
+                beacon: Advertised::IBeacon(ibeacon),
+                rssi_dbm: *rssi_dbm,
+            };
             assert!(tracker.receive(&heard).is_some());
         }
     }
@@ -112,7 +116,7 @@ fn a_tag_with_a_map_knows_walls_that_path_loss_does_not() {
     let by_map = window(&mut tracker(&list, &models), 0, &rounded(place)).expect("a position");
     let nothing = SiteModels::default();
     let by_path_loss = window(&mut tracker(&list, &nothing), 0, &rounded(place)).expect("a position");
-    // Levels are rounded to a decibel, the lattice's to a half: at 2 m from the nearest beacon a decibel is 0.25 m.
+    // RssiWindow are rounded to a decibel, the lattice's to a half: at 2 m from the nearest beacon a decibel is 0.25 m.
     assert!(off(by_map, place) < 0.4, "{by_map:?}");
     assert!(off(by_path_loss, place) > 0.8, "{by_path_loss:?}");
 }
@@ -156,7 +160,7 @@ fn levels_that_are_none_spoil_nothing() {
 
 #[test]
 fn what_cannot_be_used_is_complained_of_once_and_the_rest_is_used() {
-    use wire::telemetry::Levels::{All, Map, Rooms};
+    use wire::telemetry::SiteModelPart::{All, Map, Rooms};
     let (list, map, rooms) = (list(), map_bytes(), rooms_bytes());
     let said = |region: &[u8]| taken(region, &list).1;
     assert_eq!(said(&[0xFF; 64]), [], "nothing is nothing to complain of");

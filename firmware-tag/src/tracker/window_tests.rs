@@ -14,9 +14,9 @@ fn corners() -> [Beacon; 4] {
     })
 }
 
-fn heard(beacon: &Beacon, t_us: u64, rssi_dbm: i8) -> Heard {
+fn heard(beacon: &Beacon, t_us: u64, rssi_dbm: i8) -> ReceivedAdvertisement {
     let ibeacon = IBeacon { uuid: [1; 16], major: beacon.major, minor: beacon.minor, measured_power_dbm: -60 };
-    Heard { t_us, beacon: Advertised::IBeacon(ibeacon), rssi_dbm }
+    ReceivedAdvertisement { t_us, beacon: Advertised::IBeacon(ibeacon), rssi_dbm }
 }
 
 fn tracker(height_m: Option<f32>, list: &[Beacon]) -> Tracker<'_> {

@@ -16,7 +16,9 @@ use host_tools::survey::presence::read_outlines;
 use host_tools::train::Chosen;
 use positioning_core::Method;
 use sim::BoardProfile;
-use sim::scenario::{BluetoothSummary, Cover, Epoch, Fidelity, LISTENING, Record, Scenario, Simulation, Summary, What};
+use sim::scenario::{
+    BluetoothSummary, Cover, Fidelity, LISTENING, Record, Scenario, SimulatedEpoch, Simulation, Summary, What,
+};
 use wire::config::{Mode, Scheme, Solver};
 use wire::telemetry::{Message, RoomLine, SolveError};
 
@@ -426,7 +428,7 @@ fn row<T: AsRef<[u8]>>(fields: &[T]) -> Result<Vec<u8>> {
     writer.into_inner().map_err(|error| anyhow::Error::from(error.into_error()))
 }
 
-fn epoch_text(epoch: &Epoch) -> String {
+fn epoch_text(epoch: &SimulatedEpoch) -> String {
     let mut text = match (epoch.fix.position_m(), epoch.fix.deviation_m(), epoch.fix.reason()) {
         (Some([x, y, z]), Some(deviation_m), _) => {
             let sigma = deviation_m.iter().map(|s| s * s).sum::<f64>().sqrt();

@@ -166,7 +166,7 @@ mod tests {
     #[test]
     fn the_curves_of_a_benchmark_are_told_apart() {
         let fused = fusion::Algorithm::ALL.into_iter().flat_map(|algorithm| {
-            fusion::Heard::ALL.map(|heard| format!("{}, {}", algorithm.as_str(), heard.as_str()))
+            fusion::Inputs::ALL.map(|heard| format!("{}, {}", algorithm.as_str(), heard.as_str()))
         });
         let found = linde::ROWS.into_iter().map(|(parameter, algorithm, _)| linde::name(parameter, algorithm));
         for names in [fused.collect::<Vec<_>>(), found.collect()] {

@@ -1,6 +1,6 @@
 //! The tracks of a simulation on its floor plan; with beacons, what anchors found and what beacons found apart.
 
-use sim::scenario::{Epoch, Record, Scenario, Source};
+use sim::scenario::{Record, Scenario, SimulatedEpoch, Source};
 
 use crate::plot::{Dot, Picture, Track};
 
@@ -8,18 +8,18 @@ use crate::plot::{Dot, Picture, Track};
 pub fn picture(scenario: &Scenario, records: &[Record]) -> Picture {
     let epochs = || records.iter().filter_map(|record| Some((record.node, record.epoch()?)));
     let flat = |at: [f64; 3]| [at[0], at[1]];
-    let dot = |epoch: &Epoch| {
+    let dot = |epoch: &SimulatedEpoch| {
         let (at_m, sigma_m) = (epoch.fix.position_m()?, epoch.fix.deviation_m());
         Some(Dot { at_m: flat(at_m), sigma_m: sigma_m.map(flat) })
     };
     let way = |tag: u16| epochs().filter(|(node, _)| *node == tag).map(|(_, epoch)| flat(epoch.truth_m)).collect();
     let track = |method: &str, source: Option<Source>| {
-        let of = |epoch: &&Epoch| source.is_none_or(|source| epoch.source() == source);
+        let of = |epoch: &&SimulatedEpoch| source.is_none_or(|source| epoch.source() == source);
         let taken = || epochs().map(|(_, epoch)| epoch).filter(of);
         Track {
             method: method.to_owned(),
             dots: taken().filter_map(dot).collect(),
-            errors_m: taken().filter_map(Epoch::error_m).collect(),
+            errors_m: taken().filter_map(SimulatedEpoch::error_m).collect(),
         }
     };
     let tracks = if scenario.beacons.is_empty() {

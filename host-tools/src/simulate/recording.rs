@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use positioning_core::nlos::{Feature, Features};
-use sim::scenario::{Epoch, Record, Scenario, What};
+use sim::scenario::{Record, Scenario, SimulatedEpoch, What};
 use wire::telemetry::{Body, Fix, MAX_FRAME, Message, Sighting, Table, encode, metres};
 
 use crate::files::output::{Growing, write_file};
@@ -104,7 +104,7 @@ impl SimulatedRecording {
         Ok(())
     }
 
-    fn take_epoch(&mut self, record: &Record, epoch: &Epoch) -> csv::Result<()> {
+    fn take_epoch(&mut self, record: &Record, epoch: &SimulatedEpoch) -> csv::Result<()> {
         let stamp = Stamp { t_s: record.t_s, epoch: epoch.number };
         let tag = || record.node.to_string();
         let los = |los: bool| if los { "1" } else { "0" }.to_owned();
@@ -169,14 +169,14 @@ pub fn position_header() -> Vec<&'static str> {
 }
 
 /// The fields of a position, or of the reason why there is none.
-pub fn position_row(record: &Record, method: &str, epoch: &Epoch) -> Vec<String> {
+pub fn position_row(record: &Record, method: &str, epoch: &SimulatedEpoch) -> Vec<String> {
     let stamp = Stamp { t_s: record.t_s, epoch: epoch.number };
     let mut row = row(stamp, &Message::Fix(epoch.fix)).map_or_else(Vec::new, |(_, row)| row);
     complete_position(&mut row, record.node, method, epoch);
     row
 }
 
-fn complete_position(row: &mut Vec<String>, tag: u16, method: &str, epoch: &Epoch) {
+fn complete_position(row: &mut Vec<String>, tag: u16, method: &str, epoch: &SimulatedEpoch) {
     row.splice(2..3, [method.to_owned()]);
     row.extend([epoch.error_m().map_or_else(String::new, metres), tag.to_string()]);
 }

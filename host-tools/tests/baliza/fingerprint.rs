@@ -105,7 +105,7 @@ fn a_map_is_what_a_node_reads() {
         (summary["points"].as_u64(), summary["bytes"].as_u64()),
         (Some(map.points() as u64), Some(bytes.len() as u64))
     );
-    // Levels between the corners lie between theirs.
+    // SiteModelPart between the corners lie between theirs.
     let nearest =
         map.positions::<f64>().position(|[x, y]| (x - 5.0).abs() < 0.5 && (y - 5.0).abs() < 0.5).expect("a middle");
     assert!(map.rssis::<f64>(nearest).all(|level| level.is_some_and(|level| (-76.0..=-62.0).contains(&level))));

@@ -164,7 +164,7 @@ struct Node {
     /// The receiver is on since then.
     listening: Option<f64>,
     /// Frames heard and not yet handed over, with the time at which they can be: (when, outcome).
-    heard: VecDeque<(f64, Heard)>,
+    heard: VecDeque<(f64, Received)>,
     /// How long its receiver was on, without what follows a transmission, seconds.
     received: f64,
     /// When the last reception began.
@@ -200,7 +200,7 @@ enum Plain {
     Reported,
 }
 
-enum Heard {
+enum Received {
     Frame { bytes: Vec<u8>, rx_time: RadioInstant, diagnostics: Diagnostics, listening: RadioInstant },
     Corrupt,
 }
@@ -386,8 +386,8 @@ impl Air {
                         this.heard.clear();
                     }
                     match heard {
-                        Heard::Corrupt => self.step(node, local, Event::Corrupt),
-                        Heard::Frame { bytes, rx_time, diagnostics, listening } => {
+                        Received::Corrupt => self.step(node, local, Event::Corrupt),
+                        Received::Frame { bytes, rx_time, diagnostics, listening } => {
                             self.nodes[node].pace.listening = keep.then_some(listening);
                             let frame = RxFrame { bytes: &bytes, rx_time, diagnostics };
                             self.step(node, rx_time, Event::Received(frame));
@@ -513,9 +513,9 @@ impl Air {
             let ready = end + reading;
             let heard = if collision {
                 self.collisions += 1;
-                Heard::Corrupt
+                Received::Corrupt
             } else if corrupted {
-                Heard::Corrupt
+                Received::Corrupt
             } else {
                 let noise = Normal::new(0.0, self.stamp_noise).unwrap().sample(&mut self.rng);
                 let rx_time = self.local(node, flight.rmarker + way + noise / TICKS);
@@ -528,7 +528,7 @@ impl Air {
                     ..Diagnostics::default()
                 };
                 let listening = self.local(node, end + listen_again);
-                Heard::Frame { bytes: flight.bytes.clone(), rx_time, diagnostics, listening }
+                Received::Frame { bytes: flight.bytes.clone(), rx_time, diagnostics, listening }
             };
             let keeps = !matches!(self.nodes[node].state, State::Listening { keep: false, .. });
             let this = &mut self.nodes[node];

@@ -46,7 +46,7 @@ const ROUND_US: u64 = 200_000;
 
 /// One range, and what classifier and mitigator say of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Heard {
+pub struct Received {
     /// Metres.
     pub range_m: f64,
     /// 0 direct, 1 blocked.
@@ -65,7 +65,7 @@ pub struct Round {
     /// Whether it stands on a point of the grid.
     pub counts: bool,
     /// One range an anchor.
-    pub ranges: [Heard; ANCHORS_M.len()],
+    pub ranges: [Received; ANCHORS_M.len()],
 }
 
 /// What lasts of a link while the tag stands.
@@ -134,7 +134,7 @@ fn round(random: &mut impl Rng, number: usize, at_m: [f64; 3], links: &[Link; 5]
         let sigma = if link.blocked { BLOCKED_SIGMA_M } else { DIRECT_SIGMA_M };
         let told = link.blocked == random.random_bool(RIGHT);
         let sure: f64 = random.random_range(2.0 * RIGHT - 1.0..1.0);
-        Heard {
+        Received {
             range_m: distance + link.error_m + sigma * normal(random),
             blocked_score: if told { sure } else { 1.0 - sure },
             excess_m: link.believed_m,

@@ -112,7 +112,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
             let power = node.channel.is_power();
             let Some(mixture) = node.window.mixture(settings.noise(power)) else { continue };
             let variance = mixture.variance_of_mean();
-            let level = Level {
+            let level = SmoothedValue {
                 mean: mixture.mean,
                 variance,
                 peak: T::of(PEAK) / (variance + settings.bias(power).squared()).sqrt(),
@@ -139,7 +139,7 @@ impl<T: Real, const D: usize, const H: usize, const N: usize, const S: usize> Fu
 }
 
 /// A node's values together.
-struct Level<T> {
+struct SmoothedValue<T> {
     mean: T,
     variance: T,
     /// A density to measure by.
@@ -152,7 +152,7 @@ struct Level<T> {
 fn expected<T: Real, const D: usize, const N: usize, const S: usize>(
     hypothesis: &Hypothesis<T, N, S>,
     node: &Node<T>,
-    level: &Level<T>,
+    level: &SmoothedValue<T>,
     height: T,
 ) -> Expected<T, D> {
     let position = hypothesis.position::<D>();

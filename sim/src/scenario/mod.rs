@@ -32,7 +32,9 @@ pub use config::{LISTENING, NETWORK};
 pub use draw::Charges;
 pub use file::ScenarioError;
 pub use motion::{Walk, distance};
-pub use record::{BluetoothSummary, Cover, DifferenceRecord, Epoch, RangeRecord, Record, Source, Summary, What};
+pub use record::{
+    BluetoothSummary, Cover, DifferenceRecord, RangeRecord, Record, SimulatedEpoch, Source, Summary, What,
+};
 pub use run::Simulation;
 pub use survey::{SurveySample, survey};
 

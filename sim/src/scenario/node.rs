@@ -182,7 +182,7 @@ struct Charging<'a> {
 }
 
 impl Observer for &Charging<'_> {
-    async fn epoch(&self, epoch: &firmware_tag::Epoch<'_>) {
+    async fn epoch(&self, epoch: &firmware_tag::RoundOutcome<'_>) {
         let App { world, scenario, outlet, .. } = &self.tag.app;
         // The tag moves a few millimetres while the ranges of a round are made: this is the truth of their end.
         let truth_m = self.tag.walk.at(world.now().as_secs_f64());

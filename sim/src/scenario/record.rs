@@ -21,7 +21,7 @@ pub struct Record {
 
 impl Record {
     /// The epoch, where it is one.
-    pub fn epoch(&self) -> Option<&Epoch> {
+    pub fn epoch(&self) -> Option<&SimulatedEpoch> {
         match &self.what {
             What::Epoch(epoch) => Some(epoch),
             What::Message(_) | What::Fault(_) => None,
@@ -48,7 +48,7 @@ impl Record {
 #[derive(Clone, Debug, PartialEq)]
 pub enum What {
     /// A tag finished a round, or a window of levels.
-    Epoch(Epoch),
+    Epoch(SimulatedEpoch),
     /// A node reported anything else.
     Message(Message),
     /// The scenario did something to the node.
@@ -66,7 +66,7 @@ pub enum Source {
 
 /// A round of a tag, or a window of levels, and what it made of it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Epoch {
+pub struct SimulatedEpoch {
     /// Counts the epochs of all tags, from 0.
     pub number: u64,
     /// Where the tag was, metres.
@@ -103,7 +103,7 @@ pub struct DifferenceRecord {
     pub los: bool,
 }
 
-impl Epoch {
+impl SimulatedEpoch {
     /// By what the tag found itself.
     pub fn source(&self) -> Source {
         if self.fix.asked == 0 { Source::Beacons } else { Source::Anchors }

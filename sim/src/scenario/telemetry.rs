@@ -8,7 +8,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_tag::Sounding;
 use wire::telemetry::{Difference, Message, Range};
 
-use super::record::{DifferenceRecord, Epoch, RangeRecord, Record, Source, What};
+use super::record::{DifferenceRecord, RangeRecord, Record, SimulatedEpoch, Source, What};
 use super::{FaultKind, Scenario, distance};
 use crate::{Processor, TrueTime, World};
 
@@ -149,7 +149,7 @@ impl Outlet {
                         None => unreachable!("a round ended that nobody noted"),
                     }
                 };
-                let epoch = Epoch {
+                let epoch = SimulatedEpoch {
                     number: 0,
                     truth_m: truth.at_m,
                     fix,
@@ -174,7 +174,7 @@ impl Outlet {
         self.write((boot_us + message.t_us()) as f64 / 1e6, what);
     }
 
-    fn count(&self, epoch: &Epoch) {
+    fn count(&self, epoch: &SimulatedEpoch) {
         if let Some(error_m) = epoch.error_m() {
             let mut log = self.log.borrow_mut();
             *log.fixes.entry(self.node).or_default() += 1;

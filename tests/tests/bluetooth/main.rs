@@ -5,7 +5,7 @@ mod covers;
 mod site_models;
 mod troubles;
 
-use sim::scenario::{Epoch, Source};
+use sim::scenario::{SimulatedEpoch, Source};
 use system_tests::{Run, TAG};
 
 /// A room of 12 m × 8 m with six beacons around; more text may follow.
@@ -26,13 +26,14 @@ const ROUND: &str =
 const STANDS: &str = "[[tag]]\npath = [[5, 3, 1.2]]\n";
 
 /// The epochs by beacons within a time.
-fn by_beacons(run: &Run, from_s: f64, to_s: f64) -> Vec<(f64, &Epoch)> {
-    let within = |(t_s, epoch): &(f64, &Epoch)| (from_s..=to_s).contains(t_s) && epoch.source() == Source::Beacons;
+fn by_beacons(run: &Run, from_s: f64, to_s: f64) -> Vec<(f64, &SimulatedEpoch)> {
+    let within =
+        |(t_s, epoch): &(f64, &SimulatedEpoch)| (from_s..=to_s).contains(t_s) && epoch.source() == Source::Beacons;
     run.epochs(TAG).filter(within).collect()
 }
 
 /// Root mean square of the errors, metres, and the mean of their squares over what the tag's covariance says.
-fn errors(epochs: &[(f64, &Epoch)]) -> (f64, f64) {
+fn errors(epochs: &[(f64, &SimulatedEpoch)]) -> (f64, f64) {
     let errors: Vec<(f64, f64)> = epochs
         .iter()
         .filter_map(|(_, epoch)| {

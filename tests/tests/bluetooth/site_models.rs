@@ -6,7 +6,7 @@ use positioning_core::ble::fingerprint::{Map, Receiver, locate};
 use sim::scenario::{Scenario, What};
 use system_tests::{Run, TAG};
 use wire::config::{BeaconModel, MODELS_BYTES, StoredSiteModels, encode_models};
-use wire::telemetry::{Condition, Levels, Message, RoomEstimate, RssiModelError};
+use wire::telemetry::{Condition, Message, RoomEstimate, RssiModelError, SiteModelPart};
 
 use super::{by_beacons, errors};
 
@@ -128,7 +128,7 @@ fn a_damaged_map_is_complained_of_once_and_path_loss_serves() {
     damaged[700] ^= 1;
     let with = run(Some(&region(&damaged)), 0.0);
     let complaints: Vec<Condition> = with.words(TAG).into_iter().map(|(_, condition)| condition).collect();
-    assert_eq!(complaints, [Condition::Unused(Levels::Map, RssiModelError::Corrupt)]);
+    assert_eq!(complaints, [Condition::Unused(SiteModelPart::Map, RssiModelError::Corrupt)]);
     let positions = |run: &Run| {
         let epochs = by_beacons(run, 0.0, 120.0);
         epochs.iter().map(|(t_s, epoch)| format!("{t_s} {:?}", epoch.fix)).collect::<Vec<_>>()

@@ -12,7 +12,7 @@ use std::task::{Context, Poll, Waker};
 
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embedded_hal_async::delay::DelayNs;
-use firmware_tag::{Epoch, LocatorConfig, Position, RateControl, RoomReport, Sink, Task, TaskChannels};
+use firmware_tag::{LocatorConfig, Position, RateControl, RoomReport, RoundOutcome, Sink, Task, TaskChannels};
 use positioning_core::SolveError;
 use ranging::exchange::{Event, Link};
 use ranging::native::Rate;
@@ -32,7 +32,7 @@ impl Sink for &Node {
         self.now_us.get()
     }
 
-    async fn publish(&self, epoch: Epoch<'_>) {
+    async fn publish(&self, epoch: RoundOutcome<'_>) {
         self.outcomes.borrow_mut().push((epoch.poll_us, epoch.outcome));
     }
 

@@ -13,7 +13,7 @@ use crate::qemu;
 
 /// An image that runs, or waits for an answer.
 pub struct Guest {
-    machine: Machine,
+    machine: Guest,
     to: ChildStdin,
     from: ChildStdout,
     buffer: Vec<u8>,
@@ -23,7 +23,7 @@ pub struct Guest {
 
 /// The process; killed when it is dropped.
 #[derive(Clone)]
-pub struct Machine(Arc<Mutex<Child>>);
+pub struct Guest(Arc<Mutex<Child>>);
 
 impl Guest {
     /// Starts an image.
@@ -33,12 +33,12 @@ impl Guest {
         let mut child = command.spawn().with_context(|| format!("cannot run {command:?}: {}", qemu::install(chip)))?;
         let to = child.stdin.take().context("no input")?;
         let from = child.stdout.take().context("no output")?;
-        let machine = Machine(Arc::new(Mutex::new(child)));
+        let machine = Guest(Arc::new(Mutex::new(child)));
         Ok(Self { machine, to, from, buffer: vec![0; MAX_MESSAGE], messages: 0 })
     }
 
     /// The process, for whoever ends it.
-    pub fn machine(&self) -> Machine {
+    pub fn machine(&self) -> Guest {
         self.machine.clone()
     }
 
@@ -68,7 +68,7 @@ impl Guest {
     }
 }
 
-impl Machine {
+impl Guest {
     /// Ends it, whatever it does.
     pub fn kill(&self) {
         let mut child = self.0.lock().unwrap_or_else(PoisonError::into_inner);

@@ -94,7 +94,7 @@ pub fn run(chip: Chip, images: &Images, scenario: &Scenario) -> Result<Outcome> 
     let watchdog = thread::spawn(move || {
         let hung = watch.recv_timeout(patience) == Err(mpsc::RecvTimeoutError::Timeout);
         if hung {
-            machines.iter().for_each(super::guest::Machine::kill);
+            machines.iter().for_each(super::guest::Guest::kill);
         }
         hung
     });

@@ -10,7 +10,7 @@ const SHOWN: usize = 24;
 
 /// What was asked for, as far as its code differs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Place {
+pub enum Stage {
     /// The start, the bus clock, the reset line.
     #[default]
     Start,
@@ -27,8 +27,8 @@ pub enum Place {
 /// Instructions between each two places.
 #[derive(Default)]
 pub struct Steps {
-    last: Place,
-    between: BTreeMap<(Place, Place), Count>,
+    last: Stage,
+    between: BTreeMap<(Stage, Stage), Count>,
 }
 
 #[derive(Clone, Copy, Default)]
@@ -38,7 +38,7 @@ struct Count {
     background: u64,
 }
 
-impl Place {
+impl Stage {
     fn of(request: &Request<'_>) -> Self {
         match request {
             Request::Start | Request::Clock { .. } | Request::Reset { .. } => Self::Start,
@@ -61,7 +61,7 @@ impl Place {
     }
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for Stage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Start => f.write_str("start"),
@@ -76,7 +76,7 @@ impl fmt::Display for Place {
 impl Steps {
     /// Counts a request.
     pub fn add(&mut self, asked: &Asked<'_>) {
-        let place = Place::of(&asked.request());
+        let place = Stage::of(&asked.request());
         let Spent { ranging, background } = asked.spent;
         let count = self.between.entry((self.last, place)).or_default();
         count.times += 1;
@@ -106,10 +106,10 @@ mod tests {
     #[test]
     fn headers_are_read_as_the_manual_has_them() {
         // Figures 3 to 5 of the user manual: no offset, seven bits, fifteen bits.
-        assert_eq!(Place::of_header(&[0x00, 0, 0]), Place::Read(0x00, 0));
-        assert_eq!(Place::of_header(&[0x40 | 0x0F, 0x02]), Place::Read(0x0F, 2));
-        assert_eq!(Place::of_header(&[0xC0 | 0x36, 0x03, 0xF0]), Place::Write(0x36, 3));
-        assert_eq!(Place::of_header(&[0xC0 | 0x21, 0x80 | 0x05, 0x01]), Place::Write(0x21, 0x85));
-        assert_eq!(Place::of_header(&[]), Place::Start);
+        assert_eq!(Stage::of_header(&[0x00, 0, 0]), Stage::Read(0x00, 0));
+        assert_eq!(Stage::of_header(&[0x40 | 0x0F, 0x02]), Stage::Read(0x0F, 2));
+        assert_eq!(Stage::of_header(&[0xC0 | 0x36, 0x03, 0xF0]), Stage::Write(0x36, 3));
+        assert_eq!(Stage::of_header(&[0xC0 | 0x21, 0x80 | 0x05, 0x01]), Stage::Write(0x21, 0x85));
+        assert_eq!(Stage::of_header(&[]), Stage::Start);
     }
 }

@@ -7,7 +7,7 @@ use baliza_board_dwm1001::{Board, Delay, Radio, motion, supervise};
 use embassy_executor::Spawner;
 use firmware_common::node::{Node, Reporter};
 use firmware_tag::motion::lis2dh12::{Lis2dh12, Sa0Pad};
-use firmware_tag::node::{Exchange, Memory, NlosModelStore, Tag};
+use firmware_tag::node::{Memory, NlosModelStore, RangingParts, Tag};
 use static_cell::StaticCell;
 use wire::telemetry::Role;
 
@@ -17,7 +17,7 @@ static MEMORY: Memory = Memory::new();
 static NLOS_MODEL: NlosModelStore = NlosModelStore::new();
 
 #[embassy_executor::task]
-async fn ranging(tag: &'static Tag, exchange: Exchange<Radio>, delay: Delay) {
+async fn ranging(tag: &'static Tag, exchange: RangingParts<Radio>, delay: Delay) {
     tag.range(exchange, delay, &tag.sink()).await;
 }
 

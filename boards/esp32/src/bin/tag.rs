@@ -7,7 +7,7 @@ use baliza_board_esp32::{Board, Radio, supervise, thread};
 use embassy_executor::Spawner;
 use embassy_time::Delay;
 use firmware_common::node::{Node, Reporter};
-use firmware_tag::node::{Exchange, Memory, NlosModelStore, Tag};
+use firmware_tag::node::{Memory, NlosModelStore, RangingParts, Tag};
 use static_cell::StaticCell;
 use wire::telemetry::Role;
 
@@ -17,7 +17,7 @@ static MEMORY: Memory = Memory::new();
 static NLOS_MODEL: NlosModelStore = NlosModelStore::new();
 
 #[embassy_executor::task]
-async fn ranging(tag: &'static Tag, exchange: Exchange<Radio>) {
+async fn ranging(tag: &'static Tag, exchange: RangingParts<Radio>) {
     tag.range(exchange, Delay, &tag.sink()).await;
 }
 

@@ -8,7 +8,7 @@ use embassy_executor::Spawner;
 use embassy_time::Delay;
 use firmware_anchor::node::Anchor;
 use firmware_common::node::{Node, Reporter};
-use firmware_tag::node::{Exchange, NlosModelStore, Tag};
+use firmware_tag::node::{NlosModelStore, RangingParts, Tag};
 use static_cell::StaticCell;
 use wire::telemetry::Role;
 
@@ -20,7 +20,7 @@ static ANCHOR: firmware_anchor::node::Memory = firmware_anchor::node::Memory::ne
 static PANEL: StaticCell<SharedPanel> = StaticCell::new();
 
 #[embassy_executor::task]
-async fn tag_ranging(tag: &'static Tag, exchange: Exchange<Radio>, panel: &'static SharedPanel) {
+async fn tag_ranging(tag: &'static Tag, exchange: RangingParts<Radio>, panel: &'static SharedPanel) {
     tag.range(exchange, Delay, &tag.sink().with_observer(OnPanel(panel))).await;
 }
 

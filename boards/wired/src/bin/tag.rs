@@ -6,7 +6,7 @@
 
 use baliza_board_wired::{Board, Delay, Radio};
 use firmware_common::node::{Node, Reporter};
-use firmware_tag::node::{Exchange, Memory, Tag};
+use firmware_tag::node::{Memory, RangingParts, Tag};
 use static_cell::StaticCell;
 use wire::telemetry::Role;
 
@@ -15,7 +15,7 @@ static RADIO: StaticCell<Radio> = StaticCell::new();
 static MEMORY: Memory = Memory::new();
 
 #[embassy_executor::task]
-async fn ranging(tag: &'static Tag, exchange: Exchange<Radio>, delay: Delay) {
+async fn ranging(tag: &'static Tag, exchange: RangingParts<Radio>, delay: Delay) {
     tag.range(exchange, delay, &tag.sink()).await;
 }
 

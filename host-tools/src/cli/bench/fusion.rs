@@ -1,7 +1,7 @@
 //! `baliza bench fusion`: anchors alone, beacons alone, and both.
 
 use anyhow::Result;
-use baliza_research::fusion::bench::{self, Algorithm, Heard, Scored};
+use baliza_research::fusion::bench::{self, Algorithm, Inputs, Scored};
 use host_tools::plot::{self, Track};
 
 use super::Drawing;
@@ -38,7 +38,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         drop(progress);
         return shown.print(&rows, || bench::sweep_to_markdown(&rows));
     }
-    let progress = Progress::new(Algorithm::ALL.len() * Heard::ALL.len());
+    let progress = Progress::new(Algorithm::ALL.len() * Inputs::ALL.len());
     let rows = bench::run(arguments.walks, arguments.drawing.seed, || progress.step());
     drop(progress);
     let scores: Vec<_> = rows.iter().map(|(score, _)| score).collect();

@@ -48,7 +48,7 @@ pub struct Arguments {
     block: u32,
     /// How scans are compared: knn, gp, gp-walk, or all [default: knn with --k, --weighted or --particle-filter, else gp-walk]
     #[arg(long, value_name = "KERNEL")]
-    kernel: Option<Kernel>,
+    kernel: Option<FingerprintMethod>,
     /// How many neighbours [default: 5; with --kernel all 3, 4 and 5]
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u8).range(1..=15))]
     k: Option<u8>,
@@ -94,7 +94,7 @@ struct Asked {
 
 /// `--kernel`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Kernel {
+enum FingerprintMethod {
     Knn,
     Gp,
     GpWalk,
@@ -221,7 +221,7 @@ impl Arguments {
         let comparisons = if nobody_chose { vec![of_points] } else { comparisons };
         let (served, others): (Vec<_>, Vec<_>) = comparisons.into_iter().partition(|wanted| maps.serve(*wanted));
         match others.first() {
-            Some(other) if self.kernel != Some(Kernel::All) || served.is_empty() => {
+            Some(other) if self.kernel != Some(FingerprintMethod::All) || served.is_empty() => {
                 let other = other.name();
                 Err(UserError::file(
                     file,
@@ -240,19 +240,20 @@ impl Arguments {
 
     fn comparisons(&self) -> Result<Vec<Comparison>, UserError> {
         let of_neighbours = self.k.is_some() || self.weighted;
-        let usual = if of_neighbours || self.particle_filter { Kernel::Knn } else { Kernel::GpWalk };
+        let usual =
+            if of_neighbours || self.particle_filter { FingerprintMethod::Knn } else { FingerprintMethod::GpWalk };
         let k = usize::from(self.k.unwrap_or(5));
         Ok(match self.kernel.unwrap_or(usual) {
-            Kernel::Knn => vec![Comparison::Nearest { k, weighted: self.weighted }],
-            Kernel::Gp | Kernel::GpWalk if of_neighbours => {
+            FingerprintMethod::Knn => vec![Comparison::Nearest { k, weighted: self.weighted }],
+            FingerprintMethod::Gp | FingerprintMethod::GpWalk if of_neighbours => {
                 return Err(UserError::flag("--kernel", "--k and --weighted are for knn"));
             }
-            Kernel::Gp => vec![Comparison::Process],
-            Kernel::GpWalk if self.particle_filter => {
+            FingerprintMethod::Gp => vec![Comparison::Process],
+            FingerprintMethod::GpWalk if self.particle_filter => {
                 return Err(UserError::flag("--particle-filter", "gp-walk is a filter itself"));
             }
-            Kernel::GpWalk => vec![Comparison::Walk],
-            Kernel::All => {
+            FingerprintMethod::GpWalk => vec![Comparison::Walk],
+            FingerprintMethod::All => {
                 let wanted = |comparison: &Comparison| match *comparison {
                     Comparison::Nearest { weighted, .. } => self.k.is_none() && (weighted || !self.weighted),
                     Comparison::Process | Comparison::Walk => true,

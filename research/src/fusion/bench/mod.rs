@@ -36,7 +36,7 @@ const STATES: usize = fusion::states(2, 8, 4);
 /// What is listened to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Heard {
+pub enum Inputs {
     /// Anchors alone.
     Uwb,
     /// Beacons alone.
@@ -45,7 +45,7 @@ pub enum Heard {
     Both,
 }
 
-impl Heard {
+impl Inputs {
     /// All, in the order of the tables.
     pub const ALL: [Self; 3] = [Self::Uwb, Self::Ble, Self::Both];
 
@@ -81,7 +81,7 @@ pub struct Score {
     /// Who.
     pub algorithm: Algorithm,
     /// With what heard.
-    pub heard: Heard,
+    pub heard: Inputs,
     /// Root mean square error, metres; none without positions.
     pub rmse_m: Option<f64>,
     /// Mean error, metres.
@@ -130,7 +130,7 @@ pub fn run(walks: u32, seed: u64, progress: impl Fn()) -> Vec<Scored> {
     let drawn = draw(&BASE, walks, seed);
     let mut scores = Vec::new();
     for algorithm in Algorithm::ALL {
-        for heard in Heard::ALL {
+        for heard in Inputs::ALL {
             scores.push(score(algorithm, heard, &BASE, &drawn));
             progress();
         }
@@ -153,7 +153,7 @@ pub fn sweep(walks: u32, seed: u64, progress: impl Fn()) -> Vec<Swept> {
     conditions()
         .map(|conditions| {
             let drawn = draw(&conditions, walks, seed);
-            let scores = Heard::ALL.map(|heard| score(Algorithm::Fusion, heard, &conditions, &drawn).0);
+            let scores = Inputs::ALL.map(|heard| score(Algorithm::Fusion, heard, &conditions, &drawn).0);
             progress();
             let rmse_m = [0, 1, 2].map(|heard| scores[heard].rmse_m);
             let [uwb, ble, both] = rmse_m;
@@ -172,7 +172,7 @@ fn draw(conditions: &Conditions, walks: u32, seed: u64) -> Vec<Vec<Round>> {
         .collect()
 }
 
-fn score(algorithm: Algorithm, heard: Heard, conditions: &Conditions, walks: &[Vec<Round>]) -> Scored {
+fn score(algorithm: Algorithm, heard: Inputs, conditions: &Conditions, walks: &[Vec<Round>]) -> Scored {
     let mut errors = Vec::new();
     let mut squares = Vec::new();
     let mut rounds_counted = 0;
@@ -220,7 +220,7 @@ fn single(place: [f64; 3]) -> [f32; 3] {
 }
 
 /// A position a round by the fusion.
-fn fused<const H: usize>(rounds: &[Round], heard: Heard, conditions: &Conditions, seed: u64) -> Vec<Option<Found>> {
+fn fused<const H: usize>(rounds: &[Round], heard: Inputs, conditions: &Conditions, seed: u64) -> Vec<Option<Found>> {
     let mut settings = Settings::indoors(HEIGHT_M as f32);
     settings.sources = heard.sources();
     settings.area = Some(area());
@@ -246,7 +246,7 @@ fn fused<const H: usize>(rounds: &[Round], heard: Heard, conditions: &Conditions
 }
 
 /// A position a round by the locator of a tag.
-fn located(rounds: &[Round], heard: Heard, conditions: &Conditions) -> Vec<Option<Found>> {
+fn located(rounds: &[Round], heard: Inputs, conditions: &Conditions) -> Vec<Option<Found>> {
     let engine = engine::Settings::track(Dimensions::Plane { height: HEIGHT_M as f32 });
     let [rssi_1m_dbm, path_loss_exponent] = BELIEVED.map(|believed| Some(believed as f32));
     let list = std::array::from_fn::<_, { world::MOST_BEACONS }, _>(|beacon| {
@@ -266,11 +266,11 @@ fn located(rounds: &[Round], heard: Heard, conditions: &Conditions) -> Vec<Optio
     rounds
         .iter()
         .map(|round| {
-            for &(t_us, beacon, dbm) in round.powers.iter().filter(|_| heard != Heard::Uwb) {
+            for &(t_us, beacon, dbm) in round.powers.iter().filter(|_| heard != Inputs::Uwb) {
                 locator.advertisement(t_us, beacon, dbm as f32, BELIEVED[0] as i8);
             }
             let by_beacons = locator.end_window(round.t_us);
-            for (index, &(anchor, metres)) in round.ranges.iter().filter(|_| heard != Heard::Ble).enumerate() {
+            for (index, &(anchor, metres)) in round.ranges.iter().filter(|_| heard != Inputs::Ble).enumerate() {
                 let range = Range {
                     anchor: anchor as u16,
                     position_m: single(world::anchor_m(anchor)),
@@ -282,8 +282,8 @@ fn located(rounds: &[Round], heard: Heard, conditions: &Conditions) -> Vec<Optio
                 locator.range(round.t_us, index, range, &unknown);
             }
             let update = match heard {
-                Heard::Ble => by_beacons?,
-                Heard::Uwb | Heard::Both => locator.end_round(round.t_us, round.ranges.len()),
+                Inputs::Ble => by_beacons?,
+                Inputs::Uwb | Inputs::Both => locator.end_round(round.t_us, round.ranges.len()),
             };
             update.fix.ok().map(|fix| {
                 let plane = [0, 1].map(|r| [0, 1].map(|c| f64::from(fix.covariance[r][c])));
@@ -310,7 +310,7 @@ mod tests {
     fn beside_a_blocked_anchor_errors_stay_small_and_the_covariance_nearly_honest() {
         // Walks that no constant was chosen on.
         let drawn = draw(&BASE, 4, 1);
-        let both = score(Algorithm::FusionOnNode, Heard::Both, &BASE, &drawn).0;
+        let both = score(Algorithm::FusionOnNode, Inputs::Both, &BASE, &drawn).0;
         assert!(both.rmse_m.is_some_and(|rmse| rmse < 0.6), "{both:?}");
         assert!(both.nees.is_some_and(|nees| nees < 6.0), "{both:?}");
         assert!(both.inside_1_sigma.is_some_and(|inside| (0.25..0.55).contains(&inside)), "{both:?}");
@@ -320,7 +320,7 @@ mod tests {
     fn beacons_help_where_one_of_three_anchors_is_badly_blocked() {
         let conditions = Conditions { anchors: 3, blocked: 1, range_sigma_m: 0.3, excess_m: 3.0, beacons: 8 };
         let drawn = draw(&conditions, 4, 1);
-        let [uwb, ble, both] = Heard::ALL.map(|heard| score(Algorithm::Fusion, heard, &conditions, &drawn).0.rmse_m);
+        let [uwb, ble, both] = Inputs::ALL.map(|heard| score(Algorithm::Fusion, heard, &conditions, &drawn).0.rmse_m);
         assert!(both < uwb && both < ble, "{both:?} {uwb:?} {ble:?}");
     }
 }

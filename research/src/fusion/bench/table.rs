@@ -2,7 +2,7 @@
 
 use baliza_report::MarkdownTable;
 
-use super::{Algorithm, Heard, Scored, Swept};
+use super::{Algorithm, Inputs, Scored, Swept};
 
 impl Algorithm {
     /// As the table has it.
@@ -15,7 +15,7 @@ impl Algorithm {
     }
 }
 
-impl Heard {
+impl Inputs {
     /// As the table has it.
     pub fn as_str(self) -> &'static str {
         match self {
@@ -56,8 +56,10 @@ pub fn to_markdown(scores: &[Scored]) -> String {
             one.and_then(|(other, _)| other.rmse_m).unwrap_or(f64::INFINITY)
         };
         let against = match (score.heard, score.rmse_m) {
-            (Heard::Both, Some(both)) => format!("{:+.0} %", 100.0 * (both / of(Heard::Uwb).min(of(Heard::Ble)) - 1.0)),
-            (Heard::Both, None) | (Heard::Uwb | Heard::Ble, _) => String::new(),
+            (Inputs::Both, Some(both)) => {
+                format!("{:+.0} %", 100.0 * (both / of(Inputs::Uwb).min(of(Inputs::Ble)) - 1.0))
+            }
+            (Inputs::Both, None) | (Inputs::Uwb | Inputs::Ble, _) => String::new(),
         };
         table.row(format_args!(
             "{} | {} | {} | {} | {} | {:.0} % | {} | {against}",
@@ -115,8 +117,11 @@ mod tests {
             let score = Score { algorithm, heard, rmse_m, mae_m, p90_m, answered: 1.0, nees, inside_1_sigma };
             (score, Vec::new())
         };
-        let text =
-            to_markdown(&[score(Heard::Uwb, Some(0.4)), score(Heard::Ble, Some(1.6)), score(Heard::Both, Some(0.3))]);
+        let text = to_markdown(&[
+            score(Inputs::Uwb, Some(0.4)),
+            score(Inputs::Ble, Some(1.6)),
+            score(Inputs::Both, Some(0.3)),
+        ]);
         assert!(
             text.ends_with("| fusion, 64 hypotheses | both | 0.300 | 0.300 | 0.300 | 100 % | 39 % | 2.0 | -25 % |\n"),
             "{text}"

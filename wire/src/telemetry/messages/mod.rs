@@ -33,7 +33,7 @@ pub use reception::Diagnostics;
 pub use reset::{Crash, CrashReason, Reset, ResetCause};
 pub use room::{Room, RoomEstimate, RoomLine, RoomProbability};
 pub use sighting::{BeaconId, Sighting};
-pub use state::{BeaconEvidence, Condition, Levels, MotionSensor, RecordError, RssiModelError, State};
+pub use state::{BeaconEvidence, Condition, MotionSensor, RecordError, RssiModelError, SiteModelPart, State};
 
 messages! {
     /// Who is speaking: sent at the start and every few seconds, so that a listener who comes late knows.

@@ -44,7 +44,7 @@ pub enum Condition {
     /// Advertises.
     Advertising,
     /// What a tag knows of beacons' levels on the spot is not used: all of it, or a part.
-    Unused(Levels, RssiModelError),
+    Unused(SiteModelPart, RssiModelError),
     /// A listed beacon's levels contradict the place where it is listed: it makes no positions.
     BeaconMoved(BeaconEvidence),
     /// A listed beacon's levels are those of two senders: it makes no positions.
@@ -117,9 +117,9 @@ impl Condition {
             Self::RadioFailed(_) => "radio-failed",
             Self::ScannerRestarted(_) => "scanner-restarted",
             Self::Advertising => "advertising",
-            Self::Unused(Levels::All, _) => "levels-unused",
-            Self::Unused(Levels::Map, _) => "map-unused",
-            Self::Unused(Levels::Rooms, _) => "rooms-unused",
+            Self::Unused(SiteModelPart::All, _) => "levels-unused",
+            Self::Unused(SiteModelPart::Map, _) => "map-unused",
+            Self::Unused(SiteModelPart::Rooms, _) => "rooms-unused",
             Self::BeaconMoved(_) => "beacon-elsewhere",
             Self::BeaconDuplicated(_) => "beacon-doubled",
             Self::BeaconRestored(_) => "beacon-believed",
@@ -250,7 +250,7 @@ pub enum MotionSensor {
 /// What a tag knows of beacons' levels on the spot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Levels {
+pub enum SiteModelPart {
     /// All of it.
     All,
     /// The map of fingerprints.
@@ -259,7 +259,7 @@ pub enum Levels {
     Rooms,
 }
 
-impl Levels {
+impl SiteModelPart {
     /// What it is.
     pub fn as_str(self) -> &'static str {
         match self {
@@ -345,7 +345,7 @@ mod tests {
         let line = Condition::NoRecord(RecordError::Version(2)).to_string();
         assert_eq!(line, "the record in flash is of version 2, which this image does not read: nothing is sent");
         assert_eq!(Condition::Synchronised(0xA1).to_string(), "synchronised with the network of 00a1");
-        let line = Condition::Unused(Levels::Map, RssiModelError::Corrupt).to_string();
+        let line = Condition::Unused(SiteModelPart::Map, RssiModelError::Corrupt).to_string();
         assert_eq!(line, "map of levels in flash: damaged; not used");
     }
 }
