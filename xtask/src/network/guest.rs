@@ -13,7 +13,7 @@ use crate::qemu;
 
 /// An image that runs, or waits for an answer.
 pub struct Guest {
-    machine: Guest,
+    process: Process,
     to: ChildStdin,
     from: ChildStdout,
     buffer: Vec<u8>,
@@ -23,7 +23,7 @@ pub struct Guest {
 
 /// The process; killed when it is dropped.
 #[derive(Clone)]
-pub struct Guest(Arc<Mutex<Child>>);
+pub struct Process(Arc<Mutex<Child>>);
 
 impl Guest {
     /// Starts an image.
@@ -33,13 +33,13 @@ impl Guest {
         let mut child = command.spawn().with_context(|| format!("cannot run {command:?}: {}", qemu::install(chip)))?;
         let to = child.stdin.take().context("no input")?;
         let from = child.stdout.take().context("no output")?;
-        let machine = Guest(Arc::new(Mutex::new(child)));
-        Ok(Self { machine, to, from, buffer: vec![0; MAX_MESSAGE], messages: 0 })
+        let process = Process(Arc::new(Mutex::new(child)));
+        Ok(Self { process, to, from, buffer: vec![0; MAX_MESSAGE], messages: 0 })
     }
 
     /// The process, for whoever ends it.
-    pub fn machine(&self) -> Guest {
-        self.machine.clone()
+    pub fn process(&self) -> Process {
+        self.process.clone()
     }
 
     /// Waits for the next request, without its length; `None`: the program has ended.
@@ -68,7 +68,7 @@ impl Guest {
     }
 }
 
-impl Guest {
+impl Process {
     /// Ends it, whatever it does.
     pub fn kill(&self) {
         let mut child = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -80,6 +80,6 @@ impl Guest {
 
 impl Drop for Guest {
     fn drop(&mut self) {
-        self.machine.kill();
+        self.process.kill();
     }
 }

@@ -61,7 +61,7 @@ pub fn run(chip: Chip, images: &Images, scenario: &Scenario) -> Result<Outcome> 
         let offset_ppm = world.random(u64::from(address)).random_range(-1.0..=1.0) * scenario.clock_ppm;
         let config = ChipConfig { clock: ClockConfig::crystal(offset_ppm), ..ChipConfig::default() };
         let guest = Guest::start(chip, image)?;
-        machines.push(guest.machine());
+        machines.push(guest.process());
         let life = Rc::new(RefCell::new(Life::new()));
         // All machines are the same chip.
         let record = Record { identity: Identity { eui: None, address: Some(address) }, ..record };
@@ -94,7 +94,7 @@ pub fn run(chip: Chip, images: &Images, scenario: &Scenario) -> Result<Outcome> 
     let watchdog = thread::spawn(move || {
         let hung = watch.recv_timeout(patience) == Err(mpsc::RecvTimeoutError::Timeout);
         if hung {
-            machines.iter().for_each(super::guest::Guest::kill);
+            machines.iter().for_each(super::guest::Process::kill);
         }
         hung
     });
