@@ -166,7 +166,7 @@ mod tests {
     #[test]
     fn a_source_has_the_first_purpose_that_fits() {
         assert_eq!(of_file("dw1000/src/driver/receive.rs"), "DW1000: driver");
-        assert_eq!(of_file("ranging/src/native/tag.rs"), "Exchanges: frames, slots, networks, times of flight");
+        assert_eq!(of_file("ranging/src/native/tag/mod.rs"), "Exchanges: frames, slots, networks, times of flight");
         assert_eq!(of_file("positioning-core/src/ble/posterior.rs"), "Beacons: RSSI, positions by it, rooms, scans");
         assert_eq!(of_file("positioning-core/src/engine/round.rs"), "Engine: tracks");
         assert_eq!(of_file("positioning-core/src/robust.rs"), "Solvers");

@@ -398,7 +398,7 @@ mod tests {
 
     #[test]
     fn the_example_with_every_key_is_read() {
-        let text = include_str!("../../../examples/every-key.toml");
+        let text = include_str!("../../../../examples/every-key.toml");
         let scenario = Scenario::parse(text).unwrap();
         assert_eq!((scenario.seconds, scenario.seed, scenario.loss, scenario.fidelity), (30.0, 1, 0.1, Fidelity::Spi));
         assert_eq!((scenario.anchors.len(), scenario.tags.len(), scenario.walls.len()), (3, 1, 1));
