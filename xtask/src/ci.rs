@@ -11,13 +11,14 @@ use crate::root;
 /// What a step proves, its command, and what is added to its environment.
 type Step = (&'static str, &'static [&'static str], &'static [(&'static str, &'static str)]);
 
-const STEPS: [Step; 12] = [
+const STEPS: [Step; 13] = [
     ("lock file", &["cargo", "fetch", "--locked"], &[]),
     ("tests", &["cargo", "test"], &[]),
     ("formatting", &["cargo", "fmt", "--all", "--check"], &[]),
     ("lints", &["cargo", "clippy", "--workspace", "--all-targets", "--", "-D", "warnings"], &[]),
     ("documentation", &["cargo", "doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-D warnings")]),
     ("first command", &FIRST_COMMAND, &[]),
+    ("oldest Rust", &["cargo", "xtask", "oldest-rust"], &[]),
     ("bare-metal builds", &["cargo", "xtask", "no-std"], &[]),
     ("firmware", &["cargo", "xtask", "firmware"], &[]),
     ("lints of the boards", &["cargo", "xtask", "firmware", "--lint"], &[]),

@@ -47,6 +47,8 @@ enum Chore {
     Ci,
     /// Build the crates that need no operating system for bare-metal Cortex-M4F and RISC-V, with and without their logging.
     NoStd,
+    /// Check each crate that builds with an older Rust than the others with the one that its manifest names, where rustup has it.
+    OldestRust,
     /// Build the images of all roles, boards and variants into target/firmware, check what boards, bootloaders and probes look for
     /// in them, and compare their sizes with their budgets.
     Firmware(firmware::Arguments),
@@ -93,6 +95,7 @@ fn run(chore: &Chore) -> Result<()> {
     match chore {
         Chore::Ci => ci::run(),
         Chore::NoStd => no_std(),
+        Chore::OldestRust => oldest_rust(),
         Chore::Firmware(arguments) => firmware::run(arguments),
         Chore::Sizes(arguments) => sizes::run(arguments),
         Chore::Qemu(Qemu::Tag) => qemu_tag::run(),
@@ -113,6 +116,25 @@ fn no_std() -> Result<()> {
             if features.contains_key("defmt") {
                 succeed(toolchain.cargo("build").args(["--package", name, "--features", "defmt"]))?;
             }
+        }
+    }
+    Ok(())
+}
+
+fn oldest_rust() -> Result<()> {
+    let packages = workspace::packages()?;
+    let usual = packages.iter().find(|package| package.name == "xtask").and_then(|package| package.rust_version.clone());
+    for Package { name, rust_version, .. } in packages.iter().filter(|package| package.rust_version != usual) {
+        let Some(version) = rust_version else { bail!("{name} names no Rust version") };
+        let mut rustup = Command::new("rustup");
+        rustup.args(["run", version, "cargo", "--version"]).stdout(Stdio::null()).stderr(Stdio::null());
+        if rustup.status().is_ok_and(|status| status.success()) {
+            let mut check = Command::new("rustup");
+            check.args(["run", version, "cargo", "check", "--quiet", "--package", name, "--target-dir"]);
+            succeed(check.arg(target_directory().join("oldest-rust")).env_remove("RUSTC").current_dir(root()))?;
+            println!("{name} builds with Rust {version}");
+        } else {
+            println!("Rust {version} is not here: {name} is not tried with it");
         }
     }
     Ok(())

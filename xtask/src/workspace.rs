@@ -14,6 +14,8 @@ use crate::{cargo, printed};
 pub struct Package {
     pub name: String,
     pub manifest_path: PathBuf,
+    /// The oldest Rust that builds it.
+    pub rust_version: Option<String>,
     pub features: BTreeMap<String, Vec<String>>,
     pub targets: Vec<Product>,
     /// The table `package.metadata` of its manifest.
