@@ -1,12 +1,12 @@
 //! What everything that a node runs costs, piece by piece, as the table of the simulation has it: the driver over a chip that answers
-//! at once ([`driver`]), the machines in a small air ([`machines`]), waking ([`executor`]), and a tag's engine and telemetry ([`tag`]).
+//! at once ([`driver`]), the protocols in a small air ([`protocol`]), waking ([`executor`]), and a tag's engine and telemetry ([`tag`]).
 //!
 //! Intervals are measured between two looks at the counter; what a look costs is taken off.
 
 pub mod chip;
 pub mod driver;
 pub mod executor;
-pub mod machines;
+pub mod protocol;
 pub mod tag;
 
 use core::cell::Cell;
