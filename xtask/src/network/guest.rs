@@ -17,16 +17,19 @@ pub struct Guest {
     to: ChildStdin,
     from: ChildStdout,
     buffer: Vec<u8>,
-    /// Messages taken.
+    /// Number of received messages.
     pub messages: u64,
 }
 
-/// The process; killed when it is dropped.
+/// The process; it is killed when it is dropped.
 #[derive(Clone)]
 pub struct Machine(Arc<Mutex<Child>>);
 
 impl Guest {
     /// Starts an image.
+    ///
+    /// # Errors
+    /// QEMU cannot be started.
     pub fn start(chip: Chip, image: &Path) -> Result<Self> {
         let mut command = chip.qemu();
         command.arg("-kernel").arg(image).stdin(Stdio::piped()).stdout(Stdio::piped());
@@ -37,12 +40,15 @@ impl Guest {
         Ok(Self { machine, to, from, buffer: vec![0; MAX_MESSAGE], messages: 0 })
     }
 
-    /// The process, for whoever ends it.
+    /// The process, as a handle to end it.
     pub fn machine(&self) -> Machine {
         self.machine.clone()
     }
 
-    /// Waits for the next request, without its length; `None`: the program has ended.
+    /// Waits for the next request and returns it without its length; `None` where the program has ended.
+    ///
+    /// # Errors
+    /// The pipe cannot be read, or a message is incomplete or too long.
     pub fn request(&mut self) -> Result<Option<&[u8]>> {
         // An image writes a message at once, and a pipe takes it at once: this is mostly one read.
         let (mut have, mut length) = (0, 2);
@@ -62,17 +68,20 @@ impl Guest {
         Ok(Some(&self.buffer[2..have]))
     }
 
-    /// Answers it.
+    /// Answers the request.
+    ///
+    /// # Errors
+    /// The answer cannot be encoded or written.
     pub fn answer(&mut self, answer: &Answer<'_>) -> Result<()> {
         Ok(self.to.write_all(&answer.encode()?)?)
     }
 }
 
 impl Machine {
-    /// Ends it, whatever it does.
+    /// Ends the process in any state.
     pub fn kill(&self) {
         let mut child = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        // One that has ended cannot be killed.
+        // A process that has ended cannot be killed.
         let _ = child.kill();
         let _ = child.wait();
     }
